@@ -1,0 +1,11 @@
+"""Errors that are the user's to mend, told in one line."""
+
+
+class InputError(Exception):
+    """Bad input: the message is one line that names the file, the place and the remedy.
+
+    Stages print the message and exit with status 2; no traceback is shown.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.split()))

@@ -1,0 +1,1 @@
+"""The machine: its specification, kinematics, workspace, poses and rendering."""

@@ -1,0 +1,185 @@
+"""What the pipeline knows of a machine: the content of `conf/machine/<name>.yaml`.
+
+Nothing outside that file and the robot description knows joint names, the number of joints, or whether
+commands are discrete. The dataclasses are mutable because Hydra's structured configs must be.
+"""
+
+import enum
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pipeline.errors import InputError
+
+
+class JointKind(enum.StrEnum):
+    """How a joint moves, and so the unit of its position."""
+
+    revolute = "revolute"
+    prismatic = "prismatic"
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the joint's position: `rad` or `m`."""
+        return "rad" if self is JointKind.revolute else "m"
+
+
+class CommandKind(enum.StrEnum):
+    """What a joint command may be."""
+
+    discrete = "discrete"  # one of -1, 0, 1
+    continuous = "continuous"  # anything in [-1, 1]
+
+
+class CommandSourceKind(enum.StrEnum):
+    """How commands stand in the logs (contract, section 1)."""
+
+    array = "array"  # Int8MultiArray, Float32MultiArray, Float64MultiArray: one value per joint, in joint order
+    joy = "joy"  # sensor_msgs/Joy: axes with sign and threshold
+    joint_state = "joint_state"  # sensor_msgs/JointState: by joint name, one of its fields
+    field_path = "field_path"  # any message whose definition the bag carries
+
+
+@dataclass
+class JointSpecification:
+    """One joint: name, kind and limits in rad (revolute) or m (prismatic)."""
+
+    name: str
+    lower: float
+    upper: float
+    kind: JointKind = JointKind.revolute
+
+
+@dataclass
+class JointStateSource:
+    """Where joint positions stand in the logs."""
+
+    topic: str = "/joint_states"
+
+
+@dataclass
+class CommandSource:
+    """Where commands stand in the logs, and how they become one value per joint in [-1, 1]."""
+
+    topic: str = "/joint_commands"
+    source: CommandSourceKind = CommandSourceKind.array
+    # joy: one axis index per joint, sign per joint, and the threshold of the paper's interpreter
+    axes: list[int] = field(default_factory=list)
+    signs: list[float] = field(default_factory=list)
+    threshold: float | None = None
+    # joint_state: which field; field_path: one path per joint ("left.x", "data[3]")
+    field_name: str = "velocity"
+    field_paths: list[str] = field(default_factory=list)
+
+
+@dataclass
+class ColumnMap:
+    """Columns of CSV and Parquet logs. `{joint}` stands for the joint's name."""
+
+    time: str = "t"
+    time_unit: str = "s"
+    position: str = "q_{joint}"
+    command: str = "a_{joint}"
+
+
+@dataclass
+class WorkspaceSpecification:
+    """The restricted workspace W+ (a cylindrical sector) and the grill, in frame {B}: m and rad."""
+
+    radius_min_m: float
+    radius_max_m: float
+    yaw_max_rad: float
+    z_min_m: float
+    z_max_m: float
+    grill_height_m: float
+
+
+@dataclass
+class ArmDescription:
+    """The robot description and how its links name the end effector.
+
+    `pitch_joints` are the joints whose angles add up to the pitch, `pitch_offset_rad` is added to the sum.
+    """
+
+    urdf: str  # path relative to conf/machine
+    end_effector: str  # name of the URDF's link frame of the chisel tip
+    yaw_joint: str
+    pitch_joints: list[str]
+    pitch_offset_rad: float
+
+
+@dataclass
+class MachineSpecification:
+    """A machine as its configuration file states it.
+
+    `arm` and `workspace` are absent for machines that are only identified, not controlled.
+    """
+
+    name: str
+    rate_hz: float
+    joints: list[JointSpecification]
+    command_kind: CommandKind = CommandKind.discrete
+    joint_states: JointStateSource = field(default_factory=JointStateSource)
+    commands: CommandSource = field(default_factory=CommandSource)
+    columns: ColumnMap = field(default_factory=ColumnMap)
+    target_topic: str = "/target_pose"
+    arm: ArmDescription | None = None
+    workspace: WorkspaceSpecification | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.joints, str) or any(not isinstance(joint, JointSpecification) for joint in self.joints):
+            return  # OmegaConf builds the node first and the object later
+        names = self.joint_names
+        if not names:
+            raise InputError(f"conf/machine/{self.name}.yaml: joints is empty; list at least one joint")
+        if len(set(names)) != len(names):
+            raise InputError(f"conf/machine/{self.name}.yaml: joints repeat a name: {', '.join(names)}")
+        for joint in self.joints:
+            if not joint.lower < joint.upper:
+                raise InputError(
+                    f"conf/machine/{self.name}.yaml: joint {joint.name}: lower {joint.lower} is not below "
+                    f"upper {joint.upper}"
+                )
+        if not self.rate_hz > 0:
+            raise InputError(f"conf/machine/{self.name}.yaml: rate_hz is {self.rate_hz}; it must be positive")
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names in the machine's joint order, which every array's last axis follows."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def n_joint(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def dt_s(self) -> float:
+        """Length of one time step."""
+        return 1.0 / self.rate_hz
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower joint limits, shape (n_joint,), float64, rad or m."""
+        return np.array([joint.lower for joint in self.joints], dtype=np.float64)
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Upper joint limits, shape (n_joint,), float64, rad or m."""
+        return np.array([joint.upper for joint in self.joints], dtype=np.float64)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint's position."""
+        return tuple(JointKind(joint.kind).unit for joint in self.joints)
+
+    @property
+    def error_scale(self) -> np.ndarray:
+        """What position errors are divided by before they are summed over joints, shape (n_joint,).
+
+        One where all joints share a unit (the paper's loss); the joint range where units are mixed
+        (contract, section 4).
+        """
+        if len(set(self.units)) == 1:
+            return np.ones(self.n_joint)
+        return self.upper - self.lower
