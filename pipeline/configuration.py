@@ -1,0 +1,89 @@
+"""Typed configuration and the frame that every stage runs in.
+
+Hydra composes `conf/<stage>.yaml` (machine, profile, tracking, the stage's own keys) and validates it against the
+stage's dataclass; ranges are checked when the dataclasses are built, before any work starts.
+"""
+
+import functools
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING, DictConfig, MissingMandatoryValue, OmegaConf
+
+from pipeline.errors import InputError
+from pipeline.logs.loop_tracker import LoopTrackerConfig
+from pipeline.machine.specification import MachineSpecification
+from pipeline.tracking import StageRun, TrackingConfiguration, track
+
+CONFIGURATION_DIRECTORY = Path(__file__).resolve().parent.parent / "conf"
+MACHINE_DIRECTORY = CONFIGURATION_DIRECTORY / "machine"
+INPUT_ERROR_STATUS = 2
+
+
+@dataclass
+class ControlConfiguration:
+    """Section `control` of a profile: the rate at which commands are decided, and the velocity estimator."""
+
+    action_repeats: int
+    loop_tracker: LoopTrackerConfig
+
+    def __post_init__(self) -> None:
+        if self.action_repeats < 1:
+            raise InputError(f"control.action_repeats is {self.action_repeats}; it must be at least 1")
+
+
+@dataclass
+class PipelineConfiguration:
+    """What every stage shares. A stage's own class types the sections that it reads; the others pass untyped."""
+
+    machine: MachineSpecification = MISSING
+    tracking: TrackingConfiguration = MISSING
+    profile: str = "${hydra:runtime.choices.profile}"
+    control: Any = MISSING
+    record: Any = MISSING
+    ingest: Any = MISSING
+    identify: Any = MISSING
+    episodes: Any = MISSING
+    reward: Any = MISSING
+    ppo: Any = MISSING
+
+
+def stage(configuration: type[PipelineConfiguration]) -> Callable[[Callable[[Any, StageRun], None]], Callable[[], None]]:
+    """Turn `function(configuration, run)` into a command with Hydra's overrides and multirun.
+
+    The command's name is the module's, and so is its configuration file's. `InputError` becomes one line on standard
+    error and exit status 2.
+    """
+
+    def decorate(function: Callable[[Any, StageRun], None]) -> Callable[[], None]:
+        name = Path(function.__code__.co_filename).stem
+        ConfigStore.instance().store(name=f"{name}_schema", node=configuration)
+
+        @functools.wraps(function)
+        def job(composed: DictConfig) -> None:
+            try:
+                typed = OmegaConf.to_object(composed)
+                resolved = OmegaConf.to_container(composed, resolve=True)
+                with track(name, typed.tracking, resolved, OmegaConf.to_yaml(composed, resolve=True)) as run:
+                    function(typed, run)
+            except MissingMandatoryValue as error:
+                _exit(f"{name}: `{error.full_key}` is missing; add {error.full_key}=VALUE to the command", 2)
+            except InputError as error:
+                _exit(f"{name}: {error}", INPUT_ERROR_STATUS)
+            except KeyboardInterrupt:
+                _exit(f"{name}: interrupted; start it again to go on", 128 + signal.SIGINT)
+
+        return hydra.main(version_base="1.3", config_path=str(CONFIGURATION_DIRECTORY), config_name=name)(job)
+
+    return decorate
+
+
+def _exit(line: str, status: int) -> None:
+    print(f"error: {line}", file=sys.stderr, flush=True)
+    sys.exit(status)
