@@ -20,6 +20,32 @@ $(VENV)/installed: requirements.lock requirements-uv.lock pyproject.toml
 .PHONY: env
 env: $(VENV)/installed ## build the environment from the lock file
 
+.PHONY: repro
+repro: env ## run the whole pipeline on the profile in params.yaml (default: at most 40 minutes on two cores)
+	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
+
+.PHONY: demo
+demo: env ## run the same graph on the smoke profile in build/demo: a first look in minutes, not a result
+	rm -rf build/demo && mkdir -p build/demo
+	git ls-files -co --exclude-standard -z -- . ':!artifacts' ':!dvc.lock' | tar --create --null --files-from=- \
+	  | tar --extract --directory build/demo
+	sed -i -e 's/^profile: .*/profile: smoke/' -e 's/^seeds: .*/seeds: [0]/' build/demo/params.yaml
+	cd build/demo && git init --quiet && PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
+	@echo "Open build/demo/artifacts/report/index.html"
+
+.PHONY: test
+test: env ## check style, types and layers, and run the tests (at most 10 minutes)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+	$(BIN)/mypy
+	$(BIN)/pytest -n 2 --dist worksteal --durations 15 --cov pipeline --cov-report term:skip-covered
+
+.PHONY: ui
+ui: env ## open MLflow on the recorded runs
+	@echo "MLflow: http://127.0.0.1:5000 (runs in mlflow.db; Ctrl-C ends it)"
+	$(BIN)/mlflow ui --backend-store-uri sqlite:///mlflow.db --host 127.0.0.1 --port 5000
+
 .PHONY: lock
 lock: ## resolve the dependencies of pyproject.toml anew into the lock files
 	$(BIN)/uv pip compile --quiet --upgrade --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \

@@ -1,0 +1,67 @@
+"""The report: one self-contained HTML page."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+
+import jinja2
+
+from pipeline.reporting.tables import Table
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture with its caption; `content` is PNG, GIF, WebP or SVG bytes."""
+
+    title: str
+    caption: str
+    content: bytes
+    media_type: str  # image/png, image/gif, image/webp or image/svg+xml
+
+    @property
+    def source(self) -> str:
+        """The picture as a data URI, so that the page needs no other file."""
+        return f"data:{self.media_type};base64,{base64.b64encode(self.content).decode()}"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A chapter of the page: a question, its answer in a sentence, the evidence."""
+
+    title: str
+    answer: str
+    figures: Sequence[Figure] = field(default_factory=tuple)
+    tables: Sequence[Table] = field(default_factory=tuple)
+    paragraphs: Sequence[str] = field(default_factory=tuple)
+
+
+@dataclass(frozen=True)
+class KeyFigure:
+    """A number that a reader sees first."""
+
+    value: str
+    label: str
+
+
+def render_page(
+    title: str,
+    verdict: str,
+    key_figures: Sequence[KeyFigure],
+    sections: Sequence[Section],
+    provenance: Sequence[tuple[str, str]],
+) -> str:
+    """Lay out the page.
+
+    Args:
+        title: Heading of the page.
+        verdict: What was done and whether to trust it, in one or two sentences.
+        key_figures: The handful of numbers to see first.
+        sections: The chapters, in reading order.
+        provenance: Name and value of what the figures were made from (commit, data hashes, configuration, runs).
+    """
+    template = resources.files("pipeline.reporting").joinpath("page.html.j2").read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return environment.from_string(template).render(
+        title=title, verdict=verdict, key_figures=key_figures, sections=sections, provenance=provenance
+    )
