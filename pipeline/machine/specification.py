@@ -34,7 +34,9 @@ class CommandKind(enum.StrEnum):
 class CommandSourceKind(enum.StrEnum):
     """How commands stand in the logs (contract, section 1)."""
 
-    array = "array"  # Int8MultiArray, Float32MultiArray, Float64MultiArray: one value per joint, in joint order
+    array = (
+        "array"  # Int8MultiArray, Float32MultiArray, Float64MultiArray: one value per joint, in joint order
+    )
     joy = "joy"  # sensor_msgs/Joy: axes with sign and threshold
     joint_state = "joint_state"  # sensor_msgs/JointState: by joint name, one of its fields
     field_path = "field_path"  # any message whose definition the bag carries
@@ -127,7 +129,9 @@ class MachineSpecification:
     workspace: WorkspaceSpecification | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.joints, str) or any(not isinstance(joint, JointSpecification) for joint in self.joints):
+        if isinstance(self.joints, str) or any(
+            not isinstance(joint, JointSpecification) for joint in self.joints
+        ):
             return  # OmegaConf builds the node first and the object later
         names = self.joint_names
         if not names:
