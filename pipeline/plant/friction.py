@@ -1,0 +1,76 @@
+"""Friction of seals and pins, and mechanical end stops, as bounded impulses.
+
+Stribeck curve with Coulomb and static part (Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, section 2):
+
+    F(v) = F_c + (F_s - F_c) exp(-(v/v_s)²)   (the viscous part is added to the forces directly).
+
+Friction and stops are solved on the velocity level: the impulse that would stop the joint, bounded by F·dt
+(friction) or one-sided (stop), in a few Gauss-Seidel sweeps over the joints (time stepping of Moreau). A
+resting joint therefore really rests, and a stop is never entered by more than velocity times one substep.
+"""
+
+import numpy as np
+from numba import njit
+
+from pipeline.plant.parameters import Friction, Linkage
+from pipeline.plant.scratch import Scratch
+from pipeline.plant.state import FRICTION, STOP, State
+
+N_SWEEP = 3
+STOP_RETURN = 0.2  # share of a stop's penetration that is pushed back per substep (Baumgarte)
+
+
+@njit
+def stribeck_force(friction: Friction, joint: int, piston_speed: float) -> float:
+    """Bound of the seal friction force of one cylinder, N."""
+    excess = friction.static_ratio[joint] - 1.0
+    ratio = piston_speed / friction.stribeck_speed_m_s
+    return friction.coulomb_N[joint] * (1.0 + excess * np.exp(-ratio * ratio))
+
+
+@njit
+def _push(inverse_mass: np.ndarray, velocity: np.ndarray, joint: int, impulse: float) -> float:
+    """Apply an impulse at one joint to all velocities; returns its work."""
+    before = velocity[joint]
+    for i in range(velocity.size):
+        velocity[i] += inverse_mass[i, joint] * impulse
+    return impulse * 0.5 * (before + velocity[joint])
+
+
+@njit
+def _stop(linkage: Linkage, state: State, scratch: Scratch, joint: int, dt: float) -> None:
+    """Let the mechanical stop of one joint take its velocity, if the joint is at it."""
+    angle = state.angle_rad[joint]
+    if linkage.lower_rad[joint] < angle < linkage.upper_rad[joint]:
+        return
+    beyond = max(angle - linkage.upper_rad[joint], 0.0) + min(angle - linkage.lower_rad[joint], 0.0)
+    present = scratch.stop_impulse[joint]
+    excess = state.velocity_rad_s[joint] + STOP_RETURN * beyond / dt
+    wanted = present - excess / scratch.inverse_mass[joint, joint]
+    wanted = max(wanted, 0.0) if angle <= linkage.lower_rad[joint] else min(wanted, 0.0)
+    scratch.stop_impulse[joint] = wanted
+    state.energy_J[STOP] -= _push(scratch.inverse_mass, state.velocity_rad_s, joint, wanted - present)
+
+
+@njit
+def apply_impulses(friction: Friction, linkage: Linkage, state: State, scratch: Scratch, dt: float) -> None:
+    """Change the velocities by friction and stop impulses, and account for the energy that they take.
+
+    The work of an impulse over the substep is the impulse times the mean of the velocity before and after it.
+    """
+    velocity = state.velocity_rad_s
+    n = velocity.size
+    for j in range(n):
+        arm = scratch.moment_arm[j]
+        force = stribeck_force(friction, j, arm * velocity[j])
+        scratch.friction_bound[j] = (force * arm + friction.pin_Nm[j]) * dt
+        scratch.friction_impulse[j] = 0.0
+        scratch.stop_impulse[j] = 0.0
+    for _ in range(N_SWEEP):
+        for j in range(n):
+            present, bound = scratch.friction_impulse[j], scratch.friction_bound[j]
+            wanted = min(max(present - velocity[j] / scratch.inverse_mass[j, j], -bound), bound)
+            scratch.friction_impulse[j] = wanted
+            state.energy_J[FRICTION] -= _push(scratch.inverse_mass, velocity, j, wanted - present)
+        for j in range(n):
+            _stop(linkage, state, scratch, j, dt)

@@ -1,0 +1,69 @@
+"""Encoders and the way of their readings into the log: noise, quantisation, stamps, publication.
+
+Random numbers are drawn per reading from streams of their own, so that the readings do not depend on how
+many control periods are simulated per call.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.plant.parameters import Sensor
+
+
+@dataclass(frozen=True)
+class JointStates:
+    """Joint states as published. Times are seconds since the plant's start."""
+
+    stamp_s: np.ndarray  # (N,) header stamps
+    log_s: np.ndarray  # (N,) when they reach the log
+    position_rad: np.ndarray  # (N, n_joint)
+
+
+def read_encoder(sensor: Sensor, angle_rad: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Readings of true angles (…, n_joint) with standard normal `noise` of the same shape, rad."""
+    exact = angle_rad * sensor.scale + sensor.offset_rad + sensor.noise_std_rad * noise
+    return np.round(exact / sensor.quantum_rad) * sensor.quantum_rad
+
+
+class EncoderChannel:
+    """Samples a trace of true angles at jittered times and publishes the readings."""
+
+    def __init__(self, n_joint: int, seed: np.random.SeedSequence) -> None:
+        times, noise = seed.spawn(2)
+        self._n_joint = n_joint
+        self._times = np.random.default_rng(times)
+        self._noise = np.random.default_rng(noise)
+        self._n_published = 0
+        self._tail_s = np.empty(0)
+        self._tail_rad = np.empty((0, n_joint))
+
+    def publish(self, sensor: Sensor, trace_s: np.ndarray, trace_rad: np.ndarray) -> JointStates:
+        """All joint states that are due by the end of the trace.
+
+        Args:
+            sensor: encoder quantities.
+            trace_s: times of the trace, (K,), s, continuing the previous call's.
+            trace_rad: true angles, (K, n_joint), rad.
+        """
+        times = np.concatenate([self._tail_s, trace_s])
+        angles = np.concatenate([self._tail_rad, trace_rad])
+        latest = sensor.period_s * self._n_published + 2.0 * sensor.stamp_jitter_s
+        n_due = max(int(np.floor((times[-1] - latest) / sensor.period_s)) + 1, 0)
+        # one row per reading: jitter, publication delay, whether it is lost
+        uniform = self._times.random((n_due, 3))
+        normal = self._noise.standard_normal((n_due, self._n_joint))
+        sampled = (
+            sensor.period_s * (self._n_published + np.arange(n_due))
+            + 2.0 * sensor.stamp_jitter_s * uniform[:, 0]
+        )
+        exact = np.stack([np.interp(sampled, times, angles[:, j]) for j in range(self._n_joint)], axis=-1)
+        stamp = sampled + sensor.stamp_lateness_s
+        least, most = sensor.publication_delay_s
+        log = stamp + least + (most - least) * uniform[:, 1]
+        kept = uniform[:, 2] >= sensor.drop_probability
+        self._n_published += n_due
+        first_needed = sensor.period_s * self._n_published
+        keep_from = max(int(np.searchsorted(times, first_needed, side="right")) - 1, 0)
+        self._tail_s, self._tail_rad = times[keep_from:], angles[keep_from:]
+        return JointStates(stamp[kept], log[kept], read_encoder(sensor, exact, normal)[kept])

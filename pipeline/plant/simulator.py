@@ -1,0 +1,246 @@
+"""The simulated machine: the compiled loop over substeps and the object that drives it.
+
+The plant stands for the real machine wherever this project speaks of measured data or Sim2Real. It shares no
+form with the learned models: from discrete commands it integrates pilot stage, spools, pump, chambers,
+rigid-body load, friction, stops and oil temperature, and publishes encoder readings.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from pipeline.errors import InputError
+from pipeline.plant.friction import apply_impulses
+from pipeline.plant.hydraulics import advance_pressures
+from pipeline.plant.load import dynamics, inverse_mass
+from pipeline.plant.oil import dynamic_viscosity, warmed
+from pipeline.plant.parameters import NEGATIVE, POSITIVE, Linkage, Parameters
+from pipeline.plant.records import pack
+from pipeline.plant.scratch import Scratch, allocate
+from pipeline.plant.sensor import EncoderChannel, JointStates
+from pipeline.plant.state import FRICTION, PISTON, State, resting_state
+from pipeline.plant.valve import advance_pilots, advance_spools, read_command
+
+
+@njit
+def _interpolate(linkage: Linkage, joint: int, angle: float) -> tuple[float, float]:
+    """Moment arm and cylinder travel at an angle, m; the nearest table entry beyond the stops."""
+    n = linkage.moment_arm_m.shape[1]
+    span = linkage.upper_rad[joint] - linkage.lower_rad[joint]
+    place = (angle - linkage.lower_rad[joint]) / span * (n - 1)
+    index = min(max(int(place), 0), n - 2)
+    share = min(max(place - index, 0.0), 1.0)
+    arm = linkage.moment_arm_m[joint, index]
+    arm += share * (linkage.moment_arm_m[joint, index + 1] - arm)
+    travel = linkage.travel_m[joint, index]
+    travel += share * (linkage.travel_m[joint, index + 1] - travel)
+    return arm, travel
+
+
+@njit
+def _accelerate(
+    parameters: Parameters, state: State, scratch: Scratch, viscosity_ratio: float, dt: float
+) -> None:
+    """Velocities after chamber pressures, viscous friction, gravity and inertia have acted for one substep."""
+    cylinder, n = parameters.cylinder, state.spool.size
+    for j in range(n):
+        arm, travel = _interpolate(parameters.linkage, j, state.angle_rad[j])
+        force = cylinder.area_m2[j, POSITIVE] * state.chamber_Pa[j, POSITIVE]
+        force -= cylinder.area_m2[j, NEGATIVE] * state.chamber_Pa[j, NEGATIVE]
+        viscous = parameters.friction.viscous_N_s_m[j] * viscosity_ratio * arm * state.velocity_rad_s[j]
+        scratch.moment_arm[j], scratch.travel[j] = arm, travel
+        scratch.drive[j], scratch.drag[j] = arm * force, arm * viscous
+        scratch.free[j] = arm * (force - viscous) - scratch.bias[j]
+    for j in range(n):
+        for i in range(n):
+            state.velocity_rad_s[j] += dt * scratch.inverse_mass[j, i] * scratch.free[i]
+
+
+@njit
+def _move(linkage: Linkage, state: State, scratch: Scratch, dt: float) -> None:
+    """Angles after one substep at the new velocities; the link follows the drive within the pin clearance."""
+    for j in range(state.spool.size):
+        velocity = state.velocity_rad_s[j]
+        state.energy_J[PISTON] += scratch.drive[j] * velocity * dt
+        state.energy_J[FRICTION] += scratch.drag[j] * velocity * dt
+        scratch.piston_speed[j] = scratch.moment_arm[j] * velocity
+        state.angle_rad[j] += velocity * dt
+        half_play = 0.5 * linkage.play_rad[j]
+        low, high = state.angle_rad[j] - half_play, state.angle_rad[j] + half_play
+        state.link_angle_rad[j] = min(max(state.link_angle_rad[j], low), high)
+
+
+@njit
+def _advance(
+    parameter_record: np.recarray,
+    state_record: np.recarray,
+    scratch_record: np.recarray,
+    commands: np.ndarray,
+    arrival: np.ndarray,
+    phase: int,
+    disturbance_draw: np.ndarray,
+    silt_draw: np.ndarray,
+    trace: np.ndarray,
+) -> None:
+    """Run all control periods of `commands` and write the true angles into `trace`.
+
+    Args:
+        parameter_record: the machine, one record.
+        state_record: changed in place, one record.
+        scratch_record: work arrays, one record.
+        commands: (T, n) int8.
+        arrival: (T,) substep of its period in which each command reaches the controller.
+        phase: of the controller's cycle, substeps.
+        disturbance_draw: (T, n + 2) standard normal, drives pilot noise, engine ripple and relief wander.
+        silt_draw: (T, n) standard normal, strength of silt locks that begin in a period.
+        trace: written, (T * substeps / trace_stride, n), rad.
+    """
+    parameters, state, scratch = parameter_record[0], state_record[0], scratch_record[0]
+    numerics, pilot, oil = parameters.numerics, parameters.pilot, parameters.oil
+    dt = numerics.substep_s
+    n = state.spool.size
+    n_substep = int(round(numerics.control_period_s / dt))
+    stride = numerics.trace_stride
+    command = state.controller_command.copy()
+    row = 0
+    for period in range(commands.shape[0]):
+        # Ornstein-Uhlenbeck processes of unit variance, exact at the control rate
+        for i in range(n + 2):
+            correlation = pilot.noise_correlation_s if i < n else parameters.supply.ripple_correlation_s
+            kept = np.exp(-numerics.control_period_s / correlation)
+            state.disturbance[i] = (
+                kept * state.disturbance[i] + np.sqrt(1.0 - kept**2) * disturbance_draw[period, i]
+            )
+        viscosity = dynamic_viscosity(oil, state.oil_C[0])
+        ratio = viscosity / oil.reference_viscosity_Pa_s
+        for substep in range(n_substep):
+            if substep == arrival[period]:
+                command[:] = commands[period]
+            read_command(pilot, state, command, phase, dt)
+            advance_pilots(pilot, state, ratio, dt)
+            advance_spools(pilot, parameters.spool, state, silt_draw[period], dt)
+
+            dynamics(parameters.links, state.angle_rad, state.velocity_rad_s, scratch)
+            inverse_mass(scratch.mass, scratch.inverse_mass)
+            _accelerate(parameters, state, scratch, ratio, dt)
+            apply_impulses(parameters.friction, parameters.linkage, state, scratch, dt)
+            _move(parameters.linkage, state, scratch, dt)
+            advance_pressures(parameters, state, scratch, viscosity, dt)
+            if (substep + 1) % stride == 0:
+                trace[row] = state.link_angle_rad
+                row += 1
+        state.oil_C[0] = warmed(oil, state.oil_C[0], state.heat_J[0], numerics.control_period_s)
+        state.heat_J[0] = 0.0
+
+
+@dataclass(frozen=True)
+class PlantSample:
+    """What one call of the plant produced; T control periods, N published joint states. Times: s since start."""
+
+    end_s: np.ndarray  # (T,) ends of the control periods
+    angle_rad: np.ndarray  # (T, n_joint) true joint angles at those ends
+    command_log_s: np.ndarray  # (T,) when each command was logged
+    joint_states: JointStates
+
+
+class Plant:
+    """A simulated machine in the state that its past commands left it in.
+
+    The same parameters, seed, start and commands give the same samples, however the commands are divided
+    over calls.
+    """
+
+    def __init__(self, parameters: Parameters, seed: int, start_configuration: np.ndarray) -> None:
+        """A machine at rest in `start_configuration`, (n_joint,), rad.
+
+        Raises:
+            InputError: the start lies outside the stops, or a dead time exceeds what the plant remembers.
+        """
+        self.parameters = parameters
+        self._parameter_record = pack(parameters)
+        self._state_record = pack(resting_state(parameters, start_configuration))
+        self._scratch_record = pack(allocate(self.n_joint))
+        n_ring = self.state.command_ring.shape[0]
+        if np.max(parameters.pilot.dead_time_s) >= n_ring * parameters.numerics.substep_s:
+            raise InputError(
+                f"dead times {parameters.pilot.dead_time_s.tolist()} s exceed the plant's memory"
+            )
+        streams = np.random.SeedSequence(seed).spawn(5)
+        self._disturbance, self._silt, self._arrival, phase = (np.random.default_rng(s) for s in streams[:4])
+        self._encoders = EncoderChannel(self.n_joint, streams[4])
+        self._n_period = 0
+        numerics = parameters.numerics
+        self._phase = int(
+            phase.integers(max(round(parameters.pilot.controller_cycle_s / numerics.substep_s), 1))
+        )
+        # the slow processes begin in their stationary distribution
+        self.state.disturbance[:] = phase.standard_normal(self.n_joint + 2)
+
+    @property
+    def state(self) -> State:
+        """The present state; a view, not a copy."""
+        return self._state_record[0]
+
+    @property
+    def n_joint(self) -> int:
+        """Number of joints."""
+        return self._state_record[0].spool.size
+
+    @property
+    def time_s(self) -> float:
+        """Since the start."""
+        return self._n_period * self.parameters.numerics.control_period_s
+
+    def change(self, parameters: Parameters) -> None:
+        """Go on with other parameters from now on; the state stays."""
+        self.parameters = parameters
+        self._parameter_record = pack(parameters)
+
+    def step(self, command: np.ndarray) -> PlantSample:
+        """One control period under `command`, (n_joint,), values -1, 0, 1."""
+        return self.run(np.asarray(command)[None])
+
+    def run(self, commands: np.ndarray) -> PlantSample:
+        """As many control periods as `commands`, (T, n_joint), values -1, 0, 1, has rows.
+
+        Raises:
+            InputError: wrong shape or values.
+        """
+        commands = np.asarray(commands)
+        if commands.ndim != 2 or commands.shape[1] != self.n_joint or not np.isin(commands, (-1, 0, 1)).all():
+            raise InputError(
+                f"commands of shape {commands.shape} and values {np.unique(commands)[:5].tolist()}: the plant takes "
+                f"rows of {self.n_joint} values -1, 0 or 1"
+            )
+        numerics, sensor = self.parameters.numerics, self.parameters.sensor
+        n_period = commands.shape[0]
+        n_substep = round(numerics.control_period_s / numerics.substep_s)
+        n_row = n_period * (n_substep // numerics.trace_stride)
+        jitter_s = 2.0 * sensor.command_jitter_s * self._arrival.random(n_period)
+        trace = np.empty((n_row, self.n_joint))
+        start_s = self.time_s
+        _advance(
+            self._parameter_record,
+            self._state_record,
+            self._scratch_record,
+            np.ascontiguousarray(commands, dtype=np.int8),
+            np.round(jitter_s / numerics.substep_s).astype(np.int64),
+            self._phase,
+            self._disturbance.standard_normal((n_period, self.n_joint + 2)),
+            self._silt.standard_normal((n_period, self.n_joint)),
+            trace,
+        )
+        step_s = numerics.substep_s * numerics.trace_stride
+        trace_s = start_s + step_s * (1.0 + np.arange(n_row))
+        period_s = numerics.control_period_s
+        begins = start_s + period_s * np.arange(n_period)
+        self._n_period += n_period
+        return PlantSample(
+            end_s=begins + period_s,
+            angle_rad=trace[
+                n_substep // numerics.trace_stride - 1 :: n_substep // numerics.trace_stride
+            ].copy(),
+            command_log_s=begins + jitter_s,
+            joint_states=self._encoders.publish(sensor, trace_s, trace),
+        )
