@@ -1,0 +1,1 @@
+"""Learned dynamics of the arm's actuators (paper, section "Data-driven system identification")."""

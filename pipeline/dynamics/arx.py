@@ -1,0 +1,107 @@
+"""A linear ARX model with the same lags as the network: the reference that a control engineer tries first.
+
+Same inputs x̃ (paper, Eqs. x_t_pos and x_t_vel), same integration, but linear: residual = Wᵀ x̃ + b, fitted
+by ridge-regularised least squares on one-step residuals in float64 (Ljung, "System Identification", section
+4.2). Normalising the inputs would change nothing but the meaning of the ridge, so x̃ is standardised by its
+own rows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.dynamics.model import Target
+from pipeline.errors import InputError
+from pipeline.logs.tuples import Trajectory
+
+
+@dataclass(frozen=True)
+class ArxPredictor:
+    """A fitted ARX model.
+
+    Attributes:
+        target: dq or dqdot.
+        lags: k.
+        dt_s: Length of one time step.
+        weights: (2n(k+1) + n, n_joint), on x̃ in physical units.
+        intercept: (n_joint,).
+    """
+
+    target: Target
+    lags: int
+    dt_s: float
+    weights: np.ndarray
+    intercept: np.ndarray
+
+    @property
+    def rows_before(self) -> int:
+        """Lags: commands up to the one about to act."""
+        return self.lags
+
+    def predict(self, trajectory: Trajectory, starts: np.ndarray, horizon: int) -> np.ndarray:
+        """See `errors.Predictor.predict`."""
+        rows = starts[:, None] + np.arange(-self.lags, 1)
+        future = starts[:, None] + np.arange(-self.lags, horizon)
+        motion = _motion(trajectory, self.target)[rows]
+        commands = np.asarray(trajectory.a, np.float64)[future]
+        q = np.asarray(trajectory.q, np.float64)[starts]
+        predictions = np.empty((len(starts), horizon, q.shape[-1]))
+        for step in range(horizon):
+            x = _regressors(motion, commands[:, step : step + self.lags + 1], q)
+            residual = x @ self.weights + self.intercept
+            if self.target is Target.dq:
+                newest = q + residual
+                q = newest
+            else:
+                newest = motion[:, -1] + residual
+                q = q + self.dt_s * newest
+            motion = np.concatenate([motion[:, 1:], newest[:, None]], axis=1)
+            predictions[:, step] = q
+        return predictions
+
+
+def fit_arx(
+    trajectories: Sequence[Trajectory], target: Target, lags: int, dt_s: float, ridge: float
+) -> ArxPredictor:
+    """Fit an ARX model to the training rows.
+
+    Args:
+        trajectories: Rows with their split; only `train` rows are used.
+        target: dq: the residual is q_{t+1} − q_t. dqdot: it is (q_{t+1} − q_t)/Δt − q̇_t, so that the
+            integrated new velocity is the least-squares prediction of the next position.
+        lags: k.
+        dt_s: Length of one time step.
+        ridge: Penalty on the squared weights of the standardised inputs, per row; not on the intercept.
+
+    Raises:
+        InputError: if no trajectory has lags + 2 training rows in a row.
+    """
+    inputs, outputs = [], []
+    for trajectory in trajectories:
+        training = np.asarray(trajectory.split) == "train"
+        ends = np.arange(lags, len(trajectory.q) - 1)
+        ends = ends[training[ends] & training[ends + 1]]
+        rows = ends[:, None] + np.arange(-lags, 1)
+        q = np.asarray(trajectory.q, np.float64)
+        motion = _motion(trajectory, target)
+        inputs.append(_regressors(motion[rows], np.asarray(trajectory.a, np.float64)[rows], q[ends]))
+        displacement = q[ends + 1] - q[ends]
+        outputs.append(displacement if target is Target.dq else displacement / dt_s - motion[ends])
+    x, y = np.concatenate(inputs), np.concatenate(outputs)
+    if len(x) == 0:
+        raise InputError(f"identify: no trajectory has {lags + 2} training rows in a row; give longer logs")
+    mean, spread = x.mean(axis=0), x.std(axis=0)
+    spread[spread == 0] = 1.0  # a constant input gets weight zero
+    z = (x - mean) / spread
+    gram = z.T @ z / len(z) + ridge * np.eye(z.shape[1])
+    weights = np.linalg.solve(gram, z.T @ (y - y.mean(axis=0)) / len(z)) / spread[:, None]
+    return ArxPredictor(target, lags, dt_s, weights, intercept=y.mean(axis=0) - mean @ weights)
+
+
+def _motion(trajectory: Trajectory, target: Target) -> np.ndarray:
+    return np.asarray(trajectory.q if target is Target.dq else trajectory.qd, np.float64)
+
+
+def _regressors(motion: np.ndarray, commands: np.ndarray, q: np.ndarray) -> np.ndarray:
+    return np.concatenate([motion.reshape(len(q), -1), commands.reshape(len(q), -1), q], axis=1)

@@ -1,0 +1,55 @@
+"""Checkpoints of a training run with Orbax, so that a killed run goes on where it stood.
+
+For resuming only: Orbax folders differ from save to save, so artifacts are written by `store.py`.
+"""
+
+import hashlib
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import jax
+import orbax.checkpoint as ocp
+
+State = TypeVar("State")
+
+
+class Checkpoints(Generic[State]):
+    """The latest state of one run, in a folder named by what the run computes.
+
+    A run with other data, settings or seed has another identity and so another folder: it never goes on
+    from this one.
+    """
+
+    def __init__(self, directory: Path | None, identity: str) -> None:
+        """Open the run's folder.
+
+        Args:
+            directory: Parent of the runs' folders; None keeps no checkpoints.
+            identity: Text (or its digest) that determines the run's result.
+        """
+        self._manager: ocp.CheckpointManager | None = None
+        if directory is not None:
+            name = hashlib.sha256(identity.encode()).hexdigest()[:16]
+            self._manager = ocp.CheckpointManager(
+                (directory / name).absolute(),
+                options=ocp.CheckpointManagerOptions(
+                    max_to_keep=1, enable_async_checkpointing=False, cleanup_tmp_directories=True
+                ),
+            )
+
+    def restore(self, initial: State) -> State:
+        """The latest saved state, or `initial` where none was saved; both are the same tree of arrays."""
+        if self._manager is None or self._manager.latest_step() is None:
+            return initial
+        template = jax.tree.map(ocp.utils.to_shape_dtype_struct, initial)
+        return self._manager.restore(self._manager.latest_step(), args=ocp.args.StandardRestore(template))
+
+    def save(self, step: int, state: State) -> None:
+        """Save the state after `step` epochs and drop the one before."""
+        if self._manager is not None and step != self._manager.latest_step():
+            self._manager.save(step, args=ocp.args.StandardSave(state))
+
+    def close(self) -> None:
+        """Finish writing."""
+        if self._manager is not None:
+            self._manager.close()

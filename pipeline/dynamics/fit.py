@@ -1,0 +1,333 @@
+"""Identification: the H-step loss is minimised by back-propagation through time (paper, "Training details").
+
+An epoch visits every training window once in shuffled order (or `batches_per_epoch` batches of them, drawn
+afresh each epoch), and runs as one compiled call; rows stay on the device. After each epoch L|eval is
+computed on the fixed evaluation windows; the best parameters by L|eval are kept, and training ends when it
+has not fallen for `patience_evaluations` evaluations.
+"""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from pipeline.dynamics.checkpoint import Checkpoints
+from pipeline.dynamics.loss import open_loop_loss
+from pipeline.dynamics.model import DynamicsModel, ModelSpecification, Target
+from pipeline.dynamics.network import Parameterization, Parameters
+from pipeline.dynamics.settings import IdentifyConfig, Optimiser, TrainingConfig
+from pipeline.dynamics.windows import Rows, evaluation_starts, gather_windows, stack_rows, window_starts
+from pipeline.errors import InputError
+from pipeline.logs.tuples import Trajectory
+from pipeline.machine.specification import MachineSpecification
+
+
+class TrainingState(NamedTuple):
+    """All that training carries from epoch to epoch; a checkpoint holds exactly this."""
+
+    epoch: jax.Array  # epochs done
+    parameters: Parameters
+    optimiser_state: optax.OptState
+    best_parameters: Parameters
+    best_loss: jax.Array  # smallest L|eval so far
+    best_epoch: jax.Array
+    training_loss: jax.Array  # (maximum_epochs,), mean over the epoch's batches; NaN where not reached
+    evaluation_loss: jax.Array  # (maximum_epochs,), L|eval after the epoch; NaN where not reached
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """What identification returns.
+
+    Attributes:
+        model: The dynamics model.
+        parameters: Those with the smallest L|eval.
+        curves: Columns `epoch`, `training_loss`, `evaluation_loss`, one value per epoch.
+        metrics: Flat figures: `evaluation_loss` (the smallest), `best_epoch`, `epochs`, `n_parameters`,
+            `training_windows`.
+    """
+
+    model: DynamicsModel
+    parameters: Parameters
+    curves: dict[str, list[float]]
+    metrics: dict[str, float]
+
+
+Progress = Callable[[int, float, float], None]  # epoch, training loss, L|eval
+
+
+def fit(
+    trajectories: Sequence[Trajectory],
+    machine: MachineSpecification,
+    parameterization: Parameterization,
+    target: Target,
+    training: TrainingConfig,
+    identify: IdentifyConfig,
+    seed: int,
+    progress: Progress | None = None,
+    checkpoint_directory: Path | None = None,
+) -> FitResult:
+    """Identify a dynamics model from logged rows.
+
+    Args:
+        trajectories: Rows with their split; training uses `train`, L|eval and early stopping `validation`.
+        machine: Joints, limits, rate, and the scale of errors.
+        parameterization: mlp or kan.
+        target: dq or dqdot.
+        training: Size of the network, lags, horizon, batch size, learning rate, epochs.
+        identify: What all trainings share.
+        seed: Initial parameters and the order of the windows. The evaluation windows follow `identify.seed`.
+        progress: Called after each epoch with (epoch from 1, mean training loss, L|eval).
+        checkpoint_directory: Where the state is kept for resuming; None keeps none. A run that was killed
+            and is started again with the same arguments returns what an uninterrupted run returns.
+
+    Raises:
+        InputError: if the rows are too short, or a joint never moves, or a checkpoint belongs to another run.
+    """
+    model = DynamicsModel(specify(trajectories, machine, parameterization, target, training, identify))
+    starts = window_starts(trajectories, "train", model.specification.lags + 1, training.horizon)
+    if len(starts) == 0:
+        raise InputError(
+            f"identify: no trajectory has {training.lags + 1 + training.horizon + 1} training rows in a row, "
+            f"which lags {training.lags} and horizon {training.horizon} need; record longer or lower them"
+        )
+    judged = evaluation_starts(
+        trajectories, identify.evaluation_horizon, identify.evaluation_windows, identify.seed
+    )
+    rows = stack_rows(trajectories)
+    batch_size = min(training.batch_size, len(starts))
+    n_batches = len(starts) // batch_size
+    if identify.batches_per_epoch is not None:
+        n_batches = min(n_batches, identify.batches_per_epoch)
+    initial_key, order_key = jax.random.split(jax.random.key(seed))
+    optimiser = build_optimiser(training, identify, n_batches)
+    run_epoch = compile_epoch(model, optimiser, machine.error_scale, training.horizon, batch_size, n_batches)
+    evaluate = compile_evaluation(model, machine.error_scale, identify.evaluation_horizon)
+    state = initial_state(model.initialise(initial_key), optimiser, training.maximum_epochs)
+    identity = f"{seed} {model.specification} {training} {identify} {_digest(trajectories)}"
+    checkpoints: Checkpoints[TrainingState] = Checkpoints(checkpoint_directory, identity)
+    state = checkpoints.restore(state)
+    device_starts, device_judged = jnp.asarray(starts), jnp.asarray(judged)
+    while int(state.epoch) < training.maximum_epochs:
+        if int(state.epoch) - int(state.best_epoch) >= identify.patience_evaluations:
+            break
+        key = jax.random.fold_in(order_key, state.epoch)
+        parameters, optimiser_state, loss = run_epoch(
+            state.parameters, state.optimiser_state, rows, device_starts, key
+        )
+        state = after_epoch(
+            state, parameters, optimiser_state, loss, evaluate(parameters, rows, device_judged)
+        )
+        epoch = int(state.epoch)
+        if progress is not None:
+            progress(epoch, float(state.training_loss[epoch - 1]), float(state.evaluation_loss[epoch - 1]))
+        if epoch % identify.checkpoint_every_epochs == 0:
+            checkpoints.save(epoch, state)
+    checkpoints.save(int(state.epoch), state)
+    checkpoints.close()
+    return _result(model, state, n_windows=len(starts))
+
+
+def specify(
+    trajectories: Sequence[Trajectory],
+    machine: MachineSpecification,
+    parameterization: Parameterization,
+    target: Target,
+    training: TrainingConfig,
+    identify: IdentifyConfig,
+) -> ModelSpecification:
+    """The model's specification, with its scales taken from the training rows."""
+    return ModelSpecification(
+        parameterization=parameterization,
+        target=target,
+        hidden=list(training.hidden),
+        lags=training.lags,
+        legendre_degree=identify.legendre_degree,
+        joints=list(machine.joint_names),
+        rate_hz=machine.rate_hz,
+        position_lower=machine.lower.tolist(),
+        position_upper=machine.upper.tolist(),
+        velocity_limit=velocity_limits(
+            trajectories, machine.joint_names, identify.velocity_limit_quantile
+        ).tolist(),
+        residual_scale=residual_scales(trajectories, target).tolist(),
+    )
+
+
+def velocity_limits(trajectories: Sequence[Trajectory], joints: Sequence[str], quantile: float) -> np.ndarray:
+    """Velocity limits for the min-max normalisation: ± the given quantile of |q̇| over the training rows.
+
+    Symmetric, so that rest is zero; a quantile, so that a single outlier of the estimate does not set the
+    scale.
+
+    Returns:
+        (n_joint,) float64, rad/s or m/s.
+
+    Raises:
+        InputError: if there are no training rows, or a joint never moves in them.
+    """
+    speeds = np.abs(
+        np.concatenate([trajectory.qd[_training_rows(trajectory)] for trajectory in trajectories])
+    )
+    if len(speeds) == 0:
+        raise InputError("identify: no row of the tuples has split `train`; ingest the logs again")
+    limits = np.quantile(speeds.astype(np.float64), quantile, axis=0)
+    for joint, limit in zip(joints, limits, strict=True):
+        if not limit > 0:
+            raise InputError(
+                f"identify: joint {joint} never moves in the training rows; add logs in which it does"
+            )
+    return limits
+
+
+def residual_scales(trajectories: Sequence[Trajectory], target: Target) -> np.ndarray:
+    """RMS of the residual that the network predicts, over the training rows: (n_joint,) float64."""
+    name = "q" if target is Target.dq else "qd"
+    residuals = [
+        np.diff(getattr(trajectory, name)[_training_rows(trajectory)].astype(np.float64), axis=0)
+        for trajectory in trajectories
+    ]
+    return np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0))
+
+
+def build_optimiser(
+    training: TrainingConfig, identify: IdentifyConfig, n_batches: int
+) -> optax.GradientTransformation:
+    """Adam, with the clipping and the decay that the configuration states."""
+    rate: optax.ScalarOrSchedule = training.learning_rate
+    if identify.cosine_decay:
+        rate = optax.cosine_decay_schedule(
+            training.learning_rate, decay_steps=training.maximum_epochs * n_batches
+        )
+    steps = {Optimiser.adam: optax.adam}[identify.optimiser](rate)
+    if identify.gradient_clip is None:
+        return steps
+    return optax.chain(optax.clip_by_global_norm(identify.gradient_clip), steps)
+
+
+def initial_state(
+    parameters: Parameters, optimiser: optax.GradientTransformation, maximum_epochs: int
+) -> TrainingState:
+    """State before the first epoch."""
+    return TrainingState(
+        epoch=jnp.zeros((), jnp.int32),
+        parameters=parameters,
+        optimiser_state=optimiser.init(parameters),
+        best_parameters=parameters,
+        best_loss=jnp.full((), jnp.inf, jnp.float32),
+        best_epoch=jnp.zeros((), jnp.int32),
+        training_loss=jnp.full((maximum_epochs,), jnp.nan, jnp.float32),
+        evaluation_loss=jnp.full((maximum_epochs,), jnp.nan, jnp.float32),
+    )
+
+
+def compile_epoch(
+    model: DynamicsModel,
+    optimiser: optax.GradientTransformation,
+    error_scale: np.ndarray,
+    horizon: int,
+    batch_size: int,
+    n_batches: int,
+) -> Callable[..., tuple[Parameters, optax.OptState, jax.Array]]:
+    """One epoch as one call: (parameters, optimiser state, rows, starts, key) -> (…, …, mean loss)."""
+
+    @jax.jit
+    def run_epoch(
+        parameters: Parameters, optimiser_state: optax.OptState, rows: Rows, starts: jax.Array, key: jax.Array
+    ) -> tuple[Parameters, optax.OptState, jax.Array]:
+        order = jax.random.permutation(key, starts)[: n_batches * batch_size].reshape(n_batches, batch_size)
+
+        def update(
+            carry: tuple[Parameters, optax.OptState], batch: jax.Array
+        ) -> tuple[tuple[Parameters, optax.OptState], jax.Array]:
+            parameters, optimiser_state = carry
+            window = gather_windows(model, rows, batch, horizon)
+            loss, gradient = jax.value_and_grad(
+                lambda parameters: open_loop_loss(model, parameters, *window, jnp.asarray(error_scale))
+            )(parameters)
+            updates, optimiser_state = optimiser.update(gradient, optimiser_state, parameters)
+            return (optax.apply_updates(parameters, updates), optimiser_state), loss
+
+        (parameters, optimiser_state), losses = jax.lax.scan(update, (parameters, optimiser_state), order)
+        return parameters, optimiser_state, jnp.mean(losses)
+
+    return run_epoch
+
+
+def compile_evaluation(
+    model: DynamicsModel, error_scale: np.ndarray, horizon: int
+) -> Callable[[Parameters, Rows, jax.Array], jax.Array]:
+    """L|eval as one compiled call: (parameters, rows, starts) -> scalar."""
+
+    @jax.jit
+    def evaluate(parameters: Parameters, rows: Rows, starts: jax.Array) -> jax.Array:
+        window = gather_windows(model, rows, starts, horizon)
+        return open_loop_loss(model, parameters, *window, jnp.asarray(error_scale))
+
+    return evaluate
+
+
+@jax.jit
+def after_epoch(
+    state: TrainingState,
+    parameters: Parameters,
+    optimiser_state: optax.OptState,
+    training_loss: jax.Array,
+    evaluation_loss: jax.Array,
+) -> TrainingState:
+    """Bookkeeping at the end of an epoch: curves, and the best parameters so far."""
+    better = evaluation_loss < state.best_loss
+    return TrainingState(
+        epoch=state.epoch + 1,
+        parameters=parameters,
+        optimiser_state=optimiser_state,
+        best_parameters=jax.tree.map(
+            lambda new, old: jnp.where(better, new, old), parameters, state.best_parameters
+        ),
+        best_loss=jnp.where(better, evaluation_loss, state.best_loss),
+        best_epoch=jnp.where(better, state.epoch + 1, state.best_epoch),
+        training_loss=state.training_loss.at[state.epoch].set(training_loss),
+        evaluation_loss=state.evaluation_loss.at[state.epoch].set(evaluation_loss),
+    )
+
+
+def _digest(trajectories: Sequence[Trajectory]) -> str:
+    digest = hashlib.sha256()
+    for trajectory in trajectories:
+        for array in (trajectory.q, trajectory.qd, trajectory.a, np.asarray(trajectory.split) == "train"):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _training_rows(trajectory: Trajectory) -> np.ndarray:
+    return np.asarray(trajectory.split) == "train"
+
+
+def _result(model: DynamicsModel, state: TrainingState, n_windows: int) -> FitResult:
+    if not np.isfinite(float(state.best_loss)):
+        raise InputError(
+            "identify: L|eval was never finite; lower the learning rate or set identify.gradient_clip"
+        )
+    epochs = int(state.epoch)
+    return FitResult(
+        model=model,
+        parameters=state.best_parameters,
+        curves={
+            "epoch": [float(epoch) for epoch in range(1, epochs + 1)],
+            "training_loss": np.asarray(state.training_loss[:epochs], np.float64).tolist(),
+            "evaluation_loss": np.asarray(state.evaluation_loss[:epochs], np.float64).tolist(),
+        },
+        metrics={
+            "evaluation_loss": float(state.best_loss),
+            "best_epoch": float(state.best_epoch),
+            "epochs": float(epochs),
+            "n_parameters": float(sum(leaf.size for leaf in jax.tree.leaves(state.best_parameters))),
+            "training_windows": float(n_windows),
+        },
+    )

@@ -1,0 +1,100 @@
+"""Section `identify` of a profile: what the paper's tables state about training dynamics models."""
+
+import enum
+from dataclasses import dataclass
+
+from pipeline.errors import InputError
+
+
+class Optimiser(enum.StrEnum):
+    """Gradient method; the paper names none."""
+
+    adam = "adam"
+
+
+@dataclass
+class TrainingConfig:
+    """One training run (paper, tables "Selected parameterizations" and "Search spaces").
+
+    Attributes:
+        hidden: Units per hidden layer.
+        lags: k.
+        horizon: H of the training loss.
+        learning_rate: Of the optimiser.
+        batch_size: Windows per update.
+        maximum_epochs: Training ends here if early stopping has not ended it before.
+    """
+
+    hidden: list[int]
+    lags: int
+    horizon: int
+    learning_rate: float
+    batch_size: int
+    maximum_epochs: int
+
+    def __post_init__(self) -> None:
+        if isinstance(self.hidden, str):
+            return  # OmegaConf builds the node first and the object later
+        if not self.hidden or min(self.hidden) < 1:
+            raise InputError(
+                f"identify: hidden is {self.hidden}; list at least one layer, each of at least one unit"
+            )
+        if self.lags < 0:
+            raise InputError(f"identify: lags is {self.lags}; it must not be negative")
+        if not self.learning_rate > 0:
+            raise InputError(f"identify: learning_rate is {self.learning_rate}; it must be positive")
+        for name in ("horizon", "batch_size", "maximum_epochs"):
+            if getattr(self, name) < 1:
+                raise InputError(f"identify: {name} is {getattr(self, name)}; it must be at least 1")
+
+
+@dataclass
+class IdentifyConfig:
+    """What all training runs share.
+
+    Attributes:
+        seed: Draws the evaluation windows.
+        evaluation_horizon: H of L|eval.
+        evaluation_windows: Number of fixed evaluation windows.
+        patience_evaluations: Early stopping: evaluations (one per epoch) in a row without improvement.
+        optimiser: Gradient method.
+        gradient_clip: Largest global norm of the gradient; null: no clipping.
+        cosine_decay: Whether the learning rate falls to zero as a half cosine over the epochs.
+        batches_per_epoch: Batches drawn per epoch; null: every window once.
+        checkpoint_every_epochs: How often the training state is saved for resuming.
+        legendre_degree: Degree of the KAN's basis.
+        velocity_limit_quantile: Quantile of |q̇| in the training rows that the velocity limits are.
+        selected: Per `<parameterization>_<target>` what the search selected.
+    """
+
+    seed: int
+    evaluation_horizon: int
+    evaluation_windows: int
+    patience_evaluations: int
+    optimiser: Optimiser
+    gradient_clip: float | None
+    cosine_decay: bool
+    batches_per_epoch: int | None
+    checkpoint_every_epochs: int
+    legendre_degree: int
+    velocity_limit_quantile: float
+    selected: dict[str, TrainingConfig]
+
+    def __post_init__(self) -> None:
+        for name in (
+            "evaluation_horizon",
+            "evaluation_windows",
+            "patience_evaluations",
+            "batches_per_epoch",
+            "checkpoint_every_epochs",
+            "legendre_degree",
+        ):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise InputError(f"identify.{name} is {value}; it must be at least 1")
+        if self.gradient_clip is not None and not self.gradient_clip > 0:
+            raise InputError(f"identify.gradient_clip is {self.gradient_clip}; it must be positive, or null")
+        if not 0 < self.velocity_limit_quantile <= 1:
+            raise InputError(
+                f"identify.velocity_limit_quantile is {self.velocity_limit_quantile}; it must be in (0, 1]"
+            )
