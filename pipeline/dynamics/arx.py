@@ -79,7 +79,7 @@ def fit_arx(
     """
     inputs, outputs = [], []
     for trajectory in trajectories:
-        training = np.asarray(trajectory.split) == "train"
+        training = ~trajectory.is_validation
         ends = np.arange(lags, len(trajectory.q) - 1)
         ends = ends[training[ends] & training[ends + 1]]
         rows = ends[:, None] + np.arange(-lags, 1)

@@ -91,7 +91,9 @@ def fit(
         InputError: if the rows are too short, or a joint never moves, or a checkpoint belongs to another run.
     """
     model = DynamicsModel(specify(trajectories, machine, parameterization, target, training, identify))
-    starts = window_starts(trajectories, "train", model.specification.lags + 1, training.horizon)
+    starts = window_starts(
+        trajectories, validation=False, first_row=training.lags + 1, horizon=training.horizon
+    )
     if len(starts) == 0:
         raise InputError(
             f"identify: no trajectory has {training.lags + 1 + training.horizon + 1} training rows in a row, "
@@ -172,11 +174,9 @@ def velocity_limits(trajectories: Sequence[Trajectory], joints: Sequence[str], q
     Raises:
         InputError: if there are no training rows, or a joint never moves in them.
     """
-    speeds = np.abs(
-        np.concatenate([trajectory.qd[_training_rows(trajectory)] for trajectory in trajectories])
-    )
+    speeds = np.abs(np.concatenate([trajectory.qd[~trajectory.is_validation] for trajectory in trajectories]))
     if len(speeds) == 0:
-        raise InputError("identify: no row of the tuples has split `train`; ingest the logs again")
+        raise InputError("identify: no row of the tuples has split train; ingest the logs again")
     limits = np.quantile(speeds.astype(np.float64), quantile, axis=0)
     for joint, limit in zip(joints, limits, strict=True):
         if not limit > 0:
@@ -190,8 +190,7 @@ def residual_scales(trajectories: Sequence[Trajectory], target: Target) -> np.nd
     """RMS of the residual that the network predicts, over the training rows: (n_joint,) float64."""
     name = "q" if target is Target.dq else "qd"
     residuals = [
-        np.diff(getattr(trajectory, name)[_training_rows(trajectory)].astype(np.float64), axis=0)
-        for trajectory in trajectories
+        np.diff(getattr(trajectory, name)[~trajectory.is_validation], axis=0) for trajectory in trajectories
     ]
     return np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0))
 
@@ -300,13 +299,9 @@ def after_epoch(
 def _digest(trajectories: Sequence[Trajectory]) -> str:
     digest = hashlib.sha256()
     for trajectory in trajectories:
-        for array in (trajectory.q, trajectory.qd, trajectory.a, np.asarray(trajectory.split) == "train"):
+        for array in (trajectory.q, trajectory.qd, trajectory.a, trajectory.is_validation):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
-
-
-def _training_rows(trajectory: Trajectory) -> np.ndarray:
-    return np.asarray(trajectory.split) == "train"
 
 
 def _result(model: DynamicsModel, state: TrainingState, n_windows: int) -> FitResult:

@@ -19,7 +19,8 @@ from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 
 # The contract (section 3) starts its first error window at this row, so that all models are judged on the
-# same rows. FIRST_JUDGED_ROW = 40
+# same rows.
+FIRST_JUDGED_ROW = 40
 
 
 class Rows(NamedTuple):
@@ -62,12 +63,14 @@ def stack_rows(trajectories: Sequence[Trajectory]) -> Rows:
     )
 
 
-def window_starts(trajectories: Sequence[Trajectory], split: str, first_row: int, horizon: int) -> np.ndarray:
-    """Every start row whose window lies in one trajectory and in `split`.
+def window_starts(
+    trajectories: Sequence[Trajectory], validation: bool, first_row: int, horizon: int
+) -> np.ndarray:
+    """Every start row whose window lies in one trajectory and in one split.
 
     Args:
         trajectories: In the order given to `stack_rows`.
-        split: `train` or `validation`.
+        validation: Which split: the validation rows (True) or the training rows (False).
         first_row: Earliest start row within a trajectory; at least lags + 1.
         horizon: H.
 
@@ -77,7 +80,7 @@ def window_starts(trajectories: Sequence[Trajectory], split: str, first_row: int
     starts, offset = [], 0
     for trajectory in trajectories:
         n_rows = len(trajectory.q)
-        outside = np.concatenate([[0], np.cumsum(np.asarray(trajectory.split) != split)])
+        outside = np.concatenate([[0], np.cumsum(trajectory.is_validation != validation)])
         candidates = np.arange(first_row, max(first_row, n_rows - horizon))
         whole = outside[candidates + horizon + 1] == outside[candidates]
         starts.append(offset + candidates[whole])
@@ -95,7 +98,7 @@ def evaluation_starts(
     Raises:
         InputError: if the validation rows hold fewer than `n_windows` windows.
     """
-    starts = window_starts(trajectories, "validation", FIRST_JUDGED_ROW, horizon)
+    starts = window_starts(trajectories, validation=True, first_row=FIRST_JUDGED_ROW, horizon=horizon)
     if len(starts) < n_windows:
         raise InputError(
             f"identify: the validation rows hold {len(starts)} windows of {horizon} steps, "
