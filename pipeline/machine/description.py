@@ -10,6 +10,7 @@ from pipeline.errors import InputError
 from pipeline.machine.specification import ArmDescription, JointKind, MachineSpecification
 
 LIMIT_TOLERANCE = 1e-6  # rad or m: limits closer than this agree
+ORIENTATION_TOLERANCE = 1e-9  # on 1 - |r1 . r2| of unit quaternions: some 1e-4 rad
 _MUJOCO_KINDS = {
     JointKind.revolute: mujoco.mjtJoint.mjJNT_HINGE,
     JointKind.prismatic: mujoco.mjtJoint.mjJNT_SLIDE,
@@ -24,8 +25,8 @@ class RobotDescription:
         path: the file, for messages.
         model: MuJoCo's model of the moving links only (fixed links are fused into them), without shapes.
         joint_order: position in the machine's joint order of each joint of `model`, shape (n_joint,).
-        end_effector_link: index among `model`'s moving links (the world is not one) of the link that carries the
-            end effector.
+        end_effector_link: index among `model`'s moving links (the world is not one) of the link that carries
+            the end effector.
         end_effector_position: of the end effector's frame in that link, m, shape (3,), float64.
         end_effector_quaternion: its orientation in that link (w, x, y, z), shape (4,), float64.
     """
@@ -46,8 +47,8 @@ def arm_description(machine: MachineSpecification) -> ArmDescription:
     """
     if machine.arm is None:
         raise InputError(
-            f"conf/machine/{machine.name}.yaml: no section arm; poses need one (urdf, end_effector, yaw_joint, "
-            "pitch_joints, pitch_offset_rad)"
+            f"conf/machine/{machine.name}.yaml: no section arm; poses need one (urdf, "
+            "end_effector, yaw_joint, pitch_joints, pitch_offset_rad)"
         )
     return machine.arm
 
@@ -101,9 +102,9 @@ def load_description(machine: MachineSpecification, directory: Path) -> RobotDes
         directory: where conf/machine lies.
 
     Raises:
-        InputError: the URDF is missing or unreadable; a joint of the machine is missing in it, has another kind or
-            other limits; it has a further moving joint; it lacks the end effector; or yaw and pitch of the machine
-            are not those of the end effector's frame.
+        InputError: the URDF is missing or unreadable; a joint of the machine is missing in it, has another
+            kind or other limits; it has a further moving joint; it lacks the end effector; or yaw and pitch
+            of the machine are not those of the end effector's frame.
     """
     arm = arm_description(machine)
     path = urdf_path(machine, directory)
@@ -112,8 +113,9 @@ def load_description(machine: MachineSpecification, directory: Path) -> RobotDes
     unfused = _compile(path, fuse=False)
     tip = mujoco.mj_name2id(unfused, mujoco.mjtObj.mjOBJ_BODY, arm.end_effector)
     if tip < 0:
-        raise InputError(f"{path}: no link {arm.end_effector}, which conf/machine/{machine.name}.yaml names as "
-                         "arm.end_effector")  # fmt: skip
+        raise InputError(
+            f"{path}: no link {arm.end_effector}, the arm.end_effector of conf/machine/{machine.name}.yaml"
+        )
     carrier = unfused.body_weldid[tip]  # the moving body to which the tip is fixed
     data = mujoco.MjData(unfused)
     mujoco.mj_kinematics(unfused, data)
@@ -153,14 +155,15 @@ def _check_joints(machine: MachineSpecification, path: Path, model: mujoco.MjMod
     for name in found:
         if name not in machine.joint_names:
             raise InputError(
-                f"{path}: joint {name} moves but is not a joint of machine {machine.name}; make it fixed or list it"
+                f"{path}: joint {name} moves but is not a joint of machine {machine.name}; "
+                "make it fixed or list it"
             )
 
 
 def _check_orientation(
     machine: MachineSpecification, arm: ArmDescription, path: Path, model: mujoco.MjModel, tip: int
 ) -> None:
-    """Compares the end effector's frame with yaw and pitch of the specification at both ends of the joints' travel."""
+    """Compares the end effector's frame with the specification's yaw and pitch at both ends of the travel."""
     for name in (arm.yaw_joint, *arm.pitch_joints):
         if name not in machine.joint_names:
             raise InputError(
@@ -179,9 +182,9 @@ def _check_orientation(
         mujoco.mju_axisAngle2Quat(turns[0], np.array([0.0, 0.0, 1.0]), yaw)
         mujoco.mju_axisAngle2Quat(turns[1], np.array([0.0, -1.0, 0.0]), pitch)
         mujoco.mju_mulQuat(turns[2], turns[0], turns[1])
-        if abs(turns[2] @ data.xquat[tip]) < 1.0 - LIMIT_TOLERANCE:
+        if abs(turns[2] @ data.xquat[tip]) < 1.0 - ORIENTATION_TOLERANCE:
             raise InputError(
-                f"{path}: the frame {arm.end_effector} is not turned by yaw about z and then by minus the pitch about "
-                f"y, with yaw and pitch as in section arm of conf/machine/{machine.name}.yaml; correct its rpy or "
-                "the joints' axes"
+                f"{path}: the frame {arm.end_effector} is not turned by yaw about z and then by minus the "
+                f"pitch about y, as section arm of conf/machine/{machine.name}.yaml has them; correct its "
+                "rpy or the joints' axes"
             )

@@ -1,4 +1,4 @@
-"""Forward kinematics of the arm, computed with Brax from the robot description (paper, "Computational pipeline")."""
+"""Forward kinematics of the arm with Brax, from the robot description (paper, "Computational pipeline")."""
 
 import warnings
 from pathlib import Path
@@ -30,8 +30,8 @@ class Pose(NamedTuple):
 class Arm:
     """Kinematics of one arm: configurations in the machine's joint order in, poses out.
 
-    Every method is a pure function of its argument, works under `jit`, `vmap` and `grad`, over any leading axes and
-    in the precision of its argument. Arms are built by `load_arm`.
+    Every method is a pure function of its argument, works under `jit`, `vmap` and `grad`, over any leading
+    axes and in the precision of its argument. Arms are built by `load_arm`.
     """
 
     def __init__(
@@ -105,7 +105,8 @@ def load_arm(machine: MachineSpecification, directory: Path) -> Arm:
 
 
 def _in_float64(system: base.System, description: RobotDescription) -> base.System:
-    """The system with the chain's geometry as float64 NumPy arrays, which Brax had rounded to JAX's precision.
+    """The system with the chain's geometry as float64 NumPy arrays, which Brax had rounded to JAX's
+    precision.
 
     A URDF gives every moving link one joint, so the links' and the joints' rows agree.
     """

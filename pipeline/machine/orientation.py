@@ -1,9 +1,10 @@
 """Yaw and pitch of the chisel, and the quaternions that stand for them.
 
-The roll of the hammer is fixed by its kinematics (paper, section "Modeling", reward function), so an orientation is
-yaw and pitch: a turn by yaw about z of {B}, then by *minus* the pitch about the turned y axis. Zero pitch is the
-chisel straight down; positive pitch swings the tip outwards, as positive boom, arm and bucket angles do. At zero yaw
-and zero pitch the chisel's frame is that of {B}, and the chisel points along its -z.
+The roll of the hammer is fixed by its kinematics (paper, section "Modeling", reward function), so an
+orientation is yaw and pitch: a turn by yaw about z of {B}, then by *minus* the pitch about the turned y axis.
+Zero pitch is the chisel straight down; positive pitch swings the tip outwards, as positive boom, arm and
+bucket angles do. At zero yaw and zero pitch the chisel's frame is that of {B}, and the chisel points along
+its -z.
 """
 
 import jax
@@ -34,8 +35,8 @@ def quaternion_from_yaw_pitch(yaw: jax.Array, pitch: jax.Array) -> jax.Array:
 def yaw_pitch(quaternion: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Yaw and pitch of an orientation, whichever sign its quaternion has.
 
-    Yaw is the heading of the frame's y axis, which the pitch does not move: unlike the heading of the chisel it stays
-    defined at every pitch. A roll, which the hammer cannot have, is ignored.
+    Yaw is the heading of the frame's y axis, which the pitch does not move: unlike the heading of the chisel
+    it stays defined at every pitch. A roll, which the hammer cannot have, is ignored.
 
     Args:
         quaternion: (w, x, y, z), shape (..., 4), of any length but zero.

@@ -1,10 +1,11 @@
 """Start and target poses of the reaching task (paper, section "Episodic conditions").
 
-Poses are drawn as configurations, uniformly over the box of joint limits, and kept if their pose lies in W+ and meets
-the conditions. The paper selects "a random initial configuration ... such that" these hold, and its observations and
-reward need a target's configuration beside its pose; uniform in configuration space gives both without inverse
-kinematics, and covers what the joints can do evenly. In W+ itself the density is therefore not uniform: it is higher
-where the arm's Jacobian is small, near full stretch.
+Poses are drawn as configurations, uniformly over the box of joint limits, and kept if their pose lies in W+
+and meets the conditions. The paper selects "a random initial configuration ... such that" these hold, and its
+observations and reward need a target's configuration beside its pose; uniform in configuration space gives
+both without inverse kinematics, and covers what the joints can do evenly. In W+ itself the density is
+therefore not uniform: it goes with the inverse of the Jacobian's determinant, so it is higher near the swing
+axis and near full stretch.
 """
 
 import math
@@ -28,8 +29,8 @@ _MINIMUM_ACCEPTANCE = 1e-3  # conditions that fewer candidates than this share s
 class PoseConditions:
     """What a sampled pose must meet besides lying in W+.
 
-    `pitch_max_rad` bounds the pitch on both sides. `z_min_m` and `z_max_m` bound the tip's height in {B} further than
-    W+ does (targets in evaluation); None leaves W+'s own bounds.
+    `pitch_max_rad` bounds the pitch on both sides. `z_min_m` and `z_max_m` bound the tip's height in {B}
+    further than W+ does (targets in evaluation); None leaves W+'s own bounds.
     """
 
     pitch_max_rad: float
@@ -82,7 +83,7 @@ def satisfies(machine: MachineSpecification, arm: Arm, conditions: PoseCondition
 
 
 class _Sampling(NamedTuple):
-    """State of the rejection loop: key, buffer (n, n_joint), configurations found and candidates drawn so far."""
+    """State of the rejection loop: key, buffer (n, n_joint), configurations found and rounds done so far."""
 
     key: jax.Array
     buffer: jax.Array
@@ -122,8 +123,8 @@ def _sample_checked(
     n_candidates = int(n_rounds) * _CANDIDATES_PER_ROUND
     if int(n_found) < n:
         raise InputError(
-            f"machine {machine.name}: {int(n_found)} of {n_candidates} configurations within the joint limits have "
-            f"poses in W+ that satisfy {conditions}; widen the conditions or correct the workspace"
+            f"machine {machine.name}: {int(n_found)} of {n_candidates} configurations within the limits "
+            f"have poses in W+ that satisfy {conditions}; widen the conditions or correct the workspace"
         )
     return buffer, int(n_found) / n_candidates
 
@@ -154,11 +155,12 @@ def sample_configurations(
 class PoseTable(NamedTuple):
     """Configurations drawn beforehand, with their poses, from which a jitted loop draws at random.
 
-    A draw costs one random integer and one row instead of a rejection loop, which under `vmap` would run as often as
-    its unluckiest lane. 2**17 rows are adequate for learning on bobcat_e10. An episode draws start and target
-    independently, so there are 2**34 pairs against some 10**6 episodes in the paper's 4e8 steps: hardly a pair
-    repeats. And a fresh configuration lies 0.04 rad (median, Euclidean over the joints; 99 %: 0.07 rad) from the
-    nearest row, about what one joint moves in a control period at full speed, so the table has no gaps to learn around.
+    A draw costs one random integer and one row instead of a rejection loop, which under `vmap` would run as
+    often as its unluckiest lane. 2**17 rows are adequate for learning on bobcat_e10. An episode draws start
+    and target independently, so there are 2**34 pairs against some 10**6 episodes in the paper's 4e8 steps:
+    hardly a pair repeats. And a fresh configuration lies 0.04 rad (median, Euclidean over the joints; 99 %:
+    0.07 rad) from the nearest row, about what one joint moves in a control period at full speed, so the table
+    has no gaps to learn around.
 
     Attributes:
         configurations: shape (n, n_joint), rad (m).
@@ -173,7 +175,7 @@ class PoseTable(NamedTuple):
     acceptance_rate: float
 
     def draw(self, key: jax.Array) -> tuple[jax.Array, Pose]:
-        """One configuration, shape (n_joint,), and its pose, uniformly from the table; also inside `jit` and `vmap`."""
+        """One configuration, shape (n_joint,), and its pose, uniformly from the table; works inside `jit`."""
         row = jax.random.randint(key, (), 0, self.configurations.shape[0])
         return self.configurations[row], Pose(self.positions[row], self.quaternions[row])
 

@@ -1,7 +1,7 @@
 """The restricted workspace W+ (paper, section "Episodic conditions"; contract, section 1).
 
-W+ is a cylindrical sector about the swing axis: bounds on radius, yaw and height of the chisel tip in {B}. All bounds
-are inclusive. The lower plane z = z_min is the height of the grill.
+W+ is a cylindrical sector about the swing axis: bounds on radius, yaw and height of the chisel tip in {B}.
+All bounds are inclusive. The lower plane z = z_min is the height of the grill.
 """
 
 import jax
@@ -13,9 +13,9 @@ from pipeline.machine.specification import WorkspaceSpecification
 def contains(workspace: WorkspaceSpecification, position: jax.Array, yaw: jax.Array) -> jax.Array:
     """Whether poses lie in W+.
 
-    `yaw` is that of the pose, i.e. of the arm's plane (the swing angle), which for a tip in front of the swing axis is
-    also the azimuth atan2(y, x) of its position. An arm folded back until its tip is behind the axis has an azimuth
-    of yaw + pi; it is outside, although its radius and its yaw are within bounds.
+    `yaw` is that of the pose, i.e. of the arm's plane (the swing angle), which for a tip in front of the
+    swing axis is also the azimuth atan2(y, x) of its position. An arm folded back until its tip is behind the
+    axis has an azimuth of yaw + pi; it is outside, although its radius and its yaw are within bounds.
 
     Args:
         workspace: bounds of W+.
@@ -39,7 +39,8 @@ def contains(workspace: WorkspaceSpecification, position: jax.Array, yaw: jax.Ar
 
 
 def below_lower_plane(workspace: WorkspaceSpecification, position: jax.Array) -> jax.Array:
-    """Whether positions lie below the lower plane of W+, which the metric OOZ counts (paper, "Evaluation metrics").
+    """Whether positions lie below the lower plane of W+, which the metric OOZ counts (paper, "Evaluation
+    metrics").
 
     Args:
         workspace: bounds of W+.

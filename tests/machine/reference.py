@@ -1,4 +1,4 @@
-"""Forward kinematics of bobcat_e10 written from the contract's text: products of 4x4 transforms in float64 NumPy."""
+"""Forward kinematics of bobcat_e10 from the contract's text: products of 4x4 transforms, float64 NumPy."""
 
 import numpy as np
 
@@ -24,7 +24,7 @@ def _lift(angle: float) -> np.ndarray:
 
 
 def chisel_transform(q: np.ndarray) -> np.ndarray:
-    """Transform (4, 4) of a frame at the chisel tip whose x axis is the direction in which the chisel points."""
+    """Transform (4, 4) of a frame at the chisel tip whose x axis is the chisel's direction."""
     swing, boom, arm, bucket = q
     return (
         _turn_about_z(swing)
@@ -39,7 +39,7 @@ def chisel_transform(q: np.ndarray) -> np.ndarray:
 
 
 def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation (3, 3) of a unit quaternion (w, x, y, z), from its action on vectors: v + 2 u x (u x v + w v)."""
+    """Rotation (3, 3) of a unit quaternion (w, u), from its action on vectors: v + 2 u x (u x v + w v)."""
     w, u = quaternion[0], quaternion[1:]
     columns = [v + 2.0 * np.cross(u, np.cross(u, v) + w * v) for v in np.eye(3)]
     return np.stack(columns, axis=1)

@@ -66,7 +66,7 @@ def test_yaw_and_pitch_are_recovered_from_either_quaternion(yaw, pitch, sign):
 
 
 def test_reference_poses_of_the_contract(forward):
-    """Zero angles: stretched out horizontally at reach 3.05 m; chisel down: identity; tip outwards: pitch > 0."""
+    """Zero angles: stretched out, reach 3.05 m; chisel down: identity; bucket out: tip outwards."""
     stretched = forward(jnp.zeros(4))
     assert np.allclose(stretched.position, [0.25 + 1.35 + 0.80 + 0.65, 0.0, 0.50], atol=1e-6)
     down = forward(jnp.array([0.0, 0.0, -np.pi / 2, 0.0]))

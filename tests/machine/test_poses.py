@@ -103,7 +103,7 @@ def test_draw_inside_jit_and_vmap_gives_rows_with_their_pose(tables, forward):
 
 
 def test_impossible_conditions_are_an_input_error(bobcat, arm):
-    with pytest.raises(InputError, match="0 of .* widen the conditions"):
+    with pytest.raises(InputError, match=r"0 of .* widen the conditions"):
         sample_configurations(jax.random.key(0), bobcat, arm, PoseConditions(0.1, 2.45, 2.46), 8)
     with pytest.raises(InputError, match="pitch_max_rad"):
         PoseConditions(0.0, None, None)
