@@ -1,0 +1,119 @@
+"""Decompression of chunks: never more bytes than the chunk declares, and of a cut chunk its front."""
+
+import bz2
+from collections.abc import Callable
+
+import lz4.frame
+import zstandard
+
+MAXIMUM_CHUNK_BYTES = 1 << 29  # 512 MiB; recorders write 1 to 16 MiB, one raw image can make a chunk larger
+
+
+class DecompressionError(Exception):
+    """Compressed bytes that cannot be read to their end.
+
+    Attributes:
+        front: What came out before the fault.
+    """
+
+    def __init__(self, message: str, front: bytes = b"") -> None:
+        super().__init__(message)
+        self.front = front
+
+
+def decompress(compression: str, data: bytes, size: int | None, cut: bool = False) -> bytes:
+    """Decompress one chunk.
+
+    Args:
+        compression: `""` or `none`, `lz4`, `zstd`, `bz2`.
+        data: Compressed bytes.
+        size: Declared length of the result; None where the format does not state it.
+        cut: The bytes are known to end early: return what can be had without complaint.
+
+    Returns:
+        The chunk, or the front of a cut one.
+
+    Raises:
+        DecompressionError: The bytes are damaged, or longer than declared.
+    """
+    limit = MAXIMUM_CHUNK_BYTES if size is None else size
+    if limit > MAXIMUM_CHUNK_BYTES:
+        raise DecompressionError(f"the chunk declares {limit} bytes, more than {MAXIMUM_CHUNK_BYTES}")
+    if compression in ("", "none"):
+        result, fault = data[: limit + 1], None
+    elif compression in _STREAMS:
+        result, fault = _STREAMS[compression](data, limit + 1, cut)
+    else:
+        raise DecompressionError(f"compression `{compression}` is unknown")
+    if fault is not None and not cut:
+        raise DecompressionError(fault, result)
+    if len(result) > limit or (size is not None and len(result) != size and not cut):
+        raise DecompressionError(f"the chunk has {len(result)} bytes and declares {size}", result[:limit])
+    return result
+
+
+def _zstd(data: bytes, limit: int, cut: bool) -> tuple[bytes, str | None]:
+    try:
+        if not cut:
+            stated = zstandard.frame_content_size(data)
+            if 0 <= stated < limit:
+                return zstandard.ZstdDecompressor().decompress(data), None
+        return _in_pieces(zstandard.ZstdDecompressor().stream_reader(data).read, limit, zstandard.ZstdError)
+    except zstandard.ZstdError as error:
+        return b"", f"zstd: {error}"
+
+
+def _lz4(data: bytes, limit: int, cut: bool) -> tuple[bytes, str | None]:
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    waiting = data
+
+    def read(n_bytes: int) -> bytes:
+        nonlocal waiting
+        if decompressor.eof:
+            return b""
+        piece, waiting = decompressor.decompress(waiting, max_length=n_bytes), b""
+        return piece
+
+    result, fault = _in_pieces(read, limit, RuntimeError)
+    return result, fault or (
+        None if decompressor.eof or len(result) >= limit else "lz4: the frame has no end"
+    )
+
+
+def _bz2(data: bytes, limit: int, cut: bool) -> tuple[bytes, str | None]:
+    decompressor = bz2.BZ2Decompressor()
+    waiting = data
+
+    def read(n_bytes: int) -> bytes:
+        nonlocal waiting
+        if decompressor.eof:
+            return b""
+        piece, waiting = decompressor.decompress(waiting, n_bytes), b""
+        return piece
+
+    result, fault = _in_pieces(read, limit, OSError)
+    return result, fault or (
+        None if decompressor.eof or len(result) >= limit else "bz2: the stream has no end"
+    )
+
+
+def _in_pieces(
+    read: Callable[[int], bytes], limit: int, fault_type: type[Exception]
+) -> tuple[bytes, str | None]:
+    """Read up to `limit` bytes; a fault ends the reading and keeps what came before it."""
+    pieces: list[bytes] = []
+    total = 0
+    while total < limit:
+        try:
+            piece = read(min(PIECE_BYTES, limit - total))
+        except fault_type as error:
+            return b"".join(pieces), str(error)
+        if not piece:
+            break
+        pieces.append(piece)
+        total += len(piece)
+    return b"".join(pieces), None
+
+
+PIECE_BYTES = 1 << 16
+_STREAMS = {"zstd": _zstd, "lz4": _lz4, "bz2": _bz2}

@@ -1,0 +1,198 @@
+"""Reads MCAP files, whole or damaged (mcap.dev/spec).
+
+The data section is read front to back, chunk by chunk, so a file without summary, index or end is read as far
+as it goes. A chunk whose checksum fails is left out as a whole, for nothing tells which of its bytes are
+wrong; of a chunk that the file's end cuts, the front is used.
+"""
+
+import struct
+import zlib
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.logs.bounded_decompression import DecompressionError, decompress
+from pipeline.logs.message_blocks import MessageBlock, ReadingLedger, Topic
+from pipeline.logs.message_definitions import full_type_name
+
+MAGIC = b"\x89MCAP0\r\n"
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, DATA_END = 1, 2, 3, 4, 5, 6, 7, 15
+KNOWN_OPCODES = range(1, 16)
+PREFIX = struct.Struct("<BQ")  # opcode, length
+MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+MESSAGE_FIELDS = MESSAGE_HEADER.size - PREFIX.size
+CHUNK_HEADER = struct.Struct(
+    "<QQQII"
+)  # start, end, uncompressed size, checksum, length of the compression's name
+MAXIMUM_TIME_NS = np.iinfo(np.int64).max
+UNCHUNKED_BATCH_BYTES = 1 << 22
+
+
+def read_mcap(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Iterator[MessageBlock]:
+    """Yield the wanted topics' messages of one file, chunk by chunk.
+
+    Raises:
+        InputError: The file cannot be opened or is not an MCAP file.
+    """
+    try:
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise InputError(f"{path}: not an MCAP file (its first bytes are not MCAP's); remove it")
+            yield from _Scan(file, path.stat().st_size, ledger, wanted).blocks()
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror or error}); check the file's permissions"
+        ) from error
+
+
+class _Scan:
+    """One pass over the data section."""
+
+    def __init__(self, file: BinaryIO, size: int, ledger: ReadingLedger, wanted: Collection[str]) -> None:
+        self.file = file
+        self.size = size
+        self.ledger = ledger
+        self.wanted = wanted
+        self.schemas: dict[int, tuple[str, str, str]] = {}
+        self.topics: dict[int, Topic] = {}
+        self.unchunked = bytearray()  # message records that stand outside of chunks
+
+    def blocks(self) -> Iterator[MessageBlock]:
+        """Yield blocks until the data section, the file or its readable part ends."""
+        offset = len(MAGIC)
+        while True:
+            prefix = self.file.read(PREFIX.size)
+            if len(prefix) < PREFIX.size:
+                self.ledger.damage(
+                    offset, "the file ends here without MCAP's end mark; all before it was read"
+                )
+                break
+            opcode, length = PREFIX.unpack(prefix)
+            end = offset + PREFIX.size + length
+            if opcode not in KNOWN_OPCODES or (end > self.size and opcode not in (CHUNK, MESSAGE)):
+                lost = self.size - offset
+                self.ledger.damage(offset, f"no MCAP record stands here; the remaining {lost} bytes are lost")
+                break
+            if opcode in (DATA_END, FOOTER):
+                break
+            if opcode == CHUNK:
+                yield from self.chunk(offset, length)
+            elif opcode == MESSAGE:
+                self.unchunked += prefix + self.file.read(min(length, self.size - offset - PREFIX.size))
+                if len(self.unchunked) >= UNCHUNKED_BATCH_BYTES or end > self.size:
+                    yield from self.flush(offset)
+            elif opcode in (SCHEMA, CHANNEL):
+                self.describe(opcode, self.file.read(length), offset)
+            if end > self.size:
+                break
+            self.file.seek(end)
+            offset = end
+        yield from self.flush(offset)
+
+    def flush(self, offset: int) -> Iterator[MessageBlock]:
+        """Yield the messages that stood outside of chunks."""
+        if self.unchunked:
+            data, self.unchunked = bytes(self.unchunked), bytearray()
+            yield from self.records(data, f"in the unchunked messages before byte {offset}", offset)
+
+    def chunk(self, offset: int, length: int) -> Iterator[MessageBlock]:
+        """Yield the blocks of the chunk record at `offset`, whose prefix was read."""
+        body = self.file.read(min(length, self.size - offset - PREFIX.size))
+        cut = len(body) < length
+        try:
+            _, _, size, checksum, name_length = CHUNK_HEADER.unpack_from(body)
+            records_start = CHUNK_HEADER.size + name_length + 8
+            compression = body[CHUNK_HEADER.size : records_start - 8].decode("ascii")
+            (stated,) = struct.unpack_from("<Q", body, records_start - 8)
+        except (struct.error, UnicodeDecodeError):
+            self.ledger.damage(offset, "the chunk's header is damaged; the chunk is lost")
+            return
+        records = body[records_start : records_start + stated]
+        try:
+            data = decompress(compression, records, size, cut or len(records) < stated)
+        except DecompressionError as error:
+            self.ledger.damage(offset, f"the chunk cannot be decompressed ({error}); the chunk is lost")
+            return
+        if cut:
+            self.ledger.damage(
+                offset, f"the file ends within this chunk; {len(data)} of its {size} bytes were read"
+            )
+        elif checksum and zlib.crc32(data) != checksum:
+            self.ledger.damage(offset, f"the chunk's checksum fails; the chunk ({size} bytes) is lost")
+            return
+        yield from self.records(data, "in the chunk that starts here", offset)
+
+    def records(self, data: bytes, place: str, offset: int) -> Iterator[MessageBlock]:
+        """Walk message, schema and channel records and yield one block per wanted topic."""
+        found: dict[int, tuple[list[int], list[int], list[int]]] = {}
+        position, end = 0, len(data)
+        unpack = MESSAGE_HEADER.unpack_from
+        while position + PREFIX.size <= end:
+            if data[position] == MESSAGE and position + MESSAGE_HEADER.size <= end:
+                _, length, channel, _, log_time, _ = unpack(data, position)
+                following = position + PREFIX.size + length
+                if following > end or length < MESSAGE_FIELDS or log_time > MAXIMUM_TIME_NS:
+                    break
+                columns = found.get(channel)
+                if columns is None:
+                    columns = found[channel] = ([], [], [])
+                columns[0].append(log_time)
+                columns[1].append(position + MESSAGE_HEADER.size)
+                columns[2].append(length - MESSAGE_FIELDS)
+            else:
+                opcode, length = PREFIX.unpack_from(data, position)
+                following = position + PREFIX.size + length
+                if opcode not in KNOWN_OPCODES or opcode == MESSAGE or following > end:
+                    break
+                if opcode in (SCHEMA, CHANNEL):
+                    self.describe(opcode, data[position + PREFIX.size : following], offset)
+            position = following
+        if position < end:
+            self.ledger.damage(
+                offset, f"{place}, {end - position} bytes from its byte {position} on are lost"
+            )
+        buffer = np.frombuffer(data, np.uint8)
+        for channel, columns in found.items():
+            topic = self.topics.get(channel)
+            if topic is None:
+                self.ledger.damage(
+                    offset,
+                    f"{len(columns[0])} messages {place} belong to a channel that is not described",
+                    len(columns[0]),
+                )
+                continue
+            self.ledger.count(topic, len(columns[0]))
+            if topic.name in self.wanted:
+                log_time, start, length = (np.array(column, dtype=np.int64) for column in columns)
+                yield MessageBlock(topic, log_time, buffer, start, length)
+
+    def describe(self, opcode: int, body: bytes, offset: int) -> None:
+        """Take in a schema or a channel record."""
+        try:
+            if opcode == SCHEMA:
+                (number,) = struct.unpack_from("<H", body)
+                name, position = _string(body, 2)
+                encoding, position = _string(body, position)
+                text, _ = _string(body, position)
+                self.schemas[number] = (name, encoding, text)
+            else:
+                number, schema = struct.unpack_from("<HH", body)
+                name, position = _string(body, 4)
+                encoding, _ = _string(body, position)
+                type_name, definition_format, text = self.schemas.get(schema, ("", "", ""))
+                topic = Topic(name, full_type_name(type_name), encoding, text, definition_format)
+                self.topics[number] = topic
+                self.ledger.add_topic(topic)
+        except (struct.error, UnicodeDecodeError, IndexError):
+            self.ledger.damage(offset, "the description of a channel is damaged")
+
+
+def _string(body: bytes, position: int) -> tuple[str, int]:
+    (length,) = struct.unpack_from("<I", body, position)
+    end = position + 4 + length
+    if end > len(body):
+        raise IndexError(end)
+    return body[position + 4 : end].decode(), end

@@ -1,0 +1,108 @@
+"""Turns the message blocks of one topic into columns of numbers."""
+
+from collections import Counter
+from typing import Protocol
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.logs.message_blocks import MessageBlock, ReadingLedger, Topic
+from pipeline.logs.message_definitions import DefinitionError, Definitions, parse_definition
+from pipeline.logs.message_layout import FieldGroup, decode_block
+from pipeline.logs.raw_log import Note, NoteKind
+
+
+class MismatchError(Exception):
+    """Messages that do not hold what is wanted of them; the text says what they lack."""
+
+
+class Adapter(Protocol):
+    """Knows which fields of a topic's messages are wanted and what they become."""
+
+    role: str  # what the topic is to the pipeline, for messages to the user
+
+    def wanted(self, topic: Topic) -> tuple[str, ...]:
+        """Return the paths of the wanted fields.
+
+        Raises:
+            MismatchError: The topic's type cannot hold them.
+        """
+        ...
+
+    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
+        """Return columns, each of shape (n, …), from the decoded fields of n messages.
+
+        Raises:
+            MismatchError: These messages lack what is wanted.
+        """
+        ...
+
+
+class TopicColumns:
+    """Collects one topic's columns block by block, in file order.
+
+    Messages that do not fit are counted by reason; if none fits, `finish` refuses the log.
+    """
+
+    def __init__(self, topic_name: str, adapter: Adapter) -> None:
+        self.topic_name = topic_name
+        self.adapter = adapter
+        self.reasons: Counter[str] = Counter()
+        self.blocks: list[dict[str, np.ndarray]] = []
+
+    def add(self, block: MessageBlock) -> None:
+        """Decode a block and append its columns."""
+        try:
+            wanted = self.adapter.wanted(block.topic)
+            definitions = _definitions(block.topic)
+        except (MismatchError, DefinitionError) as reason:
+            self.reasons[str(reason)] += len(block.start)
+            return
+        groups, malformed = decode_block(block, definitions, wanted)
+        if len(malformed):
+            self.reasons["they do not fit their definition"] += len(malformed)
+        parts, order = [], []
+        for group in groups:
+            try:
+                columns = self.adapter.convert(group)
+            except MismatchError as reason:
+                self.reasons[str(reason)] += len(group.index)
+                continue
+            parts.append({"log_time_ns": block.log_time_ns[group.index], **columns})
+            order.append(group.index)
+        if parts:
+            in_file_order = np.argsort(np.concatenate(order), kind="stable")
+            self.blocks.append(
+                {name: np.concatenate([part[name] for part in parts])[in_file_order] for name in parts[0]}
+            )
+
+    def finish(self, ledger: ReadingLedger) -> dict[str, np.ndarray]:
+        """Return all columns, and note in the ledger what was left out.
+
+        Raises:
+            InputError: No message of the topic could be used.
+        """
+        if not self.blocks:
+            raise InputError(self._why_nothing(ledger))
+        for reason, count in self.reasons.items():
+            text = f"{count} messages of {self.topic_name} ({self.adapter.role}) left out: {reason}"
+            ledger.notes.append(Note(NoteKind.left_out, text, count))
+        return {name: np.concatenate([block[name] for block in self.blocks]) for name in self.blocks[0]}
+
+    def _why_nothing(self, ledger: ReadingLedger) -> str:
+        place = f"{ledger.path}: {self.adapter.role}"
+        if self.reasons:
+            reason, count = self.reasons.most_common(1)[0]
+            return f"{place}: none of the {count} messages of {self.topic_name} can be used: {reason}"
+        seen = "; ".join(
+            f"{name} ({', '.join(topic.type_name for topic in topics)}, {ledger.counts[name]} messages)"
+            for name, topics in sorted(ledger.topics.items())
+        )
+        what = "has no messages" if self.topic_name in ledger.topics else "is not in the log"
+        return f"{place}: topic {self.topic_name} {what}, set it in conf/machine; seen: {seen or 'none'}"
+
+
+def _definitions(topic: Topic) -> Definitions:
+    if topic.encoding not in ("cdr", "ros1"):
+        raise MismatchError(f"their encoding `{topic.encoding}` is neither `cdr` nor `ros1`")
+    return parse_definition(topic.type_name, topic.definition, topic.definition_format)
