@@ -8,6 +8,7 @@ import contextlib
 import fcntl
 import os
 import subprocess
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from typing import Any
 
 import psutil
 import yaml
+from tqdm import tqdm
 
 from pipeline.errors import InputError
 
@@ -216,6 +218,21 @@ def _alive(identity: str) -> bool:
         return _process_identity(psutil.Process(int(identity.split("-")[0]))) == identity
     except psutil.Error:
         return False
+
+
+def flatten_metrics(tree: Mapping[str, Any]) -> dict[str, float]:
+    """Nested metrics as `a.b.c: number`; what is not a number is left out."""
+    return {
+        key: float(value)
+        for key, value in _flatten(tree).items()
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    }
+
+
+def progress_bar(description: str, total: int, unit: str) -> tqdm:
+    """A progress bar on standard error; in a log file it prints a line every half minute instead of redrawing."""
+    interval_s = 0.2 if sys.stderr.isatty() else 30.0
+    return tqdm(total=total, desc=description, unit=unit, mininterval=interval_s, maxinterval=interval_s, leave=True)
 
 
 @contextlib.contextmanager

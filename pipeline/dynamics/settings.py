@@ -64,6 +64,7 @@ class IdentifyConfig:
         checkpoint_every_epochs: How often the training state is saved for resuming.
         legendre_degree: Degree of the KAN's basis.
         velocity_limit_quantile: Quantile of |q̇| in the training rows that the velocity limits are.
+        arx_ridge: Penalty of the linear ARX that the model is judged beside, on standardised inputs, per row.
         selected: Per `<parameterization>_<target>` what the search selected.
     """
 
@@ -78,6 +79,7 @@ class IdentifyConfig:
     checkpoint_every_epochs: int
     legendre_degree: int
     velocity_limit_quantile: float
+    arx_ridge: float
     selected: dict[str, TrainingConfig]
 
     def __post_init__(self) -> None:
@@ -94,6 +96,8 @@ class IdentifyConfig:
                 raise InputError(f"identify.{name} is {value}; it must be at least 1")
         if self.gradient_clip is not None and not self.gradient_clip > 0:
             raise InputError(f"identify.gradient_clip is {self.gradient_clip}; it must be positive, or null")
+        if not self.arx_ridge >= 0:
+            raise InputError(f"identify.arx_ridge is {self.arx_ridge}; it must not be negative")
         if not 0 < self.velocity_limit_quantile <= 1:
             raise InputError(
                 f"identify.velocity_limit_quantile is {self.velocity_limit_quantile}; it must be in (0, 1]"

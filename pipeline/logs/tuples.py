@@ -41,6 +41,13 @@ class Trajectory:
         return len(self.t_s)
 
 
+def validation_part(trajectory: Trajectory) -> Trajectory:
+    """Return the trajectory's validation rows, which lie at its end, as a trajectory of their own."""
+    rows = trajectory.is_validation
+    columns = {name: getattr(trajectory, name)[rows] for name in ("t_s", "stamp_ns", "q", "qd", "a", "is_validation")}
+    return Trajectory(trajectory.name, **columns)
+
+
 def bag_of(trajectory_name: str) -> str:
     """Return the bag that a trajectory is from."""
     return trajectory_name.partition("#")[0]

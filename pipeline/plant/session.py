@@ -21,6 +21,7 @@ class RecordConfig:
 
     session_minutes: list[float]
     held_out_minutes: float
+    first_session: str  # ISO 8601 with time zone
     seed: int
 
     def __post_init__(self) -> None:

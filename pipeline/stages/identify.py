@@ -1,0 +1,99 @@
+"""Stage `identify`: a dynamics model is trained by back-propagation through time and judged beside a linear ARX."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from omegaconf import MISSING
+
+from pipeline.configuration import PipelineConfiguration, stage
+from pipeline.dynamics.arx import fit_arx
+from pipeline.dynamics.fit import fit
+from pipeline.dynamics.judgement import judge, long_prediction
+from pipeline.dynamics.model import Target
+from pipeline.dynamics.network import Parameterization
+from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.dynamics.store import save_model
+from pipeline.dynamics.windows import FIRST_JUDGED_ROW
+from pipeline.errors import InputError
+from pipeline.logs.tuples import Trajectory, read_tuples, validation_part
+from pipeline.tracking import StageRun, flatten_metrics, progress_bar
+
+LONG_PREDICTION_STEPS = 1000  # paper, Fig. "Open-loop predictions"
+
+
+@dataclass
+class IdentifyStage(PipelineConfiguration):
+    """Keys of `conf/identify.yaml`."""
+
+    identify: IdentifyConfig = MISSING
+    model: Parameterization = MISSING
+    target: Target = MISSING
+    tuples: str = MISSING
+    held_out: str | None = None
+    hold_out: list[str] = field(default_factory=list)
+    checkpoints: str | None = None
+    output: str = MISSING
+
+
+@stage(IdentifyStage)
+def main(configuration: IdentifyStage, run: StageRun) -> None:
+    """Train the model kind `model`, `target`, judge it on held-out rows and write the model folder."""
+    machine, settings, output = configuration.machine, configuration.identify, Path(configuration.output)
+    kind = f"{configuration.model.value}_{configuration.target.value}"
+    if kind not in settings.selected:
+        raise InputError(f"identify.selected has no {kind}; it has {', '.join(settings.selected)}")
+    training = settings.selected[kind]
+    learning, judged, judged_on = split_by_purpose(configuration)
+    run.inputs(configuration.tuples, *([configuration.held_out] if configuration.held_out else []))
+    with progress_bar(f"identify {kind}", training.maximum_epochs, "epoch") as bar:
+
+        def progress(epoch: int, training_loss: float, evaluation_loss: float) -> None:
+            bar.set_postfix(training=f"{training_loss:.2e}", evaluation=f"{evaluation_loss:.2e}", refresh=False)
+            bar.update(epoch - bar.n)
+            run.metrics({"training_loss": training_loss, "evaluation_loss": evaluation_loss}, step=epoch)
+
+        result = fit(
+            learning,
+            machine,
+            configuration.model,
+            configuration.target,
+            training,
+            settings,
+            settings.seed,
+            progress,
+            Path(configuration.checkpoints) if configuration.checkpoints else None,
+        )
+    predictor = LearnedPredictor(result.model, result.parameters)
+    arx = fit_arx(learning, configuration.target, training.lags, machine.dt_s, settings.arx_ridge)
+    metrics = result.metrics | judge({"model": predictor, "arx": arx}, judged, machine)
+    lineage = {"judged_on": judged_on, "trajectories": [trajectory.name for trajectory in learning], "machine": machine.name}
+    save_model(output, result.model, result.parameters, lineage, metrics, result.curves)
+    prediction = long_prediction(predictor, judged, FIRST_JUDGED_ROW, LONG_PREDICTION_STEPS)
+    np.savez(output / "open_loop.npz", t_s=prediction.t_s, measured=prediction.measured, predicted=prediction.predicted)
+    run.metrics(flatten_metrics(metrics))
+    run.artifact(output, "model")
+
+
+def split_by_purpose(configuration: IdentifyStage) -> tuple[list[Trajectory], Sequence[Trajectory], str]:
+    """Trajectories to learn from, those to judge on, and what the latter are."""
+    machine = configuration.machine
+    learning = read_tuples(Path(configuration.tuples), machine)
+    names = [trajectory.name for trajectory in learning]
+    unknown = [name for name in configuration.hold_out if name not in names]
+    if unknown:
+        raise InputError(f"hold_out={unknown}: no such trajectory in {configuration.tuples}; it has {', '.join(names)}")
+    judged = [trajectory for trajectory in learning if trajectory.name in configuration.hold_out]
+    learning = [trajectory for trajectory in learning if trajectory.name not in configuration.hold_out]
+    if configuration.held_out is not None and any(Path(configuration.held_out).glob("*.parquet")):
+        judged += read_tuples(Path(configuration.held_out), machine)
+    if judged:
+        return learning, judged, "held_out"
+    print("identify: no held-out recording; the model is judged on the validation rows, which early stopping saw")
+    return learning, [validation_part(trajectory) for trajectory in learning], "validation"
+
+
+if __name__ == "__main__":
+    main()
