@@ -35,7 +35,7 @@ LOWER_RAD = np.array([-0.9, -0.6, -2.4, -2.2])  # contract, section 1
 UPPER_RAD = np.array([0.9, 1.2, -0.3, 0.5])  # contract, section 1
 
 GEOMETRY: tuple[linkage.CylinderGeometry, ...] = (
-    # Pins such that closed length exceeds stroke by the piston and eyes (>= 0.12 m) and no dead centre is near.
+    # Pins such that closed length exceeds stroke by piston and eyes (>= 0.12 m), far from dead centres.
     linkage.Triangle(fixed_m=0.50, moving_m=0.16, angle_at_zero_rad=1.45, sign=1.0),
     linkage.Triangle(fixed_m=0.25, moving_m=0.75, angle_at_zero_rad=1.10, sign=1.0),
     linkage.Triangle(fixed_m=0.85, moving_m=0.19, angle_at_zero_rad=0.15, sign=-1.0),
@@ -77,10 +77,10 @@ def bobcat_e10() -> Parameters:
     return Parameters(
         pilot=Pilot(
             controller_cycle_s=0.010,  # usual cycle of mobile controllers
-            dead_time_s=np.array([[0.11, 0.11], [0.10, 0.12], [0.10, 0.11], [0.09, 0.09]]),
+            dead_time_s=np.array([[0.13, 0.13], [0.12, 0.14], [0.12, 0.13], [0.11, 0.11]]),
             set_pressure_Pa=np.full((N_JOINT, 2), 18.0 * BAR),  # pilot systems: 0-30 bar
-            rise_time_constant_s=np.array([[0.19, 0.18], [0.17, 0.22], [0.17, 0.19], [0.15, 0.16]]),
-            fall_time_constant_s=np.array([[0.12, 0.12], [0.11, 0.12], [0.11, 0.11], [0.10, 0.10]]),
+            rise_time_constant_s=np.array([[0.30, 0.28], [0.27, 0.32], [0.27, 0.30], [0.24, 0.26]]),
+            fall_time_constant_s=np.array([[0.14, 0.14], [0.13, 0.14], [0.13, 0.13], [0.12, 0.12]]),
             viscous_share=0.3,
             noise_std=0.008,
             noise_correlation_s=0.4,

@@ -53,7 +53,7 @@ def advance_pressures(
     viscosity: float,
     dt: float,
 ) -> None:
-    """Change supply and chamber pressures, engine speed, heat and the energy and volume accounts by one substep.
+    """One substep of supply and chamber pressures, engine speed, heat, and energy and volume accounts.
 
     Args:
         parameters: the machine.

@@ -120,7 +120,7 @@ def dynamics(links: Links, q: np.ndarray, v: np.ndarray, scratch: Scratch) -> No
 
 @njit
 def inverse_mass(mass: np.ndarray, inverse: np.ndarray) -> None:
-    """Inverse of the block-diagonal mass matrix (swing; symmetric 3x3 chain), written into `inverse` (4, 4)."""
+    """Inverse of the block-diagonal mass matrix (swing; symmetric 3x3 chain), into `inverse` (4, 4)."""
     a, b, c = mass[1, 1], mass[1, 2], mass[1, 3]
     d, e, f = mass[2, 2], mass[2, 3], mass[3, 3]
     c11, c12, c13 = d * f - e * e, c * e - b * f, b * e - c * d

@@ -23,7 +23,8 @@ def effective_bulk_modulus(
 ) -> float:
     """Bulk modulus of oil with entrained air in an elastic line, Pa.
 
-    1/β = 1/β_oil + 1/β_hose + x p₀/p² with isothermal air (Merritt, section 2-4; Jelali & Kroll, section 2.3).
+    1/β = 1/β_oil + 1/β_hose + x p₀/p² with isothermal air (Merritt, section 2-4; Jelali & Kroll,
+    section 2.3).
     """
     absolute = max(gauge_Pa, 0.0) + ATMOSPHERE_PA
     return 1.0 / (1.0 / oil_modulus_Pa + 1.0 / hose_modulus_Pa + air_fraction * ATMOSPHERE_PA / absolute**2)

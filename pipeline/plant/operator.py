@@ -28,6 +28,7 @@ class OperatorStyle:
     single_joint_probability: float  # next goal changes one joint only
     tap_probability: float  # instead of a goal: a few short taps of one joint
     dither_probability: float  # per decision while moving: let go or grab another joint
+    correction_probability: float  # after a move: look again at the same goal
     pitch_spread_rad: float  # standard deviation of the pitch chosen at goals
 
 
@@ -38,12 +39,13 @@ def draw_style(seed: int) -> OperatorStyle:
         reaction_time_s=random.uniform(0.22, 0.36),
         anticipation_s=random.uniform(0.10, 0.30),
         tolerance_rad=random.uniform(0.03, 0.07),
-        simultaneous=random.uniform(1.2, 2.2),
-        pause_probability=random.uniform(0.4, 0.8),
+        simultaneous=random.uniform(1.5, 2.6),
+        pause_probability=random.uniform(0.3, 0.7),
         pause_mean_s=random.uniform(0.6, 1.6),
         single_joint_probability=random.uniform(0.15, 0.35),
         tap_probability=random.uniform(0.05, 0.12),
         dither_probability=random.uniform(0.005, 0.02),
+        correction_probability=random.uniform(0.2, 0.5),
         pitch_spread_rad=random.uniform(0.4, 0.6),
     )
 
@@ -82,6 +84,8 @@ LIMIT_MARGIN_RAD = 0.02  # goals this far from the joint limits; going to a limi
 LONGEST_MOVE_S = 12.0  # then the operator changes his mind
 TAP_S = (0.10, 0.45)  # shortest and longest tap
 EXPECTED_SPEED_RAD_S = 0.35  # what the operator expects of a joint that is being moved
+ORDER_SPREAD_RAD = 0.3  # how loosely the longest way comes first
+SETTLE_S = 0.7  # how long the operator waits to see where the machine comes to rest
 RUN_OUT_S = 0.2  # horizon over which the operator extrapolates the tip when keeping it inside
 
 
@@ -105,7 +109,8 @@ class Operator:
         self.canvas = Canvas(machine.workspace, *CANVAS_CELLS)
         self._seen: list[np.ndarray] = []
         self._goal: np.ndarray | None = None
-        self._enabled = np.ones(machine.n_joint, dtype=bool)
+        self._pending = np.zeros(machine.n_joint, dtype=bool)  # still to be moved towards the goal
+        self._enabled = np.zeros(machine.n_joint, dtype=bool)  # whose stick is being held
         self._moving = np.zeros(machine.n_joint, dtype=np.int8)
         self._wait_s = 0.0
         self._elapsed_s = 0.0
@@ -128,7 +133,7 @@ class Operator:
         self._seen.append(np.array(measured))
         radius_height, _ = tip(self._seen[-1])
         self.canvas.paint(np.array([radius_height[0], measured[0], radius_height[1]]))
-        n_reaction = max(int(round(self._style.reaction_time_s / self._dt_s)), 1)
+        n_reaction = max(round(self._style.reaction_time_s / self._dt_s), 1)
         q = self._seen[max(len(self._seen) - 1 - n_reaction, 0)]
         q_before = self._seen[max(len(self._seen) - 1 - 2 * n_reaction, 0)]
         speed = (q - q_before) / (n_reaction * self._dt_s)
@@ -156,14 +161,14 @@ class Operator:
         """Choose the next goal: an unpainted place, a single-joint move, or a few taps."""
         random, style = self._random, self._style
         self._elapsed_s = 0.0
-        self._goal = q.copy()
         if random.random() < style.tap_probability:
             joint = random.integers(q.size)
             for _ in range(random.integers(1, 4)):
                 on = np.zeros(q.size, dtype=np.int8)
                 on[joint] = random.choice([-1, 1])
-                self._taps.append((on, int(round(random.uniform(*TAP_S) / self._dt_s))))
-                self._taps.append((np.zeros_like(on), int(round(random.uniform(*TAP_S) / self._dt_s))))
+                self._taps.append((on, round(random.uniform(*TAP_S) / self._dt_s)))
+                self._taps.append((np.zeros_like(on), round(random.uniform(*TAP_S) / self._dt_s)))
+            self._goal = None
             return
         goals = self._goals(q)
         if not goals:
@@ -175,14 +180,14 @@ class Operator:
             joint = random.integers(q.size)
             goal = np.where(np.arange(q.size) == joint, goal, q)
         self._goal = goal
-        n_once = int(np.clip(random.poisson(style.simultaneous - 1.0) + 1, 1, q.size))
-        order = np.argsort(-np.abs(goal - q) + 0.3 * random.random(q.size))
+        self._pending[:] = np.abs(goal - q) > style.tolerance_rad
         self._enabled[:] = False
-        self._enabled[order[:n_once]] = True
+        self._grab(goal - q)
 
     def _goals(self, q: np.ndarray) -> list[np.ndarray]:
         """Reachable configurations in unpainted places, those first whose way stays inside W+."""
-        inside, through = [], []
+        inside: list[np.ndarray] = []
+        through: list[np.ndarray] = []
         for place in self.canvas.choose(self._random, N_CANDIDATE):
             pitch = self._style.pitch_spread_rad * self._random.standard_normal()
             goal = configuration(place[[0, 2]], pitch, place[1])
@@ -198,31 +203,49 @@ class Operator:
         return inside + through
 
     def _steer(self, q: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Bang-bang towards the goal with anticipation, one group of joints after the other."""
+        """Bang-bang towards the goal with anticipation, one group of joints after the other.
+
+        A joint that was let go is left alone until the move is over: people look before they correct.
+        """
         style, random = self._style, self._random
         if self._goal is None:
             return np.zeros_like(self._moving)
         left = self._goal - (q + speed * (style.reaction_time_s + style.anticipation_s))
-        wanted = np.where(np.abs(left) > style.tolerance_rad, np.sign(left), 0.0).astype(np.int8)
-        # what is being moved is let go when reached; it is not reversed within the same move unless far off
-        reversed_ = (wanted * self._moving < 0) & (np.abs(left) < 3.0 * style.tolerance_rad)
-        wanted[reversed_] = 0
-        command = np.where(self._enabled, wanted, 0).astype(np.int8)
-        self._elapsed_s += self._dt_s
+        direction = np.where(np.abs(left) > style.tolerance_rad, np.sign(left), 0.0).astype(np.int8)
+        arrived = self._enabled & ((direction == 0) | (direction * self._moving < 0))
+        self._pending &= ~arrived
+        self._enabled &= ~arrived
         if random.random() < style.dither_probability:
             self._enabled[random.integers(q.size)] ^= True
-        if not command.any():
-            if wanted.any() and random.random() > style.dither_probability:
-                self._enabled[:] = wanted != 0
-            else:
-                self._goal = None
-                if random.random() < style.pause_probability:
-                    self._wait_s = random.exponential(style.pause_mean_s)
-        if self._elapsed_s > LONGEST_MOVE_S:
-            self._goal = None
-        command = self._kept_inside(q, speed, command)
-        self._moving = command
-        return command
+            self._enabled &= self._pending
+        if not self._enabled.any():
+            self._grab(left)
+        command = np.where(self._enabled & self._pending, direction, 0).astype(np.int8)
+        self._elapsed_s += self._dt_s
+        if not self._pending.any() or self._elapsed_s > LONGEST_MOVE_S:
+            self._finish(left)
+            command[:] = 0
+        self._moving = self._kept_inside(q, speed, command)
+        return self._moving
+
+    def _grab(self, left: np.ndarray) -> None:
+        """Take hold of the next joints, mostly those with the longest way to go."""
+        n_once = int(np.clip(self._random.poisson(self._style.simultaneous - 1.0) + 1, 1, left.size))
+        order = np.argsort(-np.abs(left) * self._pending + ORDER_SPREAD_RAD * self._random.random(left.size))
+        self._enabled[order[:n_once]] = True
+        self._enabled &= self._pending
+
+    def _finish(self, left: np.ndarray) -> None:
+        """After a move: look, correct what is far off, or go on; sometimes pause."""
+        if self._random.random() < self._style.correction_probability:
+            self._pending[:] = np.abs(left) > self._style.tolerance_rad
+            self._wait_s = SETTLE_S
+            self._elapsed_s = 0.0
+            if self._pending.any():
+                return
+        self._goal = None
+        if self._random.random() < self._style.pause_probability:
+            self._wait_s = self._random.exponential(self._style.pause_mean_s)
 
     def _kept_inside(self, q: np.ndarray, speed: np.ndarray, command: np.ndarray) -> np.ndarray:
         """Let go of what would carry the tip out of W+ in height or radius, if it is about to leave."""

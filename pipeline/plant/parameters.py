@@ -46,7 +46,7 @@ class Pilot(NamedTuple):
     noise_correlation_s: float
     """Correlation time of that noise."""
     crosstalk: FloatArray
-    """(n, 2, n, 2) Share of pilot pressure [j, d] that leaks into pilot line [i, e], index order [i, e, j, d]."""
+    """(n, 2, n, 2) At [i, e, j, d]: share of pilot pressure [j, d] that leaks into pilot line [i, e]."""
     coil_fade: FloatArray
     """(n, 2) Relative loss of pilot pressure of a coil that is warm from being held on."""
     coil_time_constant_s: float

@@ -42,7 +42,7 @@ def _interpolate(linkage: Linkage, joint: int, angle: float) -> tuple[float, flo
 def _accelerate(
     parameters: Parameters, state: State, scratch: Scratch, viscosity_ratio: float, dt: float
 ) -> None:
-    """Velocities after chamber pressures, viscous friction, gravity and inertia have acted for one substep."""
+    """Velocities after one substep of chamber pressures, viscous friction, gravity and inertia."""
     cylinder, n = parameters.cylinder, state.spool.size
     for j in range(n):
         arm, travel = _interpolate(parameters.linkage, j, state.angle_rad[j])
@@ -100,7 +100,7 @@ def _advance(
     numerics, pilot, oil = parameters.numerics, parameters.pilot, parameters.oil
     dt = numerics.substep_s
     n = state.spool.size
-    n_substep = int(round(numerics.control_period_s / dt))
+    n_substep = round(numerics.control_period_s / dt)
     stride = numerics.trace_stride
     command = state.controller_command.copy()
     row = 0
@@ -136,7 +136,7 @@ def _advance(
 
 @dataclass(frozen=True)
 class PlantSample:
-    """What one call of the plant produced; T control periods, N published joint states. Times: s since start."""
+    """What one call of the plant produced in T control periods. Times are seconds since the start."""
 
     end_s: np.ndarray  # (T,) ends of the control periods
     angle_rad: np.ndarray  # (T, n_joint) true joint angles at those ends
@@ -210,8 +210,8 @@ class Plant:
         commands = np.asarray(commands)
         if commands.ndim != 2 or commands.shape[1] != self.n_joint or not np.isin(commands, (-1, 0, 1)).all():
             raise InputError(
-                f"commands of shape {commands.shape} and values {np.unique(commands)[:5].tolist()}: the plant takes "
-                f"rows of {self.n_joint} values -1, 0 or 1"
+                f"commands of shape {commands.shape} and values {np.unique(commands)[:5].tolist()}: the "
+                f"plant takes rows of {self.n_joint} values -1, 0 or 1"
             )
         numerics, sensor = self.parameters.numerics, self.parameters.sensor
         n_period = commands.shape[0]

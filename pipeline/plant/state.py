@@ -75,7 +75,7 @@ def resting_state(parameters: Parameters, configuration: np.ndarray) -> State:
             chamber[j, POSITIVE] = (force + area[NEGATIVE] * chamber[j, NEGATIVE]) / area[POSITIVE]
         else:
             chamber[j, NEGATIVE] = (area[POSITIVE] * chamber[j, POSITIVE] - force) / area[NEGATIVE]
-    n_ring = int(round(LONGEST_DEAD_TIME_S / parameters.numerics.substep_s))
+    n_ring = round(LONGEST_DEAD_TIME_S / parameters.numerics.substep_s)
     return State(
         angle_rad=q.copy(),
         velocity_rad_s=np.zeros(n),

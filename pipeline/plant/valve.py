@@ -15,9 +15,9 @@ from pipeline.plant.state import State
 
 @njit
 def read_command(pilot: Pilot, state: State, command: np.ndarray, phase: int, dt: float) -> None:
-    """Controller cycle: take over `command` (n,) once per cycle, and store what was read for the dead time."""
+    """Controller cycle: take over `command` (n,) once per cycle; store what was read for the dead time."""
     index = state.ring_index[0]
-    cycle = max(int(round(pilot.controller_cycle_s / dt)), 1)
+    cycle = max(round(pilot.controller_cycle_s / dt), 1)
     if (index + phase) % cycle == 0:
         state.controller_command[:] = command
     state.command_ring[index % state.command_ring.shape[0]] = state.controller_command
@@ -34,7 +34,7 @@ def advance_pilots(pilot: Pilot, state: State, viscosity_ratio: float, dt: float
     n_active = 0
     for j in range(n):
         for d in range(2):
-            delay = int(round(pilot.dead_time_s[j, d] / dt))
+            delay = round(pilot.dead_time_s[j, d] / dt)
             asked = 0
             if newest >= delay:
                 asked = state.command_ring[(newest - delay) % n_ring, j]

@@ -1,0 +1,153 @@
+"""What a machine does, measured by simulation without process variation: speeds, rise times, sag, ringing.
+
+Used to state the truth of an effect in the terms of the contract, and by the tests.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.plant.parameters import NEGATIVE, POSITIVE, Parameters
+from pipeline.plant.simulator import Plant
+
+SETTLE_S = 1.0  # rest before a manoeuvre
+START_SHARE = 0.15  # of the joint's range between the start and the limit behind it
+AHEAD_SHARE = 0.12  # of the range before the limit ahead: there the measurement ends
+MIDDLE_RAD = (0.0, 0.75, -1.4, -0.9)  # the other joints of the E10
+FINE_PERIOD_S = 0.010  # control period of manoeuvres, for the sake of time resolution
+
+
+def quiet(parameters: Parameters) -> Parameters:
+    """The same machine without process variation, at a fine control period and fixed temperature."""
+    parameters = parameters.change("pilot", noise_std=0.0, controller_cycle_s=parameters.numerics.substep_s)
+    parameters = parameters.change("supply", ripple_std=0.0, relief_wander_std=0.0)
+    parameters = parameters.change("spool", silt_spread=0.0)
+    parameters = parameters.change("sensor", noise_std_rad=0.0, stamp_jitter_s=0.0, command_jitter_s=0.0)
+    parameters = parameters.change("oil", heat_capacity_J_K=1.0e12)
+    return parameters.change("numerics", control_period_s=FINE_PERIOD_S)
+
+
+class Response(NamedTuple):
+    """Angles and speeds of one joint after a manoeuvre begins; times from the command's onset."""
+
+    time_s: np.ndarray  # (T,)
+    angle_rad: np.ndarray  # (T,)
+    speed_rad_s: np.ndarray  # (T,)
+
+
+def respond(
+    parameters: Parameters,
+    joint: int,
+    direction: int,
+    duration_s: float,
+    start: np.ndarray | None = None,
+    others: np.ndarray | None = None,
+    rest_s: float = SETTLE_S,
+) -> Response:
+    """Hold one joint's command after a rest.
+
+    Args:
+        parameters: the machine; process variation is taken out.
+        joint: which.
+        direction: -1 or 1.
+        duration_s: how long the command is held.
+        start: configuration (n,), rad; by default the middle, with room for the motion.
+        others: commands (n,) of all joints, of which the joint's own is replaced; zero by default.
+        rest_s: rest before.
+    """
+    silent = quiet(parameters)
+    begin = start_for(parameters, joint, direction) if start is None else start
+    plant = Plant(silent, 0, begin)
+    command = np.zeros(plant.n_joint) if others is None else np.array(others)
+    command[joint] = direction
+    plant.run(np.zeros((round(rest_s / FINE_PERIOD_S), plant.n_joint)))
+    angle = plant.run(np.tile(command, (round(duration_s / FINE_PERIOD_S), 1))).angle_rad[:, joint]
+    time = FINE_PERIOD_S * (1.0 + np.arange(angle.size))
+    return Response(time, angle, np.gradient(angle, FINE_PERIOD_S))
+
+
+def start_for(parameters: Parameters, joint: int, direction: int) -> np.ndarray:
+    """The middle configuration, with `joint` near the limit behind the motion."""
+    linkage = parameters.linkage
+    start = np.array(MIDDLE_RAD)
+    span = linkage.upper_rad[joint] - linkage.lower_rad[joint]
+    behind = linkage.lower_rad[joint] if direction > 0 else linkage.upper_rad[joint]
+    start[joint] = behind + direction * START_SHARE * span
+    return start
+
+
+def full_speed(
+    parameters: Parameters, joint: int, direction: int, others: np.ndarray | None = None, hold_s: float = 2.5
+) -> float:
+    """Mean speed under full command from 1 s on, until near the limit or `hold_s`; rad/s, positive."""
+    response = respond(parameters, joint, direction, hold_s, others=others)
+    linkage = parameters.linkage
+    margin = AHEAD_SHARE * (linkage.upper_rad[joint] - linkage.lower_rad[joint])
+    inside = (response.angle_rad < linkage.upper_rad[joint] - margin) | (direction < 0)
+    inside &= (response.angle_rad > linkage.lower_rad[joint] + margin) | (direction > 0)
+    used = inside & (response.time_s >= 1.0)
+    return float(direction * np.mean(response.speed_rad_s[used]))
+
+
+def full_speeds(parameters: Parameters) -> np.ndarray:
+    """`full_speed` of every joint and direction, (n, 2)."""
+    n = parameters.linkage.lower_rad.size
+    return np.array([[full_speed(parameters, j, -1), full_speed(parameters, j, 1)] for j in range(n)])
+
+
+def start_time(parameters: Parameters, joint: int, direction: int, rest_s: float = SETTLE_S) -> float:
+    """From command to a tenth of full speed, s."""
+    return _crossing(parameters, joint, direction, 0.1, rest_s)
+
+
+def rise_time(parameters: Parameters, joint: int, direction: int) -> float:
+    """From command to nine tenths of the speed that is reached at 1.5 s, s."""
+    return _crossing(parameters, joint, direction, 0.9, SETTLE_S)
+
+
+def _crossing(parameters: Parameters, joint: int, direction: int, share: float, rest_s: float) -> float:
+    response = respond(parameters, joint, direction, 1.6, rest_s=rest_s)
+    speed = direction * response.speed_rad_s
+    settled = np.mean(speed[response.time_s >= 1.4])
+    return float(response.time_s[np.argmax(speed >= share * settled)])
+
+
+def sag_rate(parameters: Parameters, joint: int, duration_s: float = 10.0) -> float:
+    """Speed at zero command in the middle configuration, after the first second, rad/s."""
+    plant = Plant(quiet(parameters), 0, np.array(MIDDLE_RAD))
+    angle = plant.run(np.zeros((round(duration_s / FINE_PERIOD_S), plant.n_joint))).angle_rad[:, joint]
+    n_skip = round(SETTLE_S / FINE_PERIOD_S)
+    return float((angle[-1] - angle[n_skip]) / (FINE_PERIOD_S * (angle.size - 1 - n_skip)))
+
+
+class Ringing(NamedTuple):
+    """A decaying oscillation."""
+
+    frequency_Hz: float
+    damping_ratio: float
+
+
+def ringing(parameters: Parameters, joint: int, direction: int) -> Ringing | None:
+    """Oscillation of the speed after a full-speed stop, by peaks and logarithmic decrement; None if none."""
+    plant = Plant(quiet(parameters), 0, start_for(parameters, joint, direction))
+    command = np.zeros(plant.n_joint)
+    command[joint] = direction
+    n_move = round(1.5 / FINE_PERIOD_S)
+    plant.run(np.tile(command, (n_move, 1)))
+    angle = plant.run(np.zeros((n_move, plant.n_joint))).angle_rad[:, joint]
+    speed = np.gradient(angle, FINE_PERIOD_S)[round(0.25 / FINE_PERIOD_S) :]
+    turning = np.flatnonzero((speed[1:-1] - speed[:-2]) * (speed[2:] - speed[1:-1]) < 0.0) + 1
+    threshold = 0.01 * np.max(np.abs(np.gradient(angle, FINE_PERIOD_S)))
+    swings = np.abs(np.diff(speed[turning]))
+    kept = swings > threshold
+    n_swing = int(np.argmin(kept)) if not kept.all() else swings.size
+    if n_swing < 2:
+        return None
+    half_period = np.mean(np.diff(turning[: n_swing + 1])) * FINE_PERIOD_S
+    decrement = np.log(swings[0] / swings[n_swing - 1]) / (n_swing - 1) / np.pi
+    return Ringing(0.5 / float(half_period), float(decrement / np.hypot(1.0, decrement)))
+
+
+def side(direction: int) -> int:
+    """Index of a direction -1 or 1 in arrays of shape (n, 2)."""
+    return POSITIVE if direction > 0 else NEGATIVE

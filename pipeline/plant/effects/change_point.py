@@ -1,0 +1,16 @@
+"""`change_point`: any of the other effects sets in at some moment within the session."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.plant.effects.effect import Effect, Quantity, with_onset
+
+EARLIEST, LATEST = 0.3, 0.7  # of the session
+
+
+def wrap(random: np.random.Generator, effect: Effect, session_s: float) -> Effect:
+    """`effect`, from a random moment on; its truth gains the onset, s since the session's start."""
+    onset_s = random.uniform(EARLIEST, LATEST) * session_s
+    truth = effect.truth | {"onset": Quantity(onset_s, "s")}
+    return replace(with_onset(effect, onset_s), truth=truth)

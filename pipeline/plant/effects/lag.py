@@ -1,0 +1,26 @@
+"""`lag`: a throttled pilot line makes the build-up and decay of one joint's pilot pressure slower."""
+
+import numpy as np
+
+from pipeline.plant.effects.effect import JOINT_NAMES, Effect, Quantity, added, choose_joint
+from pipeline.plant.parameters import Parameters
+
+SMALLEST_S, LARGEST_S = 0.15, 0.40  # at size 1
+
+
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+    """Both time constants of both directions of one joint grow by the same amount."""
+    joint = choose_joint(random)
+    added_s = size * random.uniform(SMALLEST_S, LARGEST_S)
+
+    def apply(parameters: Parameters) -> Parameters:
+        pilot = parameters.pilot
+        return parameters.change(
+            "pilot",
+            rise_time_constant_s=added(pilot.rise_time_constant_s, joint, added_s),
+            fall_time_constant_s=added(pilot.fall_time_constant_s, joint, added_s),
+        )
+
+    name = JOINT_NAMES[joint]
+    truth = {"added_time_constant": Quantity(added_s, "s")}
+    return Effect("lag", "lag", (name,), (f"command_history:{name}",), truth, "throttled pilot lines", apply)
