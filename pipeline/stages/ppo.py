@@ -1,0 +1,78 @@
+"""Stage `ppo`: a reaching policy is learned on an identified model with PPO and discretised proto-actions."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import MISSING
+
+from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.control.curve import CurvePoint, write_curve
+from pipeline.control.policy import save_policy
+from pipeline.control.ppo import PPOConfig, train
+from pipeline.dynamics.store import load_model
+from pipeline.machine.kinematics import load_arm
+from pipeline.reaching.environment import ReachingEnvironment
+from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses
+from pipeline.reaching.reward import RewardConfig
+from pipeline.reaching.task import ReachingTask
+from pipeline.tracking import StageRun, progress_bar
+
+
+@dataclass
+class PPOStage(PipelineConfiguration):
+    """Keys of `conf/ppo.yaml`."""
+
+    control: ControlConfiguration = MISSING
+    episodes: EpisodesConfig = MISSING
+    reward: RewardConfig = MISSING
+    ppo: PPOConfig = MISSING
+    model: str = MISSING
+    seed: int = MISSING
+    checkpoints: str | None = None
+    output: str = MISSING
+
+
+@stage(PPOStage)
+def main(configuration: PPOStage, run: StageRun) -> None:
+    """Train one policy and write its folder."""
+    machine, episodes, output = configuration.machine, configuration.episodes, Path(configuration.output)
+    arm = load_arm(machine, MACHINE_DIRECTORY)
+    dynamics, parameters = load_model(Path(configuration.model))
+    run.inputs(f"{configuration.model}/parameters.msgpack")
+    environment = ReachingEnvironment(
+        ReachingTask(machine, arm, dynamics, parameters, configuration.reward),
+        learning_poses(machine, arm, episodes, configuration.seed),
+        configuration.control.action_repeats,
+        episodes.steps,
+    )
+    # The curve is measured on episodes of its own: those of the evaluation decide nothing here.
+    curve_episodes = evaluation_episodes(
+        machine, arm, episodes, episodes.evaluation_seed + 1, configuration.ppo.curve_episodes
+    )
+    with progress_bar(f"ppo seed {configuration.seed}", configuration.ppo.training_steps, "step") as bar:
+
+        def progress(point: CurvePoint) -> None:
+            metrics = point.metrics.as_dict()
+            bar.set_postfix({key: f"{metrics[key]:.2f}" for key in ("average_return", "sr_012_008")}, refresh=False)
+            bar.update(min(point.steps, configuration.ppo.training_steps) - bar.n)
+            run.metrics({f"curve.{key}": value for key, value in metrics.items()}, step=point.steps)
+
+        result = train(
+            environment,
+            configuration.ppo,
+            configuration.seed,
+            curve_episodes,
+            progress,
+            Path(configuration.checkpoints) if configuration.checkpoints else None,
+        )
+    save_policy(output, result.policy, {"seed": configuration.seed, "steps": result.policy_steps, "machine": machine.name})
+    write_curve(output / "curves.csv", result.curve)
+    kept = next(point for point in result.curve if point.steps == result.policy_steps)
+    metrics = {"steps": kept.steps, **kept.metrics.as_dict()}
+    (output / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
+    run.artifact(output, "policy")
+
+
+if __name__ == "__main__":
+    main()
