@@ -2,7 +2,7 @@
 
 import warnings
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +13,8 @@ from brax.io import mjcf
 
 from pipeline.machine.description import RobotDescription, arm_description, load_description
 from pipeline.machine.specification import MachineSpecification
+
+Array = TypeVar("Array", jax.Array, np.ndarray)
 
 
 class Pose(NamedTuple):
@@ -38,6 +40,7 @@ class Arm:
         self, machine: MachineSpecification, description: RobotDescription, system: base.System
     ) -> None:
         arm = arm_description(machine)
+        self.description = description
         self.n_joint = machine.n_joint
         self._joint_order = description.joint_order
         self._link = description.end_effector_link
@@ -76,11 +79,11 @@ class Arm:
         position, quaternion = jax.vmap(single)(flat)
         return Pose(position.reshape(*q.shape[:-1], 3), quaternion.reshape(*q.shape[:-1], 4))
 
-    def yaw(self, q: jax.Array) -> jax.Array:
+    def yaw(self, q: Array) -> Array:
         """Yaw of the chisel, rad, shape (...); positive to the left."""
         return q[..., self._yaw_index]
 
-    def pitch(self, q: jax.Array) -> jax.Array:
+    def pitch(self, q: Array) -> Array:
         """Pitch of the chisel, rad, shape (...); zero straight down, positive with the tip outwards."""
         return q[..., self._pitch_indices].sum(axis=-1) + self._pitch_offset_rad
 

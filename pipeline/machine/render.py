@@ -31,7 +31,8 @@ TARGET_HAMMER_LENGTH_M, TARGET_HAMMER_RADIUS_M = 0.28, 0.07
 AXIS_LENGTH_M, AXIS_RADIUS_M = 0.16, 0.008
 TRAIL_RADIUS_M = 0.007
 BARREL_RADIUS_M, ROD_RADIUS_M = 0.032, 0.016
-DECORATIONS = 4096  # room in MuJoCo's scene for trail, target and cylinders
+TRAIL_SEGMENTS = 2000  # longer trails are thinned
+DECORATIONS = TRAIL_SEGMENTS + 100  # room in MuJoCo's scene for trail, target and cylinders
 CYLINDER_SWEEP = 33  # configurations on which a cylinder's shortest length is sought
 
 
@@ -159,8 +160,6 @@ class ArmRenderer:
     def _connect(
         self, start: np.ndarray, stop: np.ndarray, radius: float, colour: Colour, shape: int
     ) -> None:
-        if self._scene.ngeom >= self._scene.maxgeom:
-            return
         geom = self._scene.geoms[self._scene.ngeom]
         mujoco.mjv_initGeom(
             geom, shape, np.zeros(3), np.zeros(3), np.eye(3).ravel(), np.array(colour, np.float32)
@@ -177,6 +176,7 @@ class ArmRenderer:
         bodies = {self._model.body(i).name: i for i in range(self._model.nbody)}
         suffix = "_cylinder_barrel"
         names = sorted(name.removesuffix(suffix) for name in bodies if name.endswith(suffix))
+        names = [name for name in names if f"{name}_cylinder_rod" in bodies]
         pairs = [(bodies[name + suffix], bodies[f"{name}_cylinder_rod"]) for name in names]
         shortest = np.full(len(pairs), np.inf)
         for q in np.linspace(machine.lower, machine.upper, CYLINDER_SWEEP):
@@ -196,7 +196,8 @@ class ArmRenderer:
             self._connect(start, stop, ROD_RADIUS_M, ROD_COLOUR, shape)
 
     def _draw_trail(self, trail: np.ndarray) -> None:
-        for start, stop in pairwise(trail):
+        stride = 1 + len(trail) // TRAIL_SEGMENTS
+        for start, stop in pairwise(trail[::stride]):
             self._connect(start, stop, TRAIL_RADIUS_M, TRAIL_COLOUR, mujoco.mjtGeom.mjGEOM_CAPSULE)
 
     def _draw_target(self, target: Pose) -> None:

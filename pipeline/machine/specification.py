@@ -5,6 +5,7 @@ commands are discrete. The dataclasses are mutable because Hydra's structured co
 """
 
 import enum
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -94,6 +95,17 @@ class WorkspaceSpecification:
     z_min_m: float
     z_max_m: float
     grill_height_m: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.radius_min_m < self.radius_max_m:
+            raise InputError(
+                f"workspace: radius_min_m {self.radius_min_m} and radius_max_m {self.radius_max_m} must "
+                "satisfy 0 <= radius_min_m < radius_max_m"
+            )
+        if not 0.0 < self.yaw_max_rad < math.pi:
+            raise InputError(f"workspace: yaw_max_rad is {self.yaw_max_rad}; it must be in (0, pi)")
+        if not self.z_min_m < self.z_max_m:
+            raise InputError(f"workspace: z_min_m {self.z_min_m} is not below z_max_m {self.z_max_m}")
 
 
 @dataclass

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from pipeline.errors import InputError
 from pipeline.machine.poses import PoseConditions, build_pose_table, sample_configurations
+from pipeline.machine.specification import WorkspaceSpecification
 from pipeline.machine.workspace import below_lower_plane, contains
 from tests.machine.reference import chisel_transform
 
@@ -109,3 +110,16 @@ def test_impossible_conditions_are_an_input_error(bobcat, arm):
         PoseConditions(0.0, None, None)
     with pytest.raises(InputError, match="z_min_m"):
         PoseConditions(1.0, 2.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ((2.6, 0.9, 0.85, 0.155, 2.5, 0.155), "radius_min_m"),
+        ((0.9, 2.6, 4.0, 0.155, 2.5, 0.155), "yaw_max_rad"),
+        ((0.9, 2.6, 0.85, 2.5, 0.155, 0.155), "z_min_m"),
+    ],
+)
+def test_impossible_workspaces_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        WorkspaceSpecification(*values)
