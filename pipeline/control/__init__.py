@@ -1,0 +1,1 @@
+"""Controllers of the reaching task: how they are learned, stored and evaluated."""

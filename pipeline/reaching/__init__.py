@@ -1,0 +1,1 @@
+"""The reaching task on a learned dynamics model: reward, episodes, environment, metrics."""

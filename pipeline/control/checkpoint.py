@@ -1,0 +1,103 @@
+"""Checkpoints of a training: one file, replaced atomically at every point of the learning curve."""
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from flax import serialization
+
+from pipeline.control.curve import CurvePoint
+from pipeline.control.policy import Policy, policy_from_content, policy_to_content
+from pipeline.errors import InputError
+from pipeline.reaching.metrics import ReachingMetrics
+
+_CHECKPOINT_FILE = "checkpoint.msgpack"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """State of a training.
+
+    Attributes:
+        steps: trained so far.
+        parameters: Brax's (statistics of observations, policy network, value network).
+        curve: so far.
+        kept: the policy kept as the training's result and its steps, once there is one.
+    """
+
+    steps: int
+    parameters: Any
+    curve: list[CurvePoint]
+    kept: tuple[Policy, int] | None
+
+
+def identity(*parts: Any) -> str:
+    """Hash of what a training depends on: numbers, strings and arrays, nested in dicts, lists and tuples."""
+    digest = hashlib.sha256()
+    leaves, structure = jax.tree.flatten(parts)
+    digest.update(str(structure).encode())
+    for leaf in leaves:
+        content = np.asarray(leaf)
+        digest.update(f"{content.dtype.str}{content.shape}".encode())
+        digest.update(content.tobytes())
+    return digest.hexdigest()
+
+
+def save_checkpoint(directory: Path, training: str, checkpoint: Checkpoint) -> None:
+    """Replace the directory's checkpoint.
+
+    Args:
+        directory: made if absent.
+        training: `identity` of the training.
+        checkpoint: its state.
+    """
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    kept = checkpoint.kept
+    content = {
+        "training": training,
+        "steps": checkpoint.steps,
+        "parameters": serialization.to_state_dict(jax.tree.map(np.asarray, checkpoint.parameters)),
+        "curve": json.dumps([asdict(point) for point in checkpoint.curve]),
+        "kept": None if kept is None else {"policy": policy_to_content(kept[0]), "steps": kept[1]},
+    }
+    unfinished = directory / f"{_CHECKPOINT_FILE}.{os.getpid()}"
+    unfinished.write_bytes(serialization.msgpack_serialize(content))
+    unfinished.replace(directory / _CHECKPOINT_FILE)
+
+
+def load_checkpoint(directory: Path, training: str, template: Any) -> Checkpoint | None:
+    """The directory's checkpoint, or None where there is none or it is of another training.
+
+    Args:
+        directory: where `save_checkpoint` wrote.
+        training: `identity` of the training that wants to go on.
+        template: parameters of the same structure.
+
+    Raises:
+        InputError: the file is broken.
+    """
+    path = Path(directory) / _CHECKPOINT_FILE
+    if not path.exists():
+        return None
+    try:
+        content = serialization.msgpack_restore(path.read_bytes())
+    except ValueError as error:
+        raise InputError(f"{path}: not readable as a checkpoint ({error}); delete it to train anew") from None
+    if content["training"] != training:
+        return None
+    kept = content["kept"]
+    return Checkpoint(
+        steps=content["steps"],
+        parameters=serialization.from_state_dict(template, content["parameters"]),
+        curve=[
+            CurvePoint(point["steps"], ReachingMetrics(**point["metrics"]))
+            for point in json.loads(content["curve"])
+        ],
+        kept=None if kept is None else (policy_from_content(kept["policy"]), kept["steps"]),
+    )

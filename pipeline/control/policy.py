@@ -1,0 +1,141 @@
+"""A learned reaching policy as an artifact: saved, loaded, asked for proto-actions, all without Brax.
+
+The folder holds `policy.msgpack` (arrays) and `meta.json` (schema version, sizes, and what the caller adds).
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import serialization
+
+from pipeline.errors import InputError
+
+POLICY_SCHEMA_VERSION = 1
+POLICY_FILE = "policy.msgpack"
+META_FILE = "meta.json"
+
+
+class Layer(NamedTuple):
+    """Affine layer: kernel (n_in, n_out), bias (n_out,)."""
+
+    kernel: jax.Array
+    bias: jax.Array
+
+
+class Policy(NamedTuple):
+    """The deterministic part of a PPO policy; a pytree, so it can be an argument of a jitted function.
+
+    Attributes:
+        mean: of observations in training, shape (n_observation,).
+        std: standard deviation of observations in training, shape (n_observation,).
+        layers: SiLU between them; the last one gives mean and scale parameter of the action, (2 n_joint,).
+    """
+
+    mean: jax.Array
+    std: jax.Array
+    layers: tuple[Layer, ...]
+
+    @property
+    def observation_size(self) -> int:
+        """Dimension of the observations that the policy takes."""
+        return self.mean.shape[-1]
+
+    @property
+    def action_size(self) -> int:
+        """Dimension of its proto-actions."""
+        return self.layers[-1].bias.shape[-1] // 2
+
+    def act(self, observation: jax.Array) -> jax.Array:
+        """Mode of the policy: proto-action (..., n_joint) in (-1, 1) for observations (..., n_observation).
+
+        This is tanh of the mean of the Gaussian; the learner's exploration noise is left out.
+        """
+        x = (observation - self.mean) / self.std
+        for layer in self.layers[:-1]:
+            x = jax.nn.silu(x @ layer.kernel + layer.bias)
+        last = self.layers[-1]
+        n = self.action_size
+        return jnp.tanh(x @ last.kernel[:, :n] + last.bias[:n])
+
+
+def policy_from_brax(normalizer: Any, parameters: Mapping[str, Any], normalized: bool) -> Policy:
+    """The policy within what Brax's PPO returns.
+
+    Args:
+        normalizer: its running statistics of observations.
+        parameters: its policy network's parameters, layers `hidden_0`, `hidden_1`, ...
+        normalized: whether observations were normalised in training.
+    """
+    mean, std = jnp.asarray(normalizer.mean), jnp.asarray(normalizer.std)
+    if not normalized:
+        mean, std = jnp.zeros_like(mean), jnp.ones_like(std)
+    layers = parameters["params"]
+    ordered = (layers[f"hidden_{index}"] for index in range(len(layers)))
+    return Policy(
+        mean,
+        std,
+        tuple(Layer(jnp.asarray(layer["kernel"]), jnp.asarray(layer["bias"])) for layer in ordered),
+    )
+
+
+def policy_to_content(policy: Policy) -> dict[str, Any]:
+    """The policy's arrays as nested dicts of NumPy arrays, for msgpack."""
+    return {
+        "mean": np.asarray(policy.mean),
+        "std": np.asarray(policy.std),
+        "kernels": {str(i): np.asarray(layer.kernel) for i, layer in enumerate(policy.layers)},
+        "biases": {str(i): np.asarray(layer.bias) for i, layer in enumerate(policy.layers)},
+    }
+
+
+def policy_from_content(content: Mapping[str, Any]) -> Policy:
+    """Inverse of `policy_to_content`."""
+    kernels, biases = content["kernels"], content["biases"]
+    layers = (Layer(jnp.asarray(kernels[str(i)]), jnp.asarray(biases[str(i)])) for i in range(len(kernels)))
+    return Policy(jnp.asarray(content["mean"]), jnp.asarray(content["std"]), tuple(layers))
+
+
+def save_policy(directory: Path, policy: Policy, meta: Mapping[str, Any]) -> None:
+    """Write the policy's folder.
+
+    Args:
+        directory: made if absent.
+        policy: what to save.
+        meta: what else `meta.json` states (configuration, lineage); JSON values.
+    """
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    (directory / POLICY_FILE).write_bytes(serialization.msgpack_serialize(policy_to_content(policy)))
+    sizes = {
+        "schema_version": POLICY_SCHEMA_VERSION,
+        "observation_size": policy.observation_size,
+        "action_size": policy.action_size,
+    }
+    (directory / META_FILE).write_text(json.dumps({**sizes, **meta}, indent=1, sort_keys=True) + "\n")
+
+
+def load_policy(directory: Path) -> tuple[Policy, dict[str, Any]]:
+    """Read a policy's folder: the policy and the content of its `meta.json`.
+
+    Raises:
+        InputError: the folder or one of its files is missing, broken, or of another schema version.
+    """
+    directory = Path(directory)
+    try:
+        meta = json.loads((directory / META_FILE).read_text())
+        content = serialization.msgpack_restore((directory / POLICY_FILE).read_bytes())
+    except FileNotFoundError as error:
+        raise InputError(f"{error.filename}: no such file; name a folder that `ppo` wrote") from None
+    except ValueError as error:
+        raise InputError(f"{directory}: not readable as a policy ({error}); train it again") from None
+    if meta.get("schema_version") != POLICY_SCHEMA_VERSION:
+        raise InputError(
+            f"{directory / META_FILE}: schema_version {meta.get('schema_version')}, this pipeline reads "
+            f"{POLICY_SCHEMA_VERSION}; train the policy again"
+        )
+    return policy_from_content(content), meta

@@ -1,0 +1,280 @@
+"""Proximal policy optimisation with Brax's implementation (paper, "RL-based controller")."""
+
+import functools
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax.training.acme import running_statistics, specs
+from brax.training.agents.ppo import networks as ppo_networks
+from brax.training.agents.ppo import train as ppo
+
+from pipeline.control.checkpoint import Checkpoint, identity, load_checkpoint, save_checkpoint
+from pipeline.control.curve import CurvePoint
+from pipeline.control.evaluate import policy_evaluation
+from pipeline.control.policy import Policy, policy_from_brax
+from pipeline.errors import InputError
+from pipeline.reaching.environment import ReachingEnvironment
+from pipeline.reaching.episodes import Episodes
+from pipeline.reaching.fresh_episodes import fresh_episodes
+from pipeline.reaching.metrics import reaching_metrics
+
+
+@dataclass
+class PPOConfig:
+    """Section `ppo` of a profile.
+
+    Steps are ticks of the environment, action repeats included, as the paper and Brax count them.
+
+    Attributes:
+        training_steps: at least so many; Brax rounds up to whole batches between two points of the curve.
+        evaluated_at_steps: the policy of the first point of the curve at or after it is kept.
+        learning_rate: of Adam, at the start.
+        final_learning_rate: at `training_steps`, linear in between; equal to `learning_rate` for a constant
+            one.
+        entropy_cost: weight of the entropy bonus.
+        discount: γ, per decision.
+        gae_lambda: λ of generalised advantage estimation.
+        unroll_length: decisions per sequence of a batch.
+        clipping: ε of the clipped objective.
+        batch_size: sequences per minibatch.
+        minibatches: minibatches per batch.
+        updates_per_batch: passes over a batch.
+        environments: episodes that run side by side.
+        staggered_episodes: spread the episodes' time-outs evenly in time instead of all at once.
+        policy_hidden: units of the policy's hidden layers (SiLU).
+        value_hidden: units of the critic's hidden layers (SiLU).
+        normalize_observations: by running mean and standard deviation.
+        reward_scaling: factor on rewards.
+        curve_points: points of the learning curve after the first, evenly spaced.
+        curve_episodes: fixed episodes that each point is measured over.
+    """
+
+    training_steps: int
+    evaluated_at_steps: int
+    learning_rate: float
+    final_learning_rate: float
+    entropy_cost: float
+    discount: float
+    gae_lambda: float
+    unroll_length: int
+    clipping: float
+    batch_size: int
+    minibatches: int
+    updates_per_batch: int
+    environments: int
+    staggered_episodes: bool
+    policy_hidden: list[int]
+    value_hidden: list[int]
+    normalize_observations: bool
+    reward_scaling: float
+    curve_points: int
+    curve_episodes: int
+
+    def __post_init__(self) -> None:
+        positive = (
+            "training_steps learning_rate final_learning_rate unroll_length clipping batch_size minibatches "
+            "updates_per_batch environments reward_scaling curve_points curve_episodes"
+        )
+        for name in positive.split():
+            if not getattr(self, name) > 0:
+                raise InputError(f"ppo.{name} is {getattr(self, name)}; it must be positive")
+        for name in ("discount", "gae_lambda"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"ppo.{name} is {getattr(self, name)}; it must be in [0, 1]")
+        if not 0 < self.evaluated_at_steps <= self.training_steps:
+            raise InputError(
+                f"ppo.evaluated_at_steps is {self.evaluated_at_steps}; it must be positive and not above "
+                f"ppo.training_steps ({self.training_steps})"
+            )
+        if self.batch_size * self.minibatches % self.environments:
+            raise InputError(
+                f"ppo.batch_size * ppo.minibatches = {self.batch_size * self.minibatches} is no multiple of "
+                f"ppo.environments = {self.environments}"
+            )
+        for name in ("policy_hidden", "value_hidden"):
+            if not getattr(self, name) or min(getattr(self, name)) < 1:
+                raise InputError(f"ppo.{name} is {getattr(self, name)}; list the units of at least one layer")
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """What a training gives.
+
+    Attributes:
+        policy: that of the first point of the curve at or after `evaluated_at_steps`.
+        policy_steps: steps that it was trained for.
+        curve: from the untrained policy on.
+    """
+
+    policy: Policy
+    policy_steps: int
+    curve: list[CurvePoint]
+
+
+class LinearDecay:
+    """Learning rate that falls linearly with Adam's count of updates.
+
+    Brax hands its `learning_rate` to Adam, which takes a schedule, but also reports
+    `jnp.array(learning_rate)`; as an array this stands for the initial value.
+    """
+
+    def __init__(self, initial: float, final: float, n_updates: int, n_updates_before: int) -> None:
+        """Decay over `n_updates`, of which `n_updates_before` took place before a resumed training began."""
+        self._initial, self._final = initial, final
+        self._n_updates, self._before = n_updates, n_updates_before
+
+    def __call__(self, count: jax.Array) -> jax.Array:
+        """Rate of the update after `count` updates."""
+        share = jnp.clip((count + self._before) / self._n_updates, 0.0, 1.0)
+        return self._initial + share * (self._final - self._initial)
+
+    def __jax_array__(self) -> jax.Array:
+        return jnp.asarray(self._initial)
+
+
+def train(
+    environment: ReachingEnvironment,
+    config: PPOConfig,
+    seed: int,
+    episodes: Episodes,
+    progress: Callable[[CurvePoint], None],
+    checkpoint_directory: Path | None,
+) -> TrainingResult:
+    """Train a policy.
+
+    With a checkpoint directory, every point of the curve is saved, and a training that finds the checkpoint
+    of an interrupted one of the same configuration, seed and task goes on from it. What is restored: policy,
+    critic, the statistics of observations, the curve and the policy kept so far. What begins afresh, because
+    Brax's PPO offers no way in: Adam's moments, the running episodes and the random stream (drawn from seed
+    and steps). A resumed training is therefore as good as, but not equal to, an uninterrupted one.
+
+    Args:
+        environment: what to learn on.
+        config: hyper-parameters.
+        seed: of everything random.
+        episodes: what the points of the curve are measured over, `config.curve_episodes` or more.
+        progress: called with every new point of the curve.
+        checkpoint_directory: where checkpoints go, or None.
+
+    Returns:
+        The kept policy and the curve.
+    """
+    evaluate = policy_evaluation(environment)
+    episodes = episodes.first(config.curve_episodes)
+    training = _identity(environment, config, seed, episodes)
+    resumed = None
+    if checkpoint_directory is not None:
+        resumed = load_checkpoint(checkpoint_directory, training, _untrained(environment, config))
+    curve = list(resumed.curve) if resumed else []
+    kept: tuple[Policy, int] | None = resumed.kept if resumed else None
+    steps_before = resumed.steps if resumed else 0
+
+    def record(steps: int, _: Any, parameters: tuple[Any, ...]) -> None:
+        nonlocal kept
+        steps += steps_before
+        if curve and steps <= curve[-1].steps:
+            return  # Brax reports the state that a resumed training begins with
+        policy = policy_from_brax(parameters[0], parameters[1], config.normalize_observations)
+        point = CurvePoint(steps, reaching_metrics(evaluate(policy, episodes)))
+        curve.append(point)
+        if kept is None and steps >= config.evaluated_at_steps:
+            kept = policy, steps
+        if checkpoint_directory is not None:
+            save_checkpoint(checkpoint_directory, training, Checkpoint(steps, parameters, curve, kept))
+        progress(point)
+
+    if steps_before < config.training_steps:
+        _run_brax(environment, config, seed, resumed, record)
+    assert kept is not None  # evaluated_at_steps <= training_steps <= steps of the last point
+    return TrainingResult(kept[0], kept[1], curve)
+
+
+def _identity(environment: ReachingEnvironment, config: PPOConfig, seed: int, episodes: Episodes) -> str:
+    task = environment.task
+    return identity(
+        asdict(config),
+        seed,
+        asdict(task.machine),
+        asdict(task.dynamics.specification),
+        task.parameters,
+        asdict(task.reward),
+        environment.poses,
+        (environment.action_repeats, environment.episode_ticks),
+        episodes,
+    )
+
+
+def _network_factory(config: PPOConfig) -> Callable[..., ppo_networks.PPONetworks]:
+    return functools.partial(
+        ppo_networks.make_ppo_networks,
+        policy_hidden_layer_sizes=tuple(config.policy_hidden),
+        value_hidden_layer_sizes=tuple(config.value_hidden),
+    )
+
+
+def _untrained(environment: ReachingEnvironment, config: PPOConfig) -> tuple[Any, Any, Any]:
+    """Parameters with the structure of those that Brax trains."""
+    networks = _network_factory(config)(environment.observation_size, environment.action_size)
+    statistics = running_statistics.init_state(
+        specs.Array((environment.observation_size,), jnp.dtype("float32"))
+    )
+    key = jax.random.key(0)  # values do not matter
+    return statistics, networks.policy_network.init(key), networks.value_network.init(key)
+
+
+def _run_brax(
+    environment: ReachingEnvironment,
+    config: PPOConfig,
+    seed: int,
+    resumed: Checkpoint | None,
+    record: Callable[[int, Any, tuple[Any, ...]], None],
+) -> None:
+    steps_per_batch = (
+        config.batch_size * config.minibatches * config.unroll_length * environment.action_repeats
+    )
+    updates_per_batch = config.minibatches * config.updates_per_batch
+    n_batches_per_point = -(-config.training_steps // (config.curve_points * steps_per_batch))
+    steps_per_point = n_batches_per_point * steps_per_batch
+    steps_before = resumed.steps if resumed else 0
+    points_left = -(-(config.training_steps - steps_before) // steps_per_point)
+    learning_rate: Any = config.learning_rate
+    if config.final_learning_rate != config.learning_rate:
+        learning_rate = LinearDecay(
+            config.learning_rate,
+            config.final_learning_rate,
+            config.training_steps // steps_per_batch * updates_per_batch,
+            steps_before // steps_per_batch * updates_per_batch,
+        )
+    if steps_before:
+        seed = int(np.random.SeedSequence([seed, steps_before]).generate_state(1)[0])
+    ppo.train(
+        environment=environment,
+        num_timesteps=points_left * steps_per_point,
+        wrap_env_fn=fresh_episodes(config.staggered_episodes),
+        num_envs=config.environments,
+        episode_length=environment.episode_ticks,
+        action_repeat=environment.action_repeats,
+        learning_rate=learning_rate,
+        entropy_cost=config.entropy_cost,
+        discounting=config.discount,
+        gae_lambda=config.gae_lambda,
+        unroll_length=config.unroll_length,
+        clipping_epsilon=config.clipping,
+        batch_size=config.batch_size,
+        num_minibatches=config.minibatches,
+        num_updates_per_batch=config.updates_per_batch,
+        normalize_observations=config.normalize_observations,
+        reward_scaling=config.reward_scaling,
+        network_factory=_network_factory(config),
+        seed=seed,
+        num_evals=points_left + 1,
+        run_evals=False,  # `record` measures the curve
+        num_eval_envs=1,
+        policy_params_fn=record,
+        restore_params=resumed.parameters if resumed else None,
+    )

@@ -1,0 +1,185 @@
+"""The reaching task on a learned dynamics model, tick by tick and without Brax's interface.
+
+The environment (policy learning), the evaluation and model predictive control all call `ReachingTask.tick`.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from pipeline.dynamics.features import History
+from pipeline.dynamics.model import DynamicsModel, Target
+from pipeline.dynamics.network import Parameters
+from pipeline.errors import InputError
+from pipeline.machine.kinematics import Arm, Pose
+from pipeline.machine.poses import workspace_of
+from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.workspace import below_lower_plane, contains
+from pipeline.reaching.discretise import command_from_proto_action
+from pipeline.reaching.reward import (
+    Deviation,
+    RewardConfig,
+    RewardTerms,
+    euclidean_norm,
+    geodesic_distance,
+    reward_terms,
+    total_reward,
+)
+
+
+class Goal(NamedTuple):
+    """The target: its configuration, shape (..., n_joint), rad (m), and the pose that it maps to."""
+
+    configuration: jax.Array
+    pose: Pose
+
+
+class TaskState(NamedTuple):
+    """What the task knows between two ticks; any leading axes.
+
+    Attributes:
+        history: the dynamics' window, before the next command.
+        pose: of the chisel tip, of `history.q`.
+        command: of the last tick, shape (..., n_joint); zero at the start of an episode.
+        goal: the target.
+    """
+
+    history: History
+    pose: Pose
+    command: jax.Array
+    goal: Goal
+
+
+class Outcome(NamedTuple):
+    """What one tick led to; any leading axes.
+
+    Attributes:
+        deviation: from the target.
+        inside: whether the pose lies in W+.
+        below: whether the tip is below W+'s lower plane.
+        terms: every reward term.
+        reward: sum of the enabled terms.
+    """
+
+    deviation: Deviation
+    inside: jax.Array
+    below: jax.Array
+    terms: RewardTerms
+    reward: jax.Array
+
+
+class ReachingTask:
+    """Dynamics, kinematics, workspace and reward put together; pure functions of explicit state.
+
+    The dynamics is the learned model's, except that the joint limits act as end stops: a joint that the model
+    carries beyond its limit stays there with zero velocity. The paper is silent on limits; without them a
+    policy that holds a command drives the model, and the statistics that normalise observations, far outside
+    any data (assumed).
+    """
+
+    def __init__(
+        self,
+        machine: MachineSpecification,
+        arm: Arm,
+        dynamics: DynamicsModel,
+        parameters: Parameters,
+        reward: RewardConfig,
+    ) -> None:
+        """Puts the parts together.
+
+        Args:
+            machine: joint limits, kind of commands and workspace.
+            arm: its kinematics.
+            dynamics: the learned model.
+            parameters: its parameters.
+            reward: weights, thresholds and enabled terms.
+
+        Raises:
+            InputError: the model is of another machine, or the machine has no workspace.
+        """
+        if list(dynamics.specification.joints) != list(machine.joint_names):
+            raise InputError(
+                f"the dynamics model has joints {', '.join(dynamics.specification.joints)}, "
+                f"machine {machine.name} has {', '.join(machine.joint_names)}; name the machine that the model was identified on"
+            )
+        self.machine = machine
+        self.arm = arm
+        self.dynamics = dynamics
+        self.reward = reward
+        self.parameters = parameters
+        self._workspace = workspace_of(machine)
+        self._lower = np.asarray(machine.lower, np.float32)
+        self._upper = np.asarray(machine.upper, np.float32)
+
+    @property
+    def observation_size(self) -> int:
+        """Dimension of an observation: x̃, two poses of seven numbers, two configurations."""
+        return self.dynamics.specification.n_features + 2 * (3 + 4) + 2 * self.machine.n_joint
+
+    def begin(self, start: jax.Array, goal: jax.Array) -> TaskState:
+        """Start of an episode: at rest in `start`, no history, target `goal`; both (..., n_joint)."""
+        return self.begin_at(start, self.arm.forward(start), Goal(goal, self.arm.forward(goal)))
+
+    def begin_at(self, start: jax.Array, pose: Pose, goal: Goal) -> TaskState:
+        """As `begin`, with poses that are known already."""
+        return TaskState(self.dynamics.initial_history(start), pose, jnp.zeros_like(start), goal)
+
+    def command(self, proto_action: jax.Array) -> jax.Array:
+        """The machine's command from a proto-action, both (..., n_joint)."""
+        return command_from_proto_action(self.machine.command_kind, proto_action)
+
+    def tick(self, state: TaskState, command: jax.Array) -> tuple[TaskState, Outcome]:
+        """Advance by one control period under `command` (..., n_joint), which the machine takes as it is."""
+        history = self._with_end_stops(self.dynamics.step(self.parameters, state.history, command))
+        pose = self.arm.forward(history.q)
+        deviation = self._deviation(history.q, pose, state.goal)
+        inside = contains(self._workspace, pose.position, self.arm.yaw(history.q))
+        terms = reward_terms(self.reward, deviation, command, state.command, inside)
+        outcome = Outcome(
+            deviation=deviation,
+            inside=inside,
+            below=below_lower_plane(self._workspace, pose.position),
+            terms=terms,
+            reward=total_reward(self.reward, terms),
+        )
+        return TaskState(history, pose, command, state.goal), outcome
+
+    def observe(self, state: TaskState) -> jax.Array:
+        """o_t (paper, "Observations"), shape (..., observation_size).
+
+        x̃, current position and quaternion, target position and quaternion, current and target configuration.
+        The configurations are min-max normalised as they are in x̃ (assumed: the paper does not say).
+        """
+        normalise = self.dynamics.normalise_position
+        return jnp.concatenate(
+            [
+                self.dynamics.features(state.history),
+                state.pose.position,
+                state.pose.quaternion,
+                state.goal.pose.position,
+                state.goal.pose.quaternion,
+                normalise(state.history.q),
+                normalise(state.goal.configuration),
+            ],
+            axis=-1,
+        )
+
+    def _deviation(self, q: jax.Array, pose: Pose, goal: Goal) -> Deviation:
+        # Differences of yaw and pitch are not wrapped: within the limits of an arm that does not turn round
+        # they stay below a full turn less any threshold in use.
+        return Deviation(
+            position=euclidean_norm(goal.pose.position - pose.position),
+            rotation=geodesic_distance(goal.pose.quaternion, pose.quaternion),
+            yaw=self.arm.yaw(q) - self.arm.yaw(goal.configuration),
+            pitch=self.arm.pitch(q) - self.arm.pitch(goal.configuration),
+            configuration=q - goal.configuration,
+        )
+
+    def _with_end_stops(self, history: History) -> History:
+        q = jnp.clip(history.q, self._lower, self._upper)
+        newest = history.motion[..., -1, :]
+        at_rest = q if self.dynamics.specification.target is Target.dq else jnp.zeros_like(newest)
+        newest = jnp.where(q == history.q, newest, at_rest)
+        return history._replace(q=q, motion=history.motion.at[..., -1, :].set(newest))
