@@ -9,10 +9,17 @@ from pipeline.logs.joint_states import JointStateAdapter, TargetPoseAdapter
 from pipeline.logs.mcap_file import read_mcap
 from pipeline.logs.message_blocks import ReadingLedger, StorageReader
 from pipeline.logs.raw_log import Note, NoteKind, RawLog, TargetPoses
+from pipeline.logs.rosbag1_file import read_rosbag1
+from pipeline.logs.sqlite3_file import read_sqlite3
+from pipeline.logs.tables import read_table
 from pipeline.logs.topic_columns import TopicColumns
 from pipeline.machine.specification import MachineSpecification
 
-STORAGE_READERS: dict[LogFormat, StorageReader] = {LogFormat.mcap: read_mcap}
+STORAGE_READERS: dict[LogFormat, StorageReader] = {
+    LogFormat.mcap: read_mcap,
+    LogFormat.rosbag1: read_rosbag1,
+    LogFormat.sqlite3: read_sqlite3,
+}
 
 
 def read_log(entry: LogEntry, machine: MachineSpecification) -> RawLog:
@@ -26,7 +33,11 @@ def read_log(entry: LogEntry, machine: MachineSpecification) -> RawLog:
         InputError: The log cannot be read at all, lacks a topic or joint of the machine, or is of another
         type.
     """
-    return _read_bag(entry, machine, STORAGE_READERS[entry.format])
+    if entry.error:
+        raise InputError(entry.error)
+    if entry.format in STORAGE_READERS:
+        return _read_bag(entry, machine, STORAGE_READERS[entry.format])
+    return read_table(entry, machine)
 
 
 def _read_bag(entry: LogEntry, machine: MachineSpecification, reader: StorageReader) -> RawLog:

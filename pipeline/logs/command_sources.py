@@ -84,7 +84,7 @@ class ArrayCommands:
 
 
 class JoyCommands:
-    """`sensor_msgs/Joy`: one signed stick axis per joint; discretised where the machine's commands are discrete."""
+    """`sensor_msgs/Joy`: one signed stick axis per joint; discretised for discrete machines."""
 
     role = ROLE
     type_name = "sensor_msgs/msg/Joy"

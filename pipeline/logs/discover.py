@@ -3,7 +3,7 @@
 import enum
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import yaml
@@ -44,6 +44,7 @@ class LogEntry:
         format: What reads its files.
         files: Its files in the order of recording.
         missing: Files that `metadata.yaml` lists and that are not there.
+        error: Why it cannot be read at all, if that is known already; `read_log` raises it.
     """
 
     name: str
@@ -51,6 +52,7 @@ class LogEntry:
     format: LogFormat
     files: tuple[Path, ...]
     missing: tuple[str, ...] = ()
+    error: str = ""
 
 
 def find_logs(directory: Path) -> list[LogEntry]:
@@ -147,9 +149,15 @@ def _bag_folder(directory: Path) -> LogEntry:
         )
     formats = {FORMATS[path.suffix] for path in present if path.suffix in FORMATS}
     if len(formats) != 1:
-        raise InputError(f"{place}: lists files that are neither .mcap nor .db3: {', '.join(listed)}")
+        return _broken(
+            directory, f"{place}: lists files that are neither .mcap nor .db3: {', '.join(listed)}"
+        )
     missing = tuple(path.name for path in paths if not path.exists())
     return LogEntry(directory.name, directory, formats.pop(), tuple(present), missing)
+
+
+def _broken(path: Path, reason: str) -> LogEntry:
+    return LogEntry(path.name, path, LogFormat.mcap, (), error=reason)
 
 
 def _with_unique_names(entries: list[LogEntry], directory: Path) -> list[LogEntry]:
@@ -163,5 +171,5 @@ def _with_unique_names(entries: list[LogEntry], directory: Path) -> list[LogEntr
             name = "_".join((*parents, name)) + (
                 "" if entry.path.is_dir() else entry.path.suffix.replace(".", "_")
             )
-        unique.append(LogEntry(name.replace("#", "_"), entry.path, entry.format, entry.files, entry.missing))
+        unique.append(replace(entry, name=name.replace("#", "_")))
     return unique

@@ -4,9 +4,8 @@ import numpy as np
 
 from pipeline.logs.message_blocks import Topic
 from pipeline.logs.message_layout import FieldGroup
+from pipeline.logs.raw_log import NANOSECONDS
 from pipeline.logs.topic_columns import MismatchError
-
-NANOSECONDS = 1_000_000_000
 
 
 def stamps_ns(group: FieldGroup) -> np.ndarray:

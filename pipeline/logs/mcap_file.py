@@ -15,7 +15,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.bounded_decompression import DecompressionError, decompress
-from pipeline.logs.message_blocks import MessageBlock, ReadingLedger, Topic
+from pipeline.logs.message_blocks import BlockColumns, MessageBlock, ReadingLedger, Topic
 from pipeline.logs.message_definitions import full_type_name
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -27,7 +27,6 @@ MESSAGE_FIELDS = MESSAGE_HEADER.size - PREFIX.size
 CHUNK_HEADER = struct.Struct(
     "<QQQII"
 )  # start, end, uncompressed size, checksum, length of the compression's name
-MAXIMUM_TIME_NS = np.iinfo(np.int64).max
 UNCHUNKED_BATCH_BYTES = 1 << 22
 
 
@@ -127,21 +126,16 @@ class _Scan:
 
     def records(self, data: bytes, place: str, offset: int) -> Iterator[MessageBlock]:
         """Walk message, schema and channel records and yield one block per wanted topic."""
-        found: dict[int, tuple[list[int], list[int], list[int]]] = {}
+        columns = BlockColumns(np.frombuffer(data, np.uint8))
         position, end = 0, len(data)
         unpack = MESSAGE_HEADER.unpack_from
         while position + PREFIX.size <= end:
             if data[position] == MESSAGE and position + MESSAGE_HEADER.size <= end:
                 _, length, channel, _, log_time, _ = unpack(data, position)
                 following = position + PREFIX.size + length
-                if following > end or length < MESSAGE_FIELDS or log_time > MAXIMUM_TIME_NS:
+                if following > end or length < MESSAGE_FIELDS:
                     break
-                columns = found.get(channel)
-                if columns is None:
-                    columns = found[channel] = ([], [], [])
-                columns[0].append(log_time)
-                columns[1].append(position + MESSAGE_HEADER.size)
-                columns[2].append(length - MESSAGE_FIELDS)
+                columns.add(channel, log_time, position + MESSAGE_HEADER.size, length - MESSAGE_FIELDS)
             else:
                 opcode, length = PREFIX.unpack_from(data, position)
                 following = position + PREFIX.size + length
@@ -154,20 +148,7 @@ class _Scan:
             self.ledger.damage(
                 offset, f"{place}, {end - position} bytes from its byte {position} on are lost"
             )
-        buffer = np.frombuffer(data, np.uint8)
-        for channel, columns in found.items():
-            topic = self.topics.get(channel)
-            if topic is None:
-                self.ledger.damage(
-                    offset,
-                    f"{len(columns[0])} messages {place} belong to a channel that is not described",
-                    len(columns[0]),
-                )
-                continue
-            self.ledger.count(topic, len(columns[0]))
-            if topic.name in self.wanted:
-                log_time, start, length = (np.array(column, dtype=np.int64) for column in columns)
-                yield MessageBlock(topic, log_time, buffer, start, length)
+        yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
 
     def describe(self, opcode: int, body: bytes, offset: int) -> None:
         """Take in a schema or a channel record."""

@@ -4,14 +4,19 @@ A storage reader (`mcap_file`, `rosbag1_file`, `sqlite3_file`) yields blocks; wh
 decided later and alike for all formats, and memory is bounded by the largest chunk.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import compress
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from pipeline.logs.raw_log import Note, NoteKind
+
+MAXIMUM_TIME_NS = (
+    1 << 62
+)  # the year 2116; what lies beyond is damage, and differences of times stay within int64
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,46 @@ class ReadingLedger:
         """Note damage at a byte offset of the file, and what was lost by it."""
         place = self.path.name if offset is None else f"{self.path.name}, byte {offset}"
         self.notes.append(Note(NoteKind.damage, f"{place}: {lost}", count))
+
+
+class BlockColumns:
+    """Gathers the messages found while a chunk is walked, channel by channel."""
+
+    def __init__(self, data: np.ndarray) -> None:
+        self.data = data
+        self.found: dict[int, tuple[list[int], list[int], list[int]]] = {}
+
+    def add(self, channel: int, log_time_ns: int, start: int, length: int) -> None:
+        """Take in one message."""
+        columns = self.found.get(channel)
+        if columns is None:
+            columns = self.found[channel] = ([], [], [])
+        columns[0].append(log_time_ns)
+        columns[1].append(start)
+        columns[2].append(length)
+
+    def blocks(
+        self, topics: Mapping[int, Topic], ledger: ReadingLedger, wanted: Collection[str], offset: int
+    ) -> Iterator[MessageBlock]:
+        """Count the messages of all channels and yield a block for each of the wanted topics."""
+        for channel, columns in self.found.items():
+            n_messages = len(columns[0])
+            topic = topics.get(channel)
+            if topic is None:
+                lost = f"{n_messages} messages in the chunk that starts here are of a channel never described"
+                ledger.damage(offset, lost, n_messages)
+                continue
+            ledger.count(topic, n_messages)
+            if topic.name in wanted:
+                possible = [0 <= time <= MAXIMUM_TIME_NS for time in columns[0]]
+                if not all(possible):
+                    n_impossible = possible.count(False)
+                    lost = f"{n_impossible} messages of {topic.name} in this chunk have impossible times"
+                    ledger.damage(offset, lost, n_impossible)
+                log_time, start, length = (
+                    np.array(list(compress(column, possible)), dtype=np.int64) for column in columns
+                )
+                yield MessageBlock(topic, log_time, self.data, start, length)
 
 
 class StorageReader(Protocol):

@@ -141,7 +141,7 @@ def structured_view(layout: Layout) -> np.dtype:
 def _decode_alike(
     block: MessageBlock, candidates: np.ndarray, layout: Layout, message: bytes
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Copy the candidates side by side; keep those whose length words and wanted strings are the first one's."""
+    """Copy the candidates side by side; keep those with the first one's length words and wanted strings."""
     length = layout.length
     overlapping = np.ndarray(
         (len(block.data) - length + 1,), dtype=f"V{length}", buffer=block.data, strides=(1,)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+NANOSECONDS = 1_000_000_000  # per second
+
 
 class NoteKind(enum.StrEnum):
     """What a note about a log is about."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.logs.joint_states import NANOSECONDS
+from pipeline.logs.raw_log import NANOSECONDS
 
 
 @dataclass(frozen=True)

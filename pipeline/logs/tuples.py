@@ -1,4 +1,4 @@
-"""Tuples (q, q̇, a) at the machine's rate, in and out of Parquet: what models learn from (contract, section 2)."""
+"""Tuples (q, q̇, a) at the machine's rate, in and out of Parquet (contract, section 2)."""
 
 import os
 from collections.abc import Sequence
@@ -44,7 +44,9 @@ class Trajectory:
 def validation_part(trajectory: Trajectory) -> Trajectory:
     """Return the trajectory's validation rows, which lie at its end, as a trajectory of their own."""
     rows = trajectory.is_validation
-    columns = {name: getattr(trajectory, name)[rows] for name in ("t_s", "stamp_ns", "q", "qd", "a", "is_validation")}
+    columns = {
+        name: getattr(trajectory, name)[rows] for name in ("t_s", "stamp_ns", "q", "qd", "a", "is_validation")
+    }
     return Trajectory(trajectory.name, **columns)
 
 

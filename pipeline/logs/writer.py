@@ -20,10 +20,9 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
 from pipeline.errors import InputError
-from pipeline.logs.joint_states import NANOSECONDS
 from pipeline.logs.message_definitions import parse_definition
 from pipeline.logs.message_layout import layout_of, structured_view
-from pipeline.logs.raw_log import TargetPoses
+from pipeline.logs.raw_log import NANOSECONDS, TargetPoses
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
 METADATA_VERSION = 9

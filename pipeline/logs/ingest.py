@@ -1,0 +1,242 @@
+"""A folder of logs in, tuples and the quality report out; log by log, side by side, resumable."""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+
+from pipeline.errors import InputError
+from pipeline.logs.bags import read_log
+from pipeline.logs.discover import LogEntry, find_logs
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.loop_tracker import LoopTrackerConfig
+from pipeline.logs.quality import QualityReport, measure
+from pipeline.logs.raw_log import Note, NoteKind
+from pipeline.logs.trajectories import make_trajectories
+from pipeline.logs.tuples import SUFFIX, write_tuples
+from pipeline.machine.specification import MachineSpecification
+
+SCHEMA_VERSION = 1  # raise it when the same log would give other tuples or another report
+RECORD_SUFFIX = ".ingest.json"
+HASH_PIECE_BYTES = 1 << 22
+WORTH_A_PROCESS_BYTES = 1 << 26  # below, starting an interpreter takes longer than reading
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A log that could not be used, and why (one line)."""
+
+    name: str
+    reason: str
+
+
+@dataclass
+class IngestSummary:
+    """What became of a folder of logs.
+
+    Attributes:
+        reports: Quality of each log that yielded tuples, by name.
+        failures: The others.
+        n_skipped: Logs whose tuples were up to date.
+    """
+
+    reports: list[QualityReport] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    n_skipped: int = 0
+
+    def metrics(self) -> dict[str, float | int | None]:
+        """Return flat, deterministic metrics: totals, then those of each log behind its name."""
+        totals = {
+            "n_logs": len(self.reports) + len(self.failures),
+            "n_failed": len(self.failures),
+            **{
+                key: sum(report.metrics[key] or 0 for report in self.reports)
+                for key in ("duration_s", "n_trajectories", "n_rows", "n_validation_rows")
+            },
+        }
+        each = {
+            f"{report.name}/{key}": value for report in self.reports for key, value in report.metrics.items()
+        }
+        return {**totals, **each}
+
+    def raise_if_failed(self) -> None:
+        """Raise an `InputError` with one line that names every log that failed."""
+        if self.failures:
+            total = len(self.reports) + len(self.failures)
+            reasons = "; ".join(failure.reason for failure in self.failures)
+            raise InputError(f"{len(self.failures)} of {total} logs failed: {reasons}")
+
+
+def ingest(
+    machine: MachineSpecification,
+    logs_directory: Path,
+    output_directory: Path,
+    config: IngestConfig,
+    loop_tracker: LoopTrackerConfig,
+    *,
+    allow_empty: bool = False,
+    n_processes: int | None = None,
+) -> IngestSummary:
+    """Turn every log of a folder into tuples.
+
+    Each log becomes `<name>.parquet` and, beside it, a record of what was measured. A log whose record is of
+    the same bytes, machine and configuration is not read again. What the folder holds of logs that are gone
+    is removed. A log that fails does not stop the others.
+
+    Args:
+        machine: The machine.
+        logs_directory: Folder of logs, or one log.
+        output_directory: Where tuples and records go.
+        config: Section `ingest`.
+        loop_tracker: Section `control.loop_tracker`.
+        allow_empty: Whether a folder without logs is allowed.
+        n_processes: How many logs are read side by side; by default as many as there are cores.
+
+    Raises:
+        InputError: The folder holds no logs (unless allowed), or the output cannot be written.
+    """
+    entries = _find(logs_directory, allow_empty)
+    try:
+        output_directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{output_directory}: cannot be made ({error.strerror}); name another output"
+        ) from error
+    settings = _Settings(machine, config, loop_tracker, output_directory)
+    summary = IngestSummary()
+    results = dict(_run(entries, settings, n_processes or os.cpu_count() or 1))
+    for entry in entries:
+        outcome = results[entry.name]
+        if isinstance(outcome, Failure):
+            summary.failures.append(outcome)
+        else:
+            report, skipped = outcome
+            summary.reports.append(report)
+            summary.n_skipped += skipped
+    _remove_stale(output_directory, {report.name for report in summary.reports})
+    return summary
+
+
+def write_metrics(summary: IngestSummary, path: Path) -> None:
+    """Write the flat metrics as JSON."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(summary.metrics(), indent=1) + "\n", encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class _Settings:
+    machine: MachineSpecification
+    config: IngestConfig
+    loop_tracker: LoopTrackerConfig
+    output: Path
+
+
+_Outcome = tuple[QualityReport, bool] | Failure
+
+
+def _find(directory: Path, allow_empty: bool) -> list[LogEntry]:
+    if allow_empty and (not directory.exists() or not any(directory.iterdir())):
+        return []
+    return find_logs(directory)
+
+
+def _run(entries: list[LogEntry], settings: _Settings, n_processes: int) -> Iterator[tuple[str, _Outcome]]:
+    n_bytes = sum(path.stat().st_size for entry in entries for path in entry.files if path.exists())
+    n_processes = min(n_processes, len(entries))
+    if n_processes <= 1 or n_bytes < WORTH_A_PROCESS_BYTES:
+        for entry in entries:
+            yield entry.name, _ingest_one(entry, settings)
+        return
+    with ProcessPoolExecutor(n_processes, mp_context=get_context("spawn")) as pool:
+        futures = {pool.submit(_ingest_one, entry, settings): entry for entry in entries}
+        for future in as_completed(futures):
+            entry = futures[future]
+            try:
+                yield entry.name, future.result()
+            except BrokenProcessPool:
+                yield (
+                    entry.name,
+                    Failure(entry.name, f"{entry.path}: the process that read it was killed; read it alone"),
+                )
+
+
+def _ingest_one(entry: LogEntry, settings: _Settings) -> _Outcome:
+    """Read one log and write its tuples and its record, unless they are there."""
+    record_path = settings.output / f"{entry.name}{RECORD_SUFFIX}"
+    tuples_path = settings.output / f"{entry.name}{SUFFIX}"
+    try:
+        fingerprint = _fingerprint(entry, settings)
+        known = _read_record(record_path, fingerprint, tuples_path)
+        if known is not None:
+            return known, True
+        raw = read_log(entry, settings.machine)
+        result = make_trajectories(raw, settings.machine, settings.config, settings.loop_tracker)
+        report = measure(raw, result, settings.machine, settings.config)
+        write_tuples(settings.output, settings.machine, result.trajectories, name=entry.name)
+        _write_record(record_path, fingerprint, tuples_path, report)
+        return report, False
+    except InputError as error:
+        return Failure(entry.name, str(error))
+    except OSError as error:
+        place = error.filename or entry.path
+        return Failure(
+            entry.name, f"{place}: {error.strerror or error}; make room or check permissions, then run again"
+        )
+    except MemoryError:
+        return Failure(entry.name, f"{entry.path}: does not fit into memory; split the bag")
+
+
+def _fingerprint(entry: LogEntry, settings: _Settings) -> str:
+    """Digest everything that the tuples and the record depend on."""
+    digest = hashlib.sha256()
+    described = [SCHEMA_VERSION, entry.name, entry.format, [path.name for path in entry.files], entry.missing]
+    sections = [asdict(settings.machine), asdict(settings.config), asdict(settings.loop_tracker)]
+    digest.update(json.dumps([*described, *sections]).encode())
+    for path in entry.files:
+        try:
+            with path.open("rb") as file:
+                digest.update(f"{path.stat().st_size}:".encode())
+                while piece := file.read(HASH_PIECE_BYTES):
+                    digest.update(piece)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+    return digest.hexdigest()
+
+
+def _write_record(path: Path, fingerprint: str, tuples_path: Path, report: QualityReport) -> None:
+    record = {"fingerprint": fingerprint, "tuples": _file_digest(tuples_path), "report": asdict(report)}
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    os.replace(partial, path)
+
+
+def _read_record(path: Path, fingerprint: str, tuples_path: Path) -> QualityReport | None:
+    """Return the report of an earlier run if it is of the same input and its tuples are as it left them."""
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        if record["fingerprint"] != fingerprint or record["tuples"] != _file_digest(tuples_path):
+            return None
+        report = record["report"]
+        notes = [Note(NoteKind(note["kind"]), note["text"], note["count"]) for note in report["notes"]]
+        return QualityReport(report["name"], report["metrics"], notes, report["findings"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _file_digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _remove_stale(directory: Path, names: Iterable[str]) -> None:
+    """Remove tuples and records that an earlier run left of logs that are gone or fail now."""
+    kept = set(names)
+    for record in directory.glob(f"*{RECORD_SUFFIX}"):
+        name = record.name.removesuffix(RECORD_SUFFIX)
+        if name not in kept:
+            (directory / f"{name}{SUFFIX}").unlink(missing_ok=True)
+            record.unlink()
