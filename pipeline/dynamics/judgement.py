@@ -19,12 +19,14 @@ class OpenLoopPrediction:
         t_s: Times of the predicted rows, s from the bag's start, shape (H,).
         measured: Positions, rad or m, shape (H, n_joint).
         predicted: The same as predicted from the row before the first, shape (H, n_joint).
+        commands: In force up to each of these rows, shape (H, n_joint).
     """
 
     trajectory: str
     t_s: np.ndarray
     measured: np.ndarray
     predicted: np.ndarray
+    commands: np.ndarray
 
 
 def judge(
@@ -55,4 +57,4 @@ def long_prediction(
     horizon = min(horizon, len(trajectory) - first_row - 1)
     rows = slice(first_row + 1, first_row + 1 + horizon)
     predicted = predictor.predict(trajectory, np.array([first_row]), horizon)[0]
-    return OpenLoopPrediction(trajectory.name, trajectory.t_s[rows], trajectory.q[rows], predicted)
+    return OpenLoopPrediction(trajectory.name, trajectory.t_s[rows], trajectory.q[rows], predicted, trajectory.a[first_row : first_row + horizon])

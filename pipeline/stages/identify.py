@@ -1,7 +1,7 @@
 """Stage `identify`: a dynamics model is trained by back-propagation through time and judged beside a linear ARX."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +72,7 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
     lineage = {"judged_on": judged_on, "trajectories": [trajectory.name for trajectory in learning], "machine": machine.name}
     save_model(output, result.model, result.parameters, lineage, metrics, result.curves)
     prediction = long_prediction(predictor, judged, FIRST_JUDGED_ROW, LONG_PREDICTION_STEPS)
-    np.savez(output / "open_loop.npz", t_s=prediction.t_s, measured=prediction.measured, predicted=prediction.predicted)
+    np.savez(output / "open_loop.npz", **asdict(prediction))
     run.metrics(flatten_metrics(metrics))
     run.artifact(output, "model")
 

@@ -1,0 +1,110 @@
+"""What the stages left in the artifacts folder, read back for tables and figures."""
+
+import csv
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.errors import InputError
+
+
+@dataclass(frozen=True)
+class ModelResult:
+    """A dynamics model: content of `artifacts/identify/<kind>`."""
+
+    kind: str  # <parameterization>_<target>
+    specification: dict[str, Any]
+    lineage: dict[str, Any]
+    metrics: dict[str, Any]
+    open_loop: dict[str, np.ndarray]
+
+    @property
+    def architecture(self) -> str:
+        """As the paper writes it, `MLP(512, 128)`."""
+        hidden = ", ".join(str(units) for units in self.specification["hidden"])
+        return f"{self.specification['parameterization'].upper()}({hidden})"
+
+
+@dataclass(frozen=True)
+class ControllerResult:
+    """One controller of one seed: `artifacts/ppo/<kind>/seed_<n>` and its evaluation."""
+
+    kind: str
+    seed: int
+    curve: list[dict[str, float]]
+    metrics: dict[str, float]  # over the evaluation episodes
+    success_rates: np.ndarray
+    evaluation: Path  # folder of traces and episodes
+
+
+@dataclass(frozen=True)
+class PipelineResults:
+    """Everything that the report shows."""
+
+    quality: dict[str, Any]
+    models: list[ModelResult]
+    controllers: list[ControllerResult]
+
+    def controllers_of(self, kind: str) -> list[ControllerResult]:
+        """The controllers synthesised on one model, by seed."""
+        return sorted((c for c in self.controllers if c.kind == kind), key=lambda controller: controller.seed)
+
+
+def read_results(artifacts: Path) -> PipelineResults:
+    """Read the folder that the stages write into.
+
+    Raises:
+        InputError: a file of a stage is missing or damaged, or there is no model.
+    """
+    models = [_model(folder) for folder in _folders(artifacts / "identify")]
+    if not models:
+        raise InputError(f"{artifacts}/identify: no model here; run the stage identify first")
+    controllers = [
+        _controller(seed_folder, artifacts)
+        for kind_folder in _folders(artifacts / "ppo")
+        for seed_folder in _folders(kind_folder)
+    ]
+    return PipelineResults(_json(artifacts / "ingest/sessions/quality.json"), models, controllers)
+
+
+def _model(folder: Path) -> ModelResult:
+    meta = _json(folder / "meta.json")
+    with np.load(_existing(folder / "open_loop.npz"), allow_pickle=False) as content:
+        open_loop = dict(content)
+    return ModelResult(folder.name, meta["specification"], meta["metadata"], _json(folder / "metrics.json"), open_loop)
+
+
+def _controller(folder: Path, artifacts: Path) -> ControllerResult:
+    kind = folder.parent.name
+    evaluation = artifacts / "evaluate_brax" / f"ppo_{kind}" / folder.name
+    with _existing(folder / "curves.csv").open(newline="") as file:
+        curve = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    return ControllerResult(
+        kind,
+        int(folder.name.removeprefix("seed_")),
+        curve,
+        _json(evaluation / "metrics.json"),
+        np.loadtxt(_existing(evaluation / "success_rates.csv"), delimiter=",", ndmin=2),
+        evaluation,
+    )
+
+
+def _folders(directory: Path) -> Iterator[Path]:
+    yield from sorted(path for path in directory.glob("*") if path.is_dir())
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        return json.loads(_existing(path).read_text())
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: not JSON ({error}); run the stage that writes it again") from error
+
+
+def _existing(path: Path) -> Path:
+    if not path.exists():
+        raise InputError(f"{path}: no such file; run the stage that writes it first (dvc repro)")
+    return path

@@ -1,0 +1,50 @@
+"""Stage `ingest`: bags become tuples of configuration, velocity and command at the machine's rate."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import MISSING
+
+from pipeline.configuration import ControlConfiguration, PipelineConfiguration, stage
+from pipeline.logs.ingest import ingest, write_metrics
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.tracking import StageRun, flatten_metrics
+
+
+@dataclass
+class IngestStage(PipelineConfiguration):
+    """Keys of `conf/ingest.yaml`."""
+
+    control: ControlConfiguration = MISSING
+    ingest: IngestConfig = MISSING
+    logs: str = MISSING
+    output: str = MISSING
+    report: str = MISSING
+    allow_empty: bool = False
+
+
+@stage(IngestStage)
+def main(configuration: IngestStage, run: StageRun) -> None:
+    """Read every log, write tuples and the quality report; logs that fail are named at the end."""
+    run.inputs(configuration.logs)
+    summary = ingest(
+        configuration.machine,
+        Path(configuration.logs),
+        Path(configuration.output),
+        configuration.ingest,
+        configuration.control.loop_tracker,
+        allow_empty=configuration.allow_empty,
+    )
+    quality = Path(configuration.report) / "quality.json"
+    write_metrics(summary, quality)
+    for report in summary.reports:
+        print(f"{report.name}: {report.metrics['n_rows']} rows, {report.metrics['duration_s']:.0f} s")
+        for finding in report.findings:
+            print(f"  {finding}")
+    run.metrics(flatten_metrics({key: value for key, value in summary.metrics().items() if "/" not in key}))
+    run.artifact(quality)
+    summary.raise_if_failed()
+
+
+if __name__ == "__main__":
+    main()
