@@ -11,6 +11,7 @@ import yaml
 from pipeline.errors import InputError
 
 METADATA = "metadata.yaml"
+MAXIMUM_METADATA_CHARACTERS = 1 << 22
 SPLIT_NAME = re.compile(r"(?P<stem>.+)_(?P<number>\d+)")
 
 
@@ -79,9 +80,8 @@ def _entries(directory: Path) -> list[LogEntry]:
     try:
         children = sorted(os.scandir(directory), key=lambda child: child.name)
     except OSError as error:
-        raise InputError(
-            f"{directory}: cannot be read ({error.strerror}); check the folder's permissions"
-        ) from error
+        text = f"{directory}: cannot be read ({error.strerror}); check the folder's permissions"
+        return [_broken(directory, text)]
     if any(child.name == METADATA for child in children):
         return [_bag_folder(directory)]
     files = [directory / child.name for child in children if child.name[0] != "." and child.is_file()]
@@ -131,22 +131,22 @@ def _bag_folder(directory: Path) -> LogEntry:
     """A ROS 2 bag folder, as its metadata describes it."""
     place = directory / METADATA
     try:
-        information = yaml.safe_load(place.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        with place.open(encoding="utf-8") as file:
+            information = yaml.safe_load(file.read(MAXIMUM_METADATA_CHARACTERS))[
+                "rosbag2_bagfile_information"
+            ]
         listed = [str(name) for name in information["relative_file_paths"]]
     except OSError as error:
-        raise InputError(
-            f"{place}: cannot be read ({error.strerror}); check the file's permissions"
-        ) from error
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError):
+        return _broken(directory, f"{place}: cannot be read ({error.strerror}); check its permissions")
+    except (yaml.YAMLError, ValueError, KeyError, TypeError, RecursionError):
         listed = []  # damaged metadata: the files themselves say what they hold
     paths = [directory / Path(name).name for name in listed]  # older releases list them with the folder
     present = [path for path in paths if path.exists()]
     if not present:
         present = sorted(path for path in directory.iterdir() if path.suffix in (".mcap", ".db3"))
     if not present:
-        raise InputError(
-            f"{directory}: a bag folder without its files; {METADATA} lists {', '.join(listed) or 'none'}"
-        )
+        listing = ", ".join(listed) or "none"
+        return _broken(directory, f"{directory}: a bag folder without its files; {METADATA} lists {listing}")
     formats = {FORMATS[path.suffix] for path in present if path.suffix in FORMATS}
     if len(formats) != 1:
         return _broken(

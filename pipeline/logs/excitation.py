@@ -74,7 +74,7 @@ def apparent_delay_s(
 def frozen_stretches(
     trajectories: list[Trajectory], joint: int, machine: MachineSpecification, frozen_after_s: float
 ) -> int:
-    """Count stretches in which the position repeats exactly while its joint is commanded, away from limits."""
+    """Count stretches in which the position repeats exactly while the joint is commanded, off its limits."""
     limit = machine.joints[joint]
     margin = NEAR_LIMIT_OF_RANGE * (limit.upper - limit.lower)
     n_rows = round(frozen_after_s * machine.rate_hz)
