@@ -54,7 +54,9 @@ class PipelineConfiguration:
     ppo: Any = MISSING
 
 
-def stage(configuration: type[PipelineConfiguration]) -> Callable[[Callable[[Any, StageRun], None]], Callable[[], None]]:
+def stage(
+    configuration: type[PipelineConfiguration],
+) -> Callable[[Callable[[Any, StageRun], None]], Callable[[], None]]:
     """Turn `function(configuration, run)` into a command with Hydra's overrides and multirun.
 
     The command's name is the module's, and so is its configuration file's. `InputError` becomes one line on standard
@@ -68,8 +70,8 @@ def stage(configuration: type[PipelineConfiguration]) -> Callable[[Callable[[Any
         @functools.wraps(function)
         def job(composed: DictConfig) -> None:
             try:
-                typed = OmegaConf.to_object(composed)
-                resolved = OmegaConf.to_container(composed, resolve=True)
+                typed: Any = OmegaConf.to_object(composed)
+                resolved: Any = OmegaConf.to_container(composed, resolve=True)
                 with track(name, typed.tracking, resolved, OmegaConf.to_yaml(composed, resolve=True)) as run:
                     function(typed, run)
             except MissingMandatoryValue as error:

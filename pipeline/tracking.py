@@ -51,7 +51,9 @@ class StageRun:
         from mlflow.entities import Metric
 
         now_ms = int(time.time() * 1000)
-        metrics = [Metric(key, float(value), now_ms, step) for key, value in values.items() if value is not None]
+        metrics = [
+            Metric(key, float(value), now_ms, step) for key, value in values.items() if value is not None
+        ]
         self._client.log_batch(self.run_id, metrics=metrics)
 
     def artifact(self, path: Path, folder: str | None = None) -> None:
@@ -157,7 +159,9 @@ def _open_store(configuration: TrackingConfiguration) -> tuple[Any, str]:
             location = Path(configuration.artifacts).absolute().as_uri() if configuration.artifacts else None
             return client, client.create_experiment(configuration.experiment, artifact_location=location)
         except MlflowException as error:
-            raise InputError(f"tracking.uri={configuration.uri}: {error}; is the tracking server up?") from error
+            raise InputError(
+                f"tracking.uri={configuration.uri}: {error}; is the tracking server up?"
+            ) from error
 
 
 def _end_orphans(client: Any, experiment_id: str) -> None:
@@ -174,7 +178,9 @@ def _parent_run(client: Any, experiment_id: str, pipeline: str, tags: Mapping[st
         if found:
             client.update_run(found[0].info.run_id, status="RUNNING")
             return found[0].info.run_id
-        parent_tags = {key: value for key, value in tags.items() if key not in ("stage", "mlflow.runName", "process")}
+        parent_tags = {
+            key: value for key, value in tags.items() if key not in ("stage", "mlflow.runName", "process")
+        }
         parent_tags |= {
             "pipeline": pipeline,
             "process": pipeline,
@@ -194,15 +200,24 @@ def _log_parameters(client: Any, run_id: str, resolved: Mapping[str, Any]) -> No
 
 def _flatten(tree: Any, prefix: str = "") -> dict[str, Any]:
     if isinstance(tree, Mapping):
-        return {key: value for name, branch in tree.items() for key, value in _flatten(branch, f"{prefix}{name}.").items()}
+        return {
+            key: value
+            for name, branch in tree.items()
+            for key, value in _flatten(branch, f"{prefix}{name}.").items()
+        }
     return {prefix.rstrip("."): tree}
 
 
 def _git_tags() -> dict[str, str]:
     try:
-        commit = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
+        commit = subprocess.run(
+            ["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=True
+        ).stdout.strip()
         dirty = subprocess.run(
-            ["git", "status", "--porcelain", "--untracked-files=no"], capture_output=True, text=True, check=True
+            ["git", "status", "--porcelain", "--untracked-files=no"],
+            capture_output=True,
+            text=True,
+            check=True,
         ).stdout
     except (OSError, subprocess.CalledProcessError):
         return {}
@@ -232,7 +247,9 @@ def flatten_metrics(tree: Mapping[str, Any]) -> dict[str, float]:
 def progress_bar(description: str, total: int, unit: str) -> tqdm:
     """A progress bar on standard error; in a log file it prints a line every half minute instead of redrawing."""
     interval_s = 0.2 if sys.stderr.isatty() else 30.0
-    return tqdm(total=total, desc=description, unit=unit, mininterval=interval_s, maxinterval=interval_s, leave=True)
+    return tqdm(
+        total=total, desc=description, unit=unit, mininterval=interval_s, maxinterval=interval_s, leave=True
+    )
 
 
 @contextlib.contextmanager

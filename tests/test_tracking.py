@@ -17,7 +17,9 @@ RESOLVED = {"profile": "smoke", "machine": {"name": "bobcat_e10", "rate_hz": 20.
 def configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TrackingConfiguration:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DVC_STAGE", raising=False)
-    return TrackingConfiguration(True, f"sqlite:///{tmp_path}/mlflow.db", str(tmp_path / "artifacts"), "reaching")
+    return TrackingConfiguration(
+        True, f"sqlite:///{tmp_path}/mlflow.db", str(tmp_path / "artifacts"), "reaching"
+    )
 
 
 def runs(configuration: TrackingConfiguration) -> list:
@@ -38,7 +40,10 @@ def test_a_stage_leaves_a_run_with_parameters_metrics_and_artifacts(
     assert found.data.params["machine.rate_hz"] == "20.0"
     assert found.data.metrics == {"open_loop_rmse_80.boom": 0.25}
     client = MlflowClient(tracking_uri=configuration.uri)
-    assert {item.path for item in client.list_artifacts(found.info.run_id)} == {"configuration.yaml", "metrics.json"}
+    assert {item.path for item in client.list_artifacts(found.info.run_id)} == {
+        "configuration.yaml",
+        "metrics.json",
+    }
 
 
 def test_a_failing_stage_leaves_a_failed_run(configuration: TrackingConfiguration) -> None:
@@ -63,7 +68,9 @@ def test_a_killed_stage_is_ended_by_the_next(configuration: TrackingConfiguratio
     assert sorted(run.info.status for run in runs(configuration)) == ["FINISHED", "KILLED"]
 
 
-def test_stages_of_one_dvc_process_share_a_parent(configuration: TrackingConfiguration, tmp_path: Path) -> None:
+def test_stages_of_one_dvc_process_share_a_parent(
+    configuration: TrackingConfiguration, tmp_path: Path
+) -> None:
     """A real process named `dvc` starts two stages one after the other."""
     stage = (
         "import json, sys\n"
@@ -77,7 +84,8 @@ def test_stages_of_one_dvc_process_share_a_parent(configuration: TrackingConfigu
     dvc.write_text(
         "import subprocess, sys\n"
         "for _ in range(2):\n"
-        f"    subprocess.run([sys.executable, 'stage.py', {json.dumps(fields)!r}, {json.dumps(RESOLVED)!r}], check=True)\n"
+        f"    arguments = [{json.dumps(fields)!r}, {json.dumps(RESOLVED)!r}]\n"
+        "    subprocess.run([sys.executable, 'stage.py', *arguments], check=True)\n"
     )
     root = str(Path(__file__).parents[1])
     environment = os.environ | {"DVC_STAGE": "identify@mlp-dqdot", "PYTHONPATH": root}

@@ -13,6 +13,10 @@ from pipeline.errors import InputError
 _PACKAGES = {"egl": "libegl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}  # Debian's
 
 
+class RenderingUnavailableError(InputError):
+    """This computer cannot render: its OpenGL library is missing or finds no device."""
+
+
 class GLContext(Protocol):
     """What MuJoCo's contexts offer."""
 
@@ -31,7 +35,8 @@ def create_context(width: int, height: int) -> GLContext:
         height: pixels.
 
     Raises:
-        InputError: the platform is unknown, or its OpenGL library is missing or finds no device.
+        InputError: the platform is unknown.
+        RenderingUnavailableError: its OpenGL library is missing or finds no device.
     """
     platform = os.environ.get("MUJOCO_GL", "").lower() or "egl"
     if platform not in _PACKAGES:
@@ -51,8 +56,8 @@ def create_context(width: int, height: int) -> GLContext:
     return context
 
 
-def _unavailable(platform: str, error: Exception) -> InputError:
-    return InputError(
+def _unavailable(platform: str, error: Exception) -> RenderingUnavailableError:
+    return RenderingUnavailableError(
         f"rendering needs the OpenGL platform {platform}, which fails here ({error}); install it (Debian: "
         f"apt install {_PACKAGES[platform]}) or set MUJOCO_GL to {', '.join(set(_PACKAGES) - {platform})}"
     )

@@ -61,7 +61,9 @@ def render_page(
         provenance: Name and value of what the figures were made from (commit, data hashes, configuration, runs).
     """
     template = resources.files("pipeline.reporting").joinpath("page.html.j2").read_text(encoding="utf-8")
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     return environment.from_string(template).render(
         title=title, verdict=verdict, key_figures=key_figures, sections=sections, provenance=provenance
     )

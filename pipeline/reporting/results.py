@@ -75,7 +75,9 @@ def _model(folder: Path) -> ModelResult:
     meta = _json(folder / "meta.json")
     with np.load(_existing(folder / "open_loop.npz"), allow_pickle=False) as content:
         open_loop = dict(content)
-    return ModelResult(folder.name, meta["specification"], meta["metadata"], _json(folder / "metrics.json"), open_loop)
+    return ModelResult(
+        folder.name, meta["specification"], meta["metadata"], _json(folder / "metrics.json"), open_loop
+    )
 
 
 def _controller(folder: Path, artifacts: Path) -> ControllerResult:

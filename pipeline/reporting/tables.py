@@ -27,7 +27,9 @@ class Table:
     def __post_init__(self) -> None:
         for row in self.rows:
             if len(row) != len(self.columns):
-                raise ValueError(f"{self.title}: a row has {len(row)} cells, the table {len(self.columns)} columns: {row}")
+                raise ValueError(
+                    f"{self.title}: a row has {len(row)} cells, the table {len(self.columns)} columns: {row}"
+                )
 
     def markdown(self) -> str:
         """The table as GitHub-flavoured Markdown."""
@@ -59,7 +61,9 @@ class Table:
     def html(self) -> str:
         """The table as an HTML fragment."""
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in self.columns)
-        body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows
+        )
         notes = "".join(f"<p class='note'>{html.escape(note)}</p>" for note in self.notes)
         caption = html.escape(self.title)
         return (

@@ -46,7 +46,9 @@ def main(configuration: EvaluateBraxStage, run: StageRun) -> None:
         configuration.control.action_repeats,
         conditions.steps,
     )
-    episodes = evaluation_episodes(machine, arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes)
+    episodes = evaluation_episodes(
+        machine, arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
+    )
     traces = evaluate_policy(policy, environment, episodes)
     metrics = reaching_metrics(traces).as_dict()
     output.mkdir(parents=True, exist_ok=True)

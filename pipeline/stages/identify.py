@@ -51,7 +51,9 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
     with progress_bar(f"identify {kind}", training.maximum_epochs, "epoch") as bar:
 
         def progress(epoch: int, training_loss: float, evaluation_loss: float) -> None:
-            bar.set_postfix(training=f"{training_loss:.2e}", evaluation=f"{evaluation_loss:.2e}", refresh=False)
+            bar.set_postfix(
+                training=f"{training_loss:.2e}", evaluation=f"{evaluation_loss:.2e}", refresh=False
+            )
             bar.update(epoch - bar.n)
             run.metrics({"training_loss": training_loss, "evaluation_loss": evaluation_loss}, step=epoch)
 
@@ -69,7 +71,11 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
     predictor = LearnedPredictor(result.model, result.parameters)
     arx = fit_arx(learning, configuration.target, training.lags, machine.dt_s, settings.arx_ridge)
     metrics = result.metrics | judge({"model": predictor, "arx": arx}, judged, machine)
-    lineage = {"judged_on": judged_on, "trajectories": [trajectory.name for trajectory in learning], "machine": machine.name}
+    lineage = {
+        "judged_on": judged_on,
+        "trajectories": [trajectory.name for trajectory in learning],
+        "machine": machine.name,
+    }
     save_model(output, result.model, result.parameters, lineage, metrics, result.curves)
     prediction = long_prediction(predictor, judged, FIRST_JUDGED_ROW, LONG_PREDICTION_STEPS)
     np.savez(output / "open_loop.npz", **asdict(prediction))
@@ -84,14 +90,18 @@ def split_by_purpose(configuration: IdentifyStage) -> tuple[list[Trajectory], Se
     names = [trajectory.name for trajectory in learning]
     unknown = [name for name in configuration.hold_out if name not in names]
     if unknown:
-        raise InputError(f"hold_out={unknown}: no such trajectory in {configuration.tuples}; it has {', '.join(names)}")
+        raise InputError(
+            f"hold_out={unknown}: no such trajectory in {configuration.tuples}; it has {', '.join(names)}"
+        )
     judged = [trajectory for trajectory in learning if trajectory.name in configuration.hold_out]
     learning = [trajectory for trajectory in learning if trajectory.name not in configuration.hold_out]
     if configuration.held_out is not None and any(Path(configuration.held_out).glob("*.parquet")):
         judged += read_tuples(Path(configuration.held_out), machine)
     if judged:
         return learning, judged, "held_out"
-    print("identify: no held-out recording; the model is judged on the validation rows, which early stopping saw")
+    print(
+        "identify: no held-out recording; the model is judged on the validation rows, which early stopping saw"
+    )
     return learning, [validation_part(trajectory) for trajectory in learning], "validation"
 
 

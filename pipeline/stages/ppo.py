@@ -54,7 +54,9 @@ def main(configuration: PPOStage, run: StageRun) -> None:
 
         def progress(point: CurvePoint) -> None:
             metrics = point.metrics.as_dict()
-            bar.set_postfix({key: f"{metrics[key]:.2f}" for key in ("average_return", "sr_012_008")}, refresh=False)
+            bar.set_postfix(
+                {key: f"{metrics[key]:.2f}" for key in ("average_return", "sr_012_008")}, refresh=False
+            )
             bar.update(min(point.steps, configuration.ppo.training_steps) - bar.n)
             run.metrics({f"curve.{key}": value for key, value in metrics.items()}, step=point.steps)
 
@@ -66,7 +68,11 @@ def main(configuration: PPOStage, run: StageRun) -> None:
             progress,
             Path(configuration.checkpoints) if configuration.checkpoints else None,
         )
-    save_policy(output, result.policy, {"seed": configuration.seed, "steps": result.policy_steps, "machine": machine.name})
+    save_policy(
+        output,
+        result.policy,
+        {"seed": configuration.seed, "steps": result.policy_steps, "machine": machine.name},
+    )
     write_curve(output / "curves.csv", result.curve)
     kept = next(point for point in result.curve if point.steps == result.policy_steps)
     metrics = {"steps": kept.steps, **kept.metrics.as_dict()}

@@ -37,10 +37,14 @@ def main(configuration: RecordStage, run: StageRun) -> None:
         shutil.rmtree(output / folder, ignore_errors=True)
         (output / folder).mkdir(parents=True)
     if configuration.logs is not None and Path(configuration.logs) != output / "sessions":
-        print(f"record: the logs in {configuration.logs} take the place of recorded ones; nothing is recorded")
+        print(
+            f"record: the logs in {configuration.logs} take the place of recorded ones; nothing is recorded"
+        )
         return
     start = datetime.fromisoformat(record.first_session)
-    seeds = iter(np.random.SeedSequence(record.seed).generate_state(1 + sum(map(len, folders.values()))).tolist())
+    seeds = iter(
+        np.random.SeedSequence(record.seed).generate_state(1 + sum(map(len, folders.values()))).tolist()
+    )
     style_seed = next(seeds)
     for folder, durations in folders.items():
         for minutes in durations:

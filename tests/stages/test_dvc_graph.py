@@ -25,6 +25,10 @@ def import_graph() -> grimp.ImportGraph:
     return grimp.build_graph("pipeline")
 
 
+def is_bare_package(module: str) -> bool:
+    return (ROOT / module.replace(".", "/") / "__init__.py").exists()
+
+
 def imported_modules(stage: str) -> set[str]:
     """Modules of the library that the stage imports, directly or not, without the frame."""
     graph, found, open_ = import_graph(), set(), [f"pipeline.stages.{stage}"]
@@ -43,8 +47,9 @@ def test_every_imported_module_is_a_dependency(name: str) -> None:
     for module in imported_modules(name):
         path = module.replace(".", "/")
         covered = any(f"{path}.py" == dep or f"{path}/".startswith(f"{dep}/") for dep in dependencies)
-        is_bare_package = (ROOT / path / "__init__.py").exists()
-        assert covered or is_bare_package, f"stage {name} imports {module}, which dvc.yaml does not name"
+        assert covered or is_bare_package(module), (
+            f"stage {name} imports {module}, which dvc.yaml does not name"
+        )
 
 
 @pytest.mark.parametrize("name", stages())
