@@ -14,7 +14,7 @@ from numba import njit
 
 from pipeline.plant.parameters import Friction, Linkage
 from pipeline.plant.scratch import Scratch
-from pipeline.plant.state import FRICTION, STOP, State
+from pipeline.plant.state import State
 
 N_SWEEP = 3
 STOP_RETURN = 0.2  # share of a stop's penetration that is pushed back per substep (Baumgarte)
@@ -29,12 +29,10 @@ def stribeck_force(friction: Friction, joint: int, piston_speed: float) -> float
 
 
 @njit
-def _push(inverse_mass: np.ndarray, velocity: np.ndarray, joint: int, impulse: float) -> float:
-    """Apply an impulse at one joint to all velocities; returns its work."""
-    before = velocity[joint]
+def _push(inverse_mass: np.ndarray, velocity: np.ndarray, joint: int, impulse: float) -> None:
+    """Apply an impulse at one joint to all velocities."""
     for i in range(velocity.size):
         velocity[i] += inverse_mass[i, joint] * impulse
-    return impulse * 0.5 * (before + velocity[joint])
 
 
 @njit
@@ -49,15 +47,12 @@ def _stop(linkage: Linkage, state: State, scratch: Scratch, joint: int, dt: floa
     wanted = present - excess / scratch.inverse_mass[joint, joint]
     wanted = max(wanted, 0.0) if angle <= linkage.lower_rad[joint] else min(wanted, 0.0)
     scratch.stop_impulse[joint] = wanted
-    state.energy_J[STOP] -= _push(scratch.inverse_mass, state.velocity_rad_s, joint, wanted - present)
+    _push(scratch.inverse_mass, state.velocity_rad_s, joint, wanted - present)
 
 
 @njit
 def apply_impulses(friction: Friction, linkage: Linkage, state: State, scratch: Scratch, dt: float) -> None:
-    """Change the velocities by friction and stop impulses, and account for the energy that they take.
-
-    The work of an impulse over the substep is the impulse times the mean of the velocity before and after it.
-    """
+    """Change the velocities by friction and stop impulses, which stay in `scratch`."""
     velocity = state.velocity_rad_s
     n = velocity.size
     for j in range(n):
@@ -71,6 +66,6 @@ def apply_impulses(friction: Friction, linkage: Linkage, state: State, scratch: 
             present, bound = scratch.friction_impulse[j], scratch.friction_bound[j]
             wanted = min(max(present - velocity[j] / scratch.inverse_mass[j, j], -bound), bound)
             scratch.friction_impulse[j] = wanted
-            state.energy_J[FRICTION] -= _push(scratch.inverse_mass, velocity, j, wanted - present)
+            _push(scratch.inverse_mass, velocity, j, wanted - present)
         for j in range(n):
             _stop(linkage, state, scratch, j, dt)

@@ -39,7 +39,7 @@ def draw_style(seed: int) -> OperatorStyle:
         reaction_time_s=random.uniform(0.22, 0.36),
         anticipation_s=random.uniform(0.10, 0.30),
         tolerance_rad=random.uniform(0.03, 0.07),
-        simultaneous=random.uniform(1.5, 2.6),
+        simultaneous=random.uniform(1.8, 3.0),
         pause_probability=random.uniform(0.3, 0.7),
         pause_mean_s=random.uniform(0.6, 1.6),
         single_joint_probability=random.uniform(0.15, 0.35),
@@ -61,7 +61,11 @@ class Canvas:
 
     def contains(self, point: np.ndarray) -> bool:
         """Whether (radius, yaw, height) lies in W+."""
-        return bool(np.all(point >= self._lower) and np.all(point <= self._upper))
+        return self.distance(point) == 0.0
+
+    def distance(self, point: np.ndarray) -> float:
+        """How far (radius, yaw, height) lies outside W+, metres and radians added up; zero inside."""
+        return float(np.sum(np.maximum(self._lower - point, 0.0) + np.maximum(point - self._upper, 0.0)))
 
     def paint(self, point: np.ndarray) -> None:
         """Count a visit at (radius, yaw, height)."""
@@ -80,13 +84,15 @@ class Canvas:
 CANVAS_CELLS = (7, 8, 9)  # radius, yaw, height: cells of about 0.25 m
 N_CANDIDATE = 24  # places that the operator considers before choosing
 N_HEADING = 12  # samples of a straight joint motion that must stay in W+
+PITCH_MAX_RAD = 1.047  # of goals (contract, section 1)
 LIMIT_MARGIN_RAD = 0.02  # goals this far from the joint limits; going to a limit happens by overshoot
 LONGEST_MOVE_S = 12.0  # then the operator changes his mind
 TAP_S = (0.10, 0.45)  # shortest and longest tap
 EXPECTED_SPEED_RAD_S = 0.35  # what the operator expects of a joint that is being moved
 ORDER_SPREAD_RAD = 0.3  # how loosely the longest way comes first
 SETTLE_S = 0.7  # how long the operator waits to see where the machine comes to rest
-RUN_OUT_S = 0.2  # horizon over which the operator extrapolates the tip when keeping it inside
+BORDER_TOLERANCE = 0.01  # how much farther outside W+ the operator lets the tip go
+RUN_OUT_S = 0.35  # horizon over which the operator extrapolates the tip when keeping it inside
 
 
 class Operator:
@@ -189,7 +195,8 @@ class Operator:
         inside: list[np.ndarray] = []
         through: list[np.ndarray] = []
         for place in self.canvas.choose(self._random, N_CANDIDATE):
-            pitch = self._style.pitch_spread_rad * self._random.standard_normal()
+            pitch = self._style.pitch_spread_rad * float(self._random.standard_normal())
+            pitch = min(max(pitch, -PITCH_MAX_RAD), PITCH_MAX_RAD)
             goal = configuration(place[[0, 2]], pitch, place[1])
             if goal is None or np.any(goal < self._lower + LIMIT_MARGIN_RAD):
                 continue
@@ -253,11 +260,10 @@ class Operator:
         soon = q + expected * (self._style.reaction_time_s + RUN_OUT_S)
         now, _ = tip(q)
         then, _ = tip(soon)
-        point = np.array([then[0], soon[0], then[1]])
-        if self.canvas.contains(point):
+        outside_now = self.canvas.distance(np.array([now[0], q[0], now[1]]))
+        outside_then = self.canvas.distance(np.array([then[0], soon[0], then[1]]))
+        if outside_then <= outside_now + BORDER_TOLERANCE:
             return command
-        if not self.canvas.contains(np.array([now[0], q[0], now[1]])):
-            return command  # already outside: go on towards the goal, which is inside
         self._goal = None
-        self._wait_s = self._random.exponential(self._style.pause_mean_s)
+        self._wait_s = max(SETTLE_S, self._random.exponential(self._style.pause_mean_s))
         return np.zeros_like(command)

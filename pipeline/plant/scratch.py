@@ -23,6 +23,7 @@ class Scratch(NamedTuple):
     drive: np.ndarray  # (n,) torque of chamber pressures
     drag: np.ndarray  # (n,) torque of viscous friction
     free: np.ndarray  # (n,) torque that accelerates
+    old_velocity: np.ndarray  # (n,) at the substep's beginning
     friction_impulse: np.ndarray  # (n,)
     stop_impulse: np.ndarray  # (n,)
     friction_bound: np.ndarray  # (n,)
@@ -42,6 +43,7 @@ def allocate(n: int) -> Scratch:
         np.zeros((N_CHAIN, 2)),
         np.zeros((N_BODY, 2)),
         np.zeros(N_CHAIN),
+        np.zeros(n),
         np.zeros(n),
         np.zeros(n),
         np.zeros(n),

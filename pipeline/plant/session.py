@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 
@@ -31,6 +32,15 @@ class RecordConfig:
             )
         if not self.held_out_minutes > 0.0:
             raise InputError(f"record.held_out_minutes is {self.held_out_minutes}; it must be positive")
+        try:
+            zone = datetime.fromisoformat(self.first_session).tzinfo
+        except ValueError:
+            zone = None
+        if zone is None:
+            raise InputError(
+                f"record.first_session is {self.first_session}; write date and "
+                f"time with zone, such as 2024-05-06T09:00:00+00:00"
+            )
         if self.seed < 0:
             raise InputError(f"record.seed is {self.seed}; it must not be negative")
 

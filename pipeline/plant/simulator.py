@@ -19,7 +19,7 @@ from pipeline.plant.parameters import NEGATIVE, POSITIVE, Linkage, Parameters
 from pipeline.plant.records import pack
 from pipeline.plant.scratch import Scratch, allocate
 from pipeline.plant.sensor import EncoderChannel, JointStates
-from pipeline.plant.state import FRICTION, PISTON, State, resting_state
+from pipeline.plant.state import FRICTION, PISTON, STOP, State, resting_state
 from pipeline.plant.valve import advance_pilots, advance_spools, read_command
 
 
@@ -50,6 +50,7 @@ def _accelerate(
         force -= cylinder.area_m2[j, NEGATIVE] * state.chamber_Pa[j, NEGATIVE]
         viscous = parameters.friction.viscous_N_s_m[j] * viscosity_ratio * arm * state.velocity_rad_s[j]
         scratch.moment_arm[j], scratch.travel[j] = arm, travel
+        scratch.old_velocity[j] = state.velocity_rad_s[j]
         scratch.drive[j], scratch.drag[j] = arm * force, arm * viscous
         scratch.free[j] = arm * (force - viscous) - scratch.bias[j]
     for j in range(n):
@@ -59,11 +60,17 @@ def _accelerate(
 
 @njit
 def _move(linkage: Linkage, state: State, scratch: Scratch, dt: float) -> None:
-    """Angles after one substep at the new velocities; the link follows the drive within the pin clearance."""
+    """Angles after one substep at the new velocities; the link follows the drive within the pin clearance.
+
+    Work is accounted with the mean of old and new velocity, with which impulses change the kinetic energy
+    exactly by their work.
+    """
     for j in range(state.spool.size):
         velocity = state.velocity_rad_s[j]
-        state.energy_J[PISTON] += scratch.drive[j] * velocity * dt
-        state.energy_J[FRICTION] += scratch.drag[j] * velocity * dt
+        mean = 0.5 * (velocity + scratch.old_velocity[j])
+        state.energy_J[PISTON] += scratch.drive[j] * mean * dt
+        state.energy_J[FRICTION] += (scratch.drag[j] * dt - scratch.friction_impulse[j]) * mean
+        state.energy_J[STOP] -= scratch.stop_impulse[j] * mean
         scratch.piston_speed[j] = scratch.moment_arm[j] * velocity
         state.angle_rad[j] += velocity * dt
         half_play = 0.5 * linkage.play_rad[j]
@@ -170,6 +177,7 @@ class Plant:
         self._disturbance, self._silt, self._arrival, phase = (np.random.default_rng(s) for s in streams[:4])
         self._encoders = EncoderChannel(self.n_joint, streams[4])
         self._n_period = 0
+        self._n_row = 0
         numerics = parameters.numerics
         self._phase = int(
             phase.integers(max(round(parameters.pilot.controller_cycle_s / numerics.substep_s), 1))
@@ -219,7 +227,6 @@ class Plant:
         n_row = n_period * (n_substep // numerics.trace_stride)
         jitter_s = 2.0 * sensor.command_jitter_s * self._arrival.random(n_period)
         trace = np.empty((n_row, self.n_joint))
-        start_s = self.time_s
         _advance(
             self._parameter_record,
             self._state_record,
@@ -232,12 +239,15 @@ class Plant:
             trace,
         )
         step_s = numerics.substep_s * numerics.trace_stride
-        trace_s = start_s + step_s * (1.0 + np.arange(n_row))
+        # times from whole counts, so that they do not depend on how the calls are divided
+        trace_s = step_s * (self._n_row + 1.0 + np.arange(n_row))
         period_s = numerics.control_period_s
-        begins = start_s + period_s * np.arange(n_period)
+        begins = period_s * (self._n_period + np.arange(n_period))
+        ends = period_s * (self._n_period + 1.0 + np.arange(n_period))
         self._n_period += n_period
+        self._n_row += n_row
         return PlantSample(
-            end_s=begins + period_s,
+            end_s=ends,
             angle_rad=trace[
                 n_substep // numerics.trace_stride - 1 :: n_substep // numerics.trace_stride
             ].copy(),

@@ -9,7 +9,6 @@ from pipeline.plant.parameters import Parameters
 
 JOINT_NAMES = ("swing", "boom", "arm", "bucket")
 N_JOINT = len(JOINT_NAMES)
-MM2 = 1.0e-6  # m2
 
 Index = int | tuple[int | list[int], ...]
 

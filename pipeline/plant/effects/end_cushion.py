@@ -5,7 +5,6 @@ import numpy as np
 from pipeline.plant.characterise import respond, side
 from pipeline.plant.effects.effect import (
     JOINT_NAMES,
-    MM2,
     Effect,
     Quantity,
     choose_direction,
@@ -15,7 +14,7 @@ from pipeline.plant.effects.effect import (
 from pipeline.plant.parameters import Parameters
 
 SHORTEST_RAD, LONGEST_RAD = 0.20, 0.40  # at size 1
-SMALLEST_MM2, LARGEST_MM2 = 0.25, 0.6
+SMALLEST_AREA, LARGEST_AREA = 0.05, 0.15  # that the cushion leaves, of the metering edge's
 N_PLACE = 20
 LONG_HOLD_S = 12.0  # enough to cross any joint's range
 
@@ -24,8 +23,8 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
     """Cushion of one joint on one side."""
     joint, direction = choose_joint(random), choose_direction(random)
     zone = size * random.uniform(SHORTEST_RAD, LONGEST_RAD)
-    area = random.uniform(SMALLEST_MM2, LARGEST_MM2) * MM2
     index = (joint, side(direction))
+    area = random.uniform(SMALLEST_AREA, LARGEST_AREA) * float(nominal.spool.outlet_area_m2[index])
 
     def apply(parameters: Parameters) -> Parameters:
         cylinder = parameters.cylinder
