@@ -68,7 +68,7 @@ def _add_light(scene: mujoco.MjSpec) -> None:
     scene.visual.headlight.ambient = (0.38, 0.38, 0.40)
     scene.visual.headlight.diffuse = (0.28, 0.28, 0.28)
     scene.visual.headlight.specular = (0.05, 0.05, 0.05)
-    scene.visual.map.shadowclip = 2.0
+    scene.visual.map.shadowclip = 4.0
     scene.worldbody.add_light(
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         pos=(-1.0, -4.0, 6.0),
