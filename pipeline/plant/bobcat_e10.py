@@ -82,7 +82,7 @@ def bobcat_e10() -> Parameters:
             rise_time_constant_s=np.array([[0.30, 0.28], [0.27, 0.32], [0.27, 0.30], [0.24, 0.26]]),
             fall_time_constant_s=np.array([[0.14, 0.14], [0.13, 0.14], [0.13, 0.13], [0.12, 0.12]]),
             viscous_share=0.3,
-            noise_std=0.008,
+            noise_std=0.020,
             noise_correlation_s=0.4,
             crosstalk=np.zeros((N_JOINT, 2, N_JOINT, 2)),
             coil_fade=np.zeros((N_JOINT, 2)),  # neutral: current-controlled outputs
@@ -96,7 +96,7 @@ def bobcat_e10() -> Parameters:
             overlap=np.array([[0.10, 0.10], [0.10, 0.12], [0.11, 0.10], [0.10, 0.10]]),
             time_constant_s=0.015,
             hysteresis=0.02,  # 2-4 % of stroke (Jelali & Kroll, section 3.3)
-            silt_pressure_Pa=filled(N_JOINT, 0.3 * BAR),
+            silt_pressure_Pa=filled(N_JOINT, 0.6 * BAR),
             silt_time_constant_s=2.0,
             silt_spread=0.3,
             inlet_area_m2=np.array([[1.8, 2.2], [2.9, 5.0], [2.1, 2.2], [1.10, 0.80]]) * MM2,
@@ -117,7 +117,7 @@ def bobcat_e10() -> Parameters:
             engine_droop=0.05,  # mechanical governors: 5-8 %
             engine_power_W=7.4e3,
             engine_time_constant_s=0.25,
-            ripple_std=0.006,
+            ripple_std=0.012,
             ripple_correlation_s=6.0,
             relief_wander_std=0.0,
         ),
@@ -174,7 +174,7 @@ def bobcat_e10() -> Parameters:
             heat_capacity_J_K=5.0e4,  # 12 l oil and 60 kg steel
             heat_loss_W_K=45.0,
             ambient_C=15.0,
-            start_C=46.0,
+            start_C=54.0,
         ),
         sensor=Sensor(
             noise_std_rad=4.0e-4,  # about the rest noise of the practice logs
