@@ -77,7 +77,7 @@ class ArrayCommands:
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Values as they stand."""
-        data = group.numbers["data"]
+        data = group.sequence("data")
         if data.shape[1] != self.n_joint:
             raise MismatchError(f"they hold {data.shape[1]} values, the machine has {self.n_joint} joints")
         return {"command": data.astype(np.float64)}
@@ -102,7 +102,7 @@ class JoyCommands:
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Pick the axes, apply the signs, discretise."""
-        axes = group.numbers["axes"]
+        axes = group.sequence("axes")
         absent = [axis for axis in self.axes if not 0 <= axis < axes.shape[1]]
         if absent:
             raise MismatchError(f"axis {absent[0]} is not among their {axes.shape[1]} axes")
@@ -129,7 +129,7 @@ class JointStateCommands:
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Pick the machine's joints by name."""
-        names, values = group.strings["name"], group.numbers[self.field_name]
+        names, values = group.text("name"), group.sequence(self.field_name)
         columns = select_joints(names, self.joint_names)
         if values.shape[1] != len(names):
             raise MismatchError(
@@ -156,17 +156,12 @@ class FieldPathCommands:
         return {"command": np.stack(values, axis=1)}
 
     def _value(self, group: FieldGroup, path: str) -> np.ndarray:
-        if path in group.numbers:
-            values, element = group.numbers[path], 0
-            if values.shape[1] != 1:
-                raise MismatchError(
-                    f"field `{path}` holds {values.shape[1]} values; address one as `{path}[i]`"
-                )
-        else:
-            base, _, index = path.rstrip("]").rpartition("[")
-            if base not in group.numbers or not index.isdecimal():
-                raise MismatchError(f"they have no number field `{path}`")
-            values, element = group.numbers[base], int(index)
-            if element >= values.shape[1]:
-                raise MismatchError(f"field `{base}` holds {values.shape[1]} values, so there is no `{path}`")
-        return values[:, element].astype(np.float64)
+        base, _, index = path.removesuffix("]").rpartition("[")
+        if path in group.numbers or not (path.endswith("]") and index.isdecimal()):
+            return group.number(path).astype(np.float64)
+        values = group.sequence(base)
+        if int(index) >= values.shape[1]:
+            raise MismatchError(
+                f"their field `{base}` holds {values.shape[1]} values, so there is no `{path}`"
+            )
+        return values[:, int(index)].astype(np.float64)

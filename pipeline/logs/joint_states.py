@@ -10,8 +10,8 @@ from pipeline.logs.topic_columns import MismatchError
 
 def stamps_ns(group: FieldGroup) -> np.ndarray:
     """Return the header stamps of decoded messages, shape (n,), int64."""
-    seconds = group.numbers["header.stamp.sec"][:, 0].astype(np.int64)
-    return seconds * NANOSECONDS + group.numbers["header.stamp.nanosec"][:, 0].astype(np.int64)
+    seconds = group.number("header.stamp.sec").astype(np.int64)
+    return seconds * NANOSECONDS + group.number("header.stamp.nanosec").astype(np.int64)
 
 
 def select_joints(names: tuple[str, ...], joint_names: tuple[str, ...]) -> list[int]:
@@ -48,7 +48,7 @@ class JointStateAdapter:
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Pick the machine's joints by name."""
-        names, position = group.strings["name"], group.numbers["position"]
+        names, position = group.text("name"), group.sequence("position")
         columns = select_joints(names, self.joint_names)
         if position.shape[1] != len(names):
             raise MismatchError(f"they hold {position.shape[1]} positions for {len(names)} names")
@@ -72,9 +72,8 @@ class TargetPoseAdapter:
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Collect the axes."""
-        numbers = group.numbers
         return {
-            "position": np.concatenate([numbers[f"pose.position.{axis}"] for axis in "xyz"], axis=1),
-            "quaternion": np.concatenate([numbers[f"pose.orientation.{axis}"] for axis in "wxyz"], axis=1),
-            "frame_id": np.full(len(group.index), group.strings["header.frame_id"][0]),
+            "position": np.stack([group.number(f"pose.position.{axis}") for axis in "xyz"], axis=1),
+            "quaternion": np.stack([group.number(f"pose.orientation.{axis}") for axis in "wxyz"], axis=1),
+            "frame_id": np.full(len(group.index), group.text("header.frame_id")[0]),
         }

@@ -14,12 +14,12 @@ from typing import BinaryIO
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.bounded_decompression import DecompressionError, decompress
+from pipeline.logs.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
 from pipeline.logs.message_blocks import BlockColumns, MessageBlock, ReadingLedger, Topic
 from pipeline.logs.message_definitions import full_type_name
 
 MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, DATA_END = 1, 2, 3, 4, 5, 6, 7, 15
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX, DATA_END = 2, 3, 4, 5, 6, 8, 15
 KNOWN_OPCODES = range(1, 16)
 PREFIX = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
@@ -27,6 +27,8 @@ MESSAGE_FIELDS = MESSAGE_HEADER.size - PREFIX.size
 CHUNK_HEADER = struct.Struct(
     "<QQQII"
 )  # start, end, uncompressed size, checksum, length of the compression's name
+CHUNK_INDEX_START = struct.Struct("<QQQ")  # start and end of its messages, offset of the chunk
+FOOTER_FIELDS = struct.Struct("<QQI")  # start of the summary, start of its offsets, checksum
 UNCHUNKED_BATCH_BYTES = 1 << 22
 
 
@@ -57,6 +59,8 @@ class _Scan:
         self.wanted = wanted
         self.schemas: dict[int, tuple[str, str, str]] = {}
         self.topics: dict[int, Topic] = {}
+        self.chunk_starts: list[int] = []
+        self.summary_is_read = False
         self.unchunked = bytearray()  # message records that stand outside of chunks
 
     def blocks(self) -> Iterator[MessageBlock]:
@@ -72,9 +76,14 @@ class _Scan:
             opcode, length = PREFIX.unpack(prefix)
             end = offset + PREFIX.size + length
             if opcode not in KNOWN_OPCODES or (end > self.size and opcode not in (CHUNK, MESSAGE)):
-                lost = self.size - offset
-                self.ledger.damage(offset, f"no MCAP record stands here; the remaining {lost} bytes are lost")
-                break
+                following = self.next_indexed_chunk(offset)
+                lost = following - offset
+                self.ledger.damage(offset, f"no MCAP record stands here; {lost} bytes are lost")
+                if following == self.size:
+                    break
+                self.file.seek(following)
+                offset = following
+                continue
             if opcode in (DATA_END, FOOTER):
                 break
             if opcode == CHUNK:
@@ -91,6 +100,41 @@ class _Scan:
             offset = end
         yield from self.flush(offset)
 
+    def next_indexed_chunk(self, offset: int) -> int:
+        """Return where the next chunk starts by the file's own index, or the file's size if it has none."""
+        self.read_summary()
+        return min((start for start in self.chunk_starts if start > offset), default=self.size)
+
+    def read_summary(self) -> None:
+        """Take in the summary at the file's end, once: where chunks start, and the channels' repeated descriptions.
+
+        It is only needed where the data section is damaged.
+        """
+        if self.summary_is_read:
+            return
+        self.summary_is_read = True
+        here, tail = self.file.tell(), PREFIX.size + FOOTER_FIELDS.size + len(MAGIC)
+        self.file.seek(max(self.size - tail, 0))
+        end = self.file.read(tail)
+        if len(end) == tail and end[0] == FOOTER and end.endswith(MAGIC):
+            summary_start, _, _ = FOOTER_FIELDS.unpack_from(end, PREFIX.size)
+            if 0 < summary_start < self.size and self.size - summary_start < MAXIMUM_CHUNK_BYTES:
+                self.file.seek(summary_start)
+                self.take_summary(self.file.read(), summary_start)
+        self.file.seek(here)
+
+    def take_summary(self, summary: bytes, offset: int) -> None:
+        """Walk the summary's records."""
+        position = 0
+        while position + PREFIX.size <= len(summary):
+            opcode, length = PREFIX.unpack_from(summary, position)
+            body = summary[position + PREFIX.size : position + PREFIX.size + length]
+            if opcode == CHUNK_INDEX and len(body) >= CHUNK_INDEX_START.size:
+                self.chunk_starts.append(CHUNK_INDEX_START.unpack_from(body)[2])
+            elif opcode in (SCHEMA, CHANNEL):
+                self.describe(opcode, body, offset)
+            position += PREFIX.size + length
+
     def flush(self, offset: int) -> Iterator[MessageBlock]:
         """Yield the messages that stood outside of chunks."""
         if self.unchunked:
@@ -99,6 +143,9 @@ class _Scan:
 
     def chunk(self, offset: int, length: int) -> Iterator[MessageBlock]:
         """Yield the blocks of the chunk record at `offset`, whose prefix was read."""
+        if length > MAXIMUM_CHUNK_BYTES < self.size:
+            self.ledger.damage(offset, f"the chunk declares {length} bytes; it is lost")
+            return
         body = self.file.read(min(length, self.size - offset - PREFIX.size))
         cut = len(body) < length
         try:
@@ -148,6 +195,8 @@ class _Scan:
             self.ledger.damage(
                 offset, f"{place}, {end - position} bytes from its byte {position} on are lost"
             )
+        if not columns.found.keys() <= self.topics.keys():
+            self.read_summary()
         yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
 
     def describe(self, opcode: int, body: bytes, offset: int) -> None:

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
+MAXIMUM_FIELDS = (
+    10_000  # of a type with empty sequences; definitions can be written that multiply without end
+)
 MAXIMUM_DEFINITION_CHARACTERS = 1 << 18  # the largest of ROS's own has some 20 thousand
 IDL_SEPARATOR = "=" * 80 + "\n"
 
@@ -117,7 +120,23 @@ def _complete(type_name: str, parsed: dict) -> Definitions:
         for field in fields:
             if not field.is_primitive and field.type_name not in definitions:
                 raise DefinitionError(f"definition of {type_name} lacks {field.type_name}")
+    if _n_fields(type_name, definitions, {}) > MAXIMUM_FIELDS:
+        raise DefinitionError(f"definition of {type_name} holds itself or more than {MAXIMUM_FIELDS} fields")
     return definitions
+
+
+def _n_fields(type_name: str, definitions: Definitions, known: dict[str, int]) -> int:
+    """Count the fields of a type with those of the types that it always holds."""
+    if type_name not in known:
+        known[type_name] = MAXIMUM_FIELDS + 1  # what a type that holds itself would have
+        total = 0
+        for field in definitions[type_name]:
+            inside = 0
+            if not field.is_primitive and field.repetition is not Repetition.sequence:
+                inside = _n_fields(field.type_name, definitions, known)
+            total += 1 + (0 if field.repetition is Repetition.sequence else field.length) * inside
+        known[type_name] = total
+    return known[type_name]
 
 
 def _field(name: str, descriptor: tuple) -> Field:

@@ -31,7 +31,7 @@ NUMBER_TYPES = {
 
 
 class LayoutError(Exception):
-    """A message that does not fit its definition: too short, or a length word that points outside it."""
+    """A message that does not fit its definition, or a definition that lacks a field; the text says which."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,37 @@ class FieldGroup:
     index: np.ndarray
     numbers: dict[str, np.ndarray]
     strings: dict[str, tuple[str, ...]]
+
+    def number(self, path: str) -> np.ndarray:
+        """Return a scalar number field, shape (n,).
+
+        Raises:
+            LayoutError: The messages have no such field, or it holds several values.
+        """
+        values = self.sequence(path)
+        if values.shape[1] != 1:
+            raise LayoutError(f"their field `{path}` holds {values.shape[1]} values, not one")
+        return values[:, 0]
+
+    def sequence(self, path: str) -> np.ndarray:
+        """Return a number field, shape (n, count).
+
+        Raises:
+            LayoutError: The messages have no such field.
+        """
+        if path not in self.numbers:
+            raise LayoutError(f"they have no number field `{path}`")
+        return self.numbers[path]
+
+    def text(self, path: str) -> tuple[str, ...]:
+        """Return the elements of a string field.
+
+        Raises:
+            LayoutError: The messages have no such field.
+        """
+        if path not in self.strings:
+            raise LayoutError(f"they have no text field `{path}`")
+        return self.strings[path]
 
 
 def layout_of(

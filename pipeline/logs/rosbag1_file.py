@@ -24,6 +24,7 @@ KNOWN_OPCODES = (MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION)
 MAXIMUM_HEADER_BYTES = 1 << 20
 WORD = struct.Struct("<I")
 TIME = struct.Struct("<II")
+POSITION = struct.Struct("<Q")
 UNCHUNKED_BATCH_BYTES = 1 << 22
 
 
@@ -64,6 +65,8 @@ class _Scan:
         self.ledger = ledger
         self.wanted = wanted
         self.topics: dict[int, Topic] = {}
+        self.chunk_starts: list[int] = []
+        self.index_start = 0
         self.unchunked = bytearray()  # records of a chunk that the recorder did not live to close
 
     def blocks(self) -> Iterator[MessageBlock]:
@@ -73,9 +76,12 @@ class _Scan:
             try:
                 header, data_start, data_length = self.record(offset)
             except _RecordError as reason:
-                lost = self.size - offset
-                self.ledger.damage(offset, f"{reason}; the remaining {lost} bytes are lost")
-                break
+                following = self.next_indexed_chunk(offset)
+                self.ledger.damage(offset, f"{reason}; {following - offset} bytes are lost")
+                offset = following
+                continue
+            if header["op"][0] == BAG_HEADER and len(header.get("index_pos", b"")) == POSITION.size:
+                (self.index_start,) = POSITION.unpack(header["index_pos"])
             end = data_start + data_length
             opcode = header["op"][0]
             if opcode == CHUNK:
@@ -92,6 +98,29 @@ class _Scan:
                 self.ledger.damage(offset, "the file ends within this record")
             offset = end
         yield from self.flush(offset)
+
+    def next_indexed_chunk(self, offset: int) -> int:
+        """Return where the next chunk starts by the file's own index, or the file's size if it has none."""
+        self.read_index()
+        return min((start for start in self.chunk_starts if start > offset), default=self.size)
+
+    def read_index(self) -> None:
+        """Take in the index at the file's end, once: where chunks start, and the connections' repeated descriptions.
+
+        It is only needed where the bag is damaged.
+        """
+        position, self.index_start = self.index_start, 0
+        while 0 < position < self.size:
+            try:
+                header, data_start, data_length = self.record(position)
+                if header["op"][0] == CONNECTION:
+                    self.file.seek(data_start)
+                    self.connect(header, self.file.read(min(data_length, MAXIMUM_HEADER_BYTES)))
+            except _RecordError:
+                break
+            if header["op"][0] == CHUNK_INFO and len(header.get("chunk_pos", b"")) == POSITION.size:
+                self.chunk_starts.append(POSITION.unpack(header["chunk_pos"])[0])
+            position = data_start + data_length
 
     def record(self, offset: int) -> tuple[dict[str, bytes], int, int]:
         """Read a record's header: its fields, where its data start and how long they are."""
@@ -169,6 +198,8 @@ class _Scan:
         except _RecordError as reason:
             lost = f"in the chunk that starts here, {reason}; {end - position} of its {end} bytes are lost"
             self.ledger.damage(offset, lost)
+        if not columns.found.keys() <= self.topics.keys():
+            self.read_index()
         yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
 
     def connect(self, header: dict[str, bytes], data: bytes) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.logs.message_blocks import MessageBlock, ReadingLedger, Topic
 from pipeline.logs.message_definitions import DefinitionError, Definitions, parse_definition
-from pipeline.logs.message_layout import FieldGroup, decode_block
+from pipeline.logs.message_layout import FieldGroup, LayoutError, decode_block
 from pipeline.logs.raw_log import Note, NoteKind
 
 
@@ -65,7 +65,7 @@ class TopicColumns:
         for group in groups:
             try:
                 columns = self.adapter.convert(group)
-            except MismatchError as reason:
+            except (MismatchError, LayoutError) as reason:
                 self.reasons[str(reason)] += len(group.index)
                 continue
             parts.append({"log_time_ns": block.log_time_ns[group.index], **columns})
@@ -80,8 +80,14 @@ class TopicColumns:
         """Return all columns, and note in the ledger what was left out.
 
         Raises:
-            InputError: No message of the topic could be used.
+            InputError: No message of the topic could be used, or its messages are of several types.
         """
+        types = {topic.type_name for topic in ledger.topics.get(self.topic_name, [])}
+        if len(types) > 1:
+            raise InputError(
+                f"{ledger.path}: {self.adapter.role}: topic {self.topic_name} carries several types "
+                f"({', '.join(sorted(types))}); name another topic in conf/machine"
+            )
         if not self.blocks:
             raise InputError(self._why_nothing(ledger))
         for reason, count in self.reasons.items():
@@ -91,15 +97,18 @@ class TopicColumns:
 
     def _why_nothing(self, ledger: ReadingLedger) -> str:
         place = f"{ledger.path}: {self.adapter.role}"
+        damage = next((f"; damage: {note.text}" for note in ledger.notes if note.kind is NoteKind.damage), "")
         if self.reasons:
             reason, count = self.reasons.most_common(1)[0]
-            return f"{place}: none of the {count} messages of {self.topic_name} can be used: {reason}"
+            return f"{place}: none of the {count} messages of {self.topic_name} can be used: {reason}{damage}"
         seen = "; ".join(
             f"{name} ({', '.join(topic.type_name for topic in topics)}, {ledger.counts[name]} messages)"
             for name, topics in sorted(ledger.topics.items())
         )
         what = "has no messages" if self.topic_name in ledger.topics else "is not in the log"
-        return f"{place}: topic {self.topic_name} {what}, set it in conf/machine; seen: {seen or 'none'}"
+        return (
+            f"{place}: topic {self.topic_name} {what}, set it in conf/machine; seen: {seen or 'none'}{damage}"
+        )
 
 
 def _definitions(topic: Topic) -> Definitions:

@@ -88,6 +88,7 @@ def write_mcap(
 ) -> Path:
     """With the `mcap` library; `finish=False` leaves the file as a crash would: no index, no end."""
     kinds = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
+    path.parent.mkdir(exist_ok=True)
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=1 << 14, compression=kinds[compression], use_chunking=chunked)
         writer.start(profile="ros2", library="test")
