@@ -9,8 +9,8 @@ from brax.envs.base import Env, State
 from pipeline.errors import InputError
 from pipeline.machine.poses import PoseTable
 from pipeline.reaching.metrics import REPORTED_PRECISIONS, success_key
-from pipeline.reaching.reward import RewardTerm
-from pipeline.reaching.task import Goal, Outcome, ReachingTask, TaskState
+from pipeline.reaching.reward import RewardTerm, RewardTerms
+from pipeline.reaching.task import Goal, ReachingTask, TaskState
 
 
 class EpisodeState(NamedTuple):
@@ -27,6 +27,13 @@ class EpisodeState(NamedTuple):
     reached: jax.Array
     left_workspace: jax.Array
     went_below: jax.Array
+
+
+class DecisionSums(NamedTuple):
+    """Reward, and every term whether enabled or not, summed over the ticks of a decision; shape (...)."""
+
+    reward: jax.Array
+    terms: RewardTerms
 
 
 class ReachingEnvironment(Env):
@@ -103,7 +110,7 @@ class ReachingEnvironment(Env):
     def step(self, state: State, action: jax.Array) -> State:
         """One decision: `action_repeats` ticks under the command that `action` (..., n_joint) stands for."""
         before = state.pipeline_state
-        episode, outcomes = self._decide(before, self.task.command(action))
+        episode, sums = self._decide(before, self.task.command(action))
         newly = {
             success_key(*precision): (episode.reached & ~before.reached)[..., index]
             for index, precision in enumerate(REPORTED_PRECISIONS)
@@ -112,24 +119,21 @@ class ReachingEnvironment(Env):
         newly["below_lower_plane"] = episode.went_below & ~before.went_below
         metrics = {
             **state.metrics,  # wrappers keep entries of their own here
-            **{
-                f"reward_{term}": sum(getattr(outcome.terms, term) for outcome in outcomes)
-                for term in RewardTerm
-            },
+            **{f"reward_{term}": getattr(sums.terms, term) for term in RewardTerm},
             **{name: value.astype(jnp.float32) for name, value in newly.items()},
         }
         return state.replace(
             pipeline_state=episode,
             obs=self.task.observe(episode.task),
-            reward=sum(outcome.reward for outcome in outcomes),
+            reward=sums.reward,
             done=jnp.zeros_like(state.done),
             metrics=metrics,
         )
 
-    def _decide(self, state: EpisodeState, command: jax.Array) -> tuple[EpisodeState, list[Outcome]]:
+    def _decide(self, state: EpisodeState, command: jax.Array) -> tuple[EpisodeState, DecisionSums]:
         thresholds = jnp.asarray(REPORTED_PRECISIONS)
-        outcomes = []
-        for _ in range(self.action_repeats):  # unrolled: a handful of ticks, fused by the compiler
+
+        def tick(state: EpisodeState, _: None) -> tuple[EpisodeState, DecisionSums]:
             task, outcome = self.task.tick(state.task, command)
             errors = jnp.stack([outcome.deviation.position, jnp.abs(outcome.deviation.pitch)], axis=-1)
             state = EpisodeState(
@@ -138,5 +142,8 @@ class ReachingEnvironment(Env):
                 left_workspace=state.left_workspace | ~outcome.inside,
                 went_below=state.went_below | outcome.below,
             )
-            outcomes.append(outcome)
-        return state, outcomes
+            return state, DecisionSums(outcome.reward, outcome.terms)
+
+        # a loop, not unrolled: runs as fast and compiles several times faster
+        state, ticks = jax.lax.scan(tick, state, length=self.action_repeats)
+        return state, jax.tree.map(lambda value: value.sum(axis=0), ticks)

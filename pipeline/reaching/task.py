@@ -102,7 +102,8 @@ class ReachingTask:
         if list(dynamics.specification.joints) != list(machine.joint_names):
             raise InputError(
                 f"the dynamics model has joints {', '.join(dynamics.specification.joints)}, "
-                f"machine {machine.name} has {', '.join(machine.joint_names)}; name the machine that the model was identified on"
+                f"machine {machine.name} has {', '.join(machine.joint_names)}; "
+                "name the machine that the model was identified on"
             )
         self.machine = machine
         self.arm = arm
