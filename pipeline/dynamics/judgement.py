@@ -43,7 +43,9 @@ def judge(
         errors = prediction_errors(predictor, trajectories)
         metrics[name] = {
             "one_step_rmse": dict(zip(machine.joint_names, errors.one_step_rmse.tolist(), strict=True)),
-            "open_loop_rmse_80": dict(zip(machine.joint_names, errors.open_loop_rmse_80.tolist(), strict=True)),
+            "open_loop_rmse_80": dict(
+                zip(machine.joint_names, errors.open_loop_rmse_80.tolist(), strict=True)
+            ),
         }
         metrics |= {"n_windows": errors.n_windows, "n_steps": errors.n_steps}
     return metrics
@@ -57,4 +59,10 @@ def long_prediction(
     horizon = min(horizon, len(trajectory) - first_row - 1)
     rows = slice(first_row + 1, first_row + 1 + horizon)
     predicted = predictor.predict(trajectory, np.array([first_row]), horizon)[0]
-    return OpenLoopPrediction(trajectory.name, trajectory.t_s[rows], trajectory.q[rows], predicted, trajectory.a[first_row : first_row + horizon])
+    return OpenLoopPrediction(
+        trajectory.name,
+        trajectory.t_s[rows],
+        trajectory.q[rows],
+        predicted,
+        trajectory.a[first_row : first_row + horizon],
+    )

@@ -1,7 +1,8 @@
 """Stage `record`: a scripted operator teleoperates the simulated machine; genuine bags are written."""
 
 import shutil
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -11,9 +12,12 @@ from omegaconf import MISSING
 from pipeline.configuration import PipelineConfiguration, stage
 from pipeline.logs.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
+from pipeline.plant.effects import Effect
 from pipeline.plant.operator import draw_style
+from pipeline.plant.seal import write_seal
 from pipeline.plant.session import RecordConfig, record_session
 from pipeline.plant.simulated import simulated_machine
+from pipeline.plant.undeclared import draw_effects, parameters_of_session
 from pipeline.tracking import StageRun, progress_bar
 
 NANOSECONDS = 1_000_000_000
@@ -25,13 +29,16 @@ class RecordStage(PipelineConfiguration):
 
     record: RecordConfig = MISSING
     logs: str | None = None
+    effects: list[str] = field(default_factory=list)
+    effects_seed: int = MISSING
+    effect_size: float = MISSING
     output: str = MISSING
 
 
 @stage(RecordStage)
 def main(configuration: RecordStage, run: StageRun) -> None:
     """Record the sessions to learn from and the held-out one, unless the user named logs of their own."""
-    output, record = Path(configuration.output), configuration.record
+    output, record, machine = Path(configuration.output), configuration.record, configuration.machine
     folders = {"sessions": record.session_minutes, "held_out": [record.held_out_minutes]}
     for folder in folders:
         shutil.rmtree(output / folder, ignore_errors=True)
@@ -41,31 +48,44 @@ def main(configuration: RecordStage, run: StageRun) -> None:
             f"record: the logs in {configuration.logs} take the place of recorded ones; nothing is recorded"
         )
         return
-    start = datetime.fromisoformat(record.first_session)
-    seeds = iter(
-        np.random.SeedSequence(record.seed).generate_state(1 + sum(map(len, folders.values()))).tolist()
-    )
-    style_seed = next(seeds)
-    for folder, durations in folders.items():
-        for minutes in durations:
-            name = start.strftime("%Y-%m-%d-%H-%M-%S")
-            record_bag(output / folder / name, configuration.machine, style_seed, minutes, next(seeds), start)
-            start += timedelta(days=1)
-    run.metrics({"recorded_minutes": sum(record.session_minutes) + record.held_out_minutes})
+    effects: list[Effect] = []
+    if configuration.effects:
+        first_session_s = 60.0 * record.session_minutes[0]
+        nominal = simulated_machine(machine.name)
+        seed, size = configuration.effects_seed, configuration.effect_size
+        effects = draw_effects(configuration.effects, seed, nominal, size, first_session_s)
+        write_seal(output / "undeclared.seal", effects)
+    sessions = [(folder, minutes) for folder, durations in folders.items() for minutes in durations]
+    style_seed, *seeds = np.random.SeedSequence(record.seed).generate_state(1 + len(sessions)).tolist()
+    first = datetime.fromisoformat(record.first_session)
+    for number, ((folder, minutes), seed) in enumerate(zip(sessions, seeds, strict=True)):
+        start = first + timedelta(days=number)
+        path = output / folder / start.strftime("%Y-%m-%d-%H-%M-%S")
+        record_bag(path, machine, effects, number, style_seed, minutes, seed, start)
+    run.metrics({"recorded_minutes": sum(minutes for _, minutes in sessions)})
 
 
 def record_bag(
-    path: Path, machine: MachineSpecification, style_seed: int, minutes: float, seed: int, start: datetime
+    path: Path,
+    machine: MachineSpecification,
+    effects: Sequence[Effect],
+    number: int,
+    style_seed: int,
+    minutes: float,
+    seed: int,
+    start: datetime,
 ) -> None:
     """Record one session of the simulated machine into a bag."""
+    parameters, changes = parameters_of_session(simulated_machine(machine.name), effects, number)
     with progress_bar(f"record {path.name}", total=round(minutes * 60), unit="s") as bar:
         log = record_session(
             machine,
-            simulated_machine(machine.name),
+            parameters,
             draw_style(style_seed),
             minutes,
             seed,
             start_time_ns=int(start.timestamp()) * NANOSECONDS,
+            changes=changes,
             progress=lambda time_s: bar.update(round(time_s) - bar.n),
         )
     write_bag(
