@@ -50,25 +50,35 @@ def apparent_delay_s(
     Returns:
         The median in s (None if there was no such start), and the number of starts that it is of.
     """
-    delays = []
     span = machine.joints[joint].upper - machine.joints[joint].lower
     horizon = round(LONGEST_DELAY_S * machine.rate_hz)
-    for trajectory in trajectories:
-        q, a = trajectory.q[:, joint], trajectory.a[:, joint]
-        for row in _starts(a):
-            before = slice(row - AT_REST_BEFORE_ROWS, row)
-            if row < AT_REST_BEFORE_ROWS or (a[before] != 0).any():
-                continue
-            threshold = max(MOTION_OF_RANGE * span, MOTION_IN_NOISE * float(q[before].std()))
-            held = _held_rows(a[row : row + horizon])
-            distance = np.abs(q[row : row + held] - q[before].mean())
-            beyond = np.flatnonzero(distance > threshold)
-            if len(beyond) == 0 or beyond[0] == 0:
-                continue  # no motion while the command was held, or in motion already
-            last = int(beyond[0])
-            part = (threshold - distance[last - 1]) / (distance[last] - distance[last - 1])
-            delays.append((last - 1 + float(np.clip(part, 0.0, 1.0))) * machine.dt_s)
-    return (float(np.median(delays)) if delays else None), len(delays)
+    parts = [
+        _delays_in_rows(trajectory.q[:, joint], trajectory.a[:, joint], MOTION_OF_RANGE * span, horizon)
+        for trajectory in trajectories
+    ]
+    delays = np.concatenate(parts) * machine.dt_s
+    return (float(np.median(delays)) if len(delays) else None), len(delays)
+
+
+def _delays_in_rows(q: np.ndarray, a: np.ndarray, least_distance: float, horizon: int) -> np.ndarray:
+    """Measure each start's delay in rows, shape (n_delays,): starts from rest that are followed by motion."""
+    rows = _starts(a)
+    rows = rows[(rows >= AT_REST_BEFORE_ROWS) & (rows + 1 < len(a))]
+    before = rows[:, None] + np.arange(-AT_REST_BEFORE_ROWS, 0)
+    at_rest = (a[before] == 0).all(axis=1)
+    rows, before = rows[at_rest], before[at_rest]
+    threshold = np.maximum(least_distance, MOTION_IN_NOISE * q[before].std(axis=1))
+    after = rows[:, None] + np.arange(horizon)
+    within = after < len(a)
+    after = np.minimum(after, len(a) - 1)
+    held = np.logical_and.accumulate(within & (np.sign(a[after]) == np.sign(a[rows])[:, None]), axis=1)
+    distance = np.abs(q[after] - q[before].mean(axis=1)[:, None])
+    beyond = held & (distance > threshold[:, None])
+    first = beyond.argmax(axis=1)
+    moved = np.flatnonzero(beyond.any(axis=1) & (first > 0))  # in row 0 it was in motion already
+    last, threshold = first[moved], threshold[moved]
+    nearer, farther = distance[moved, last - 1], distance[moved, last]
+    return last - 1 + np.clip((threshold - nearer) / (farther - nearer), 0.0, 1.0)
 
 
 def frozen_stretches(
@@ -115,9 +125,3 @@ def findings(trajectories: list[Trajectory], machine: MachineSpecification) -> l
 def _starts(a: np.ndarray) -> np.ndarray:
     """Rows at which a command leaves zero."""
     return np.flatnonzero((a[1:] != 0) & (a[:-1] == 0)) + 1
-
-
-def _held_rows(a: np.ndarray) -> int:
-    """For how many rows from the first on the command keeps its sign."""
-    other = np.flatnonzero(np.sign(a) != np.sign(a[0]))
-    return int(other[0]) if len(other) else len(a)

@@ -15,11 +15,12 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
+from pipeline.logs.indexed_chunk import ENTRY, find_messages
 from pipeline.logs.message_blocks import BlockColumns, MessageBlock, ReadingLedger, Topic
 from pipeline.logs.message_definitions import full_type_name
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX, DATA_END = 2, 3, 4, 5, 6, 8, 15
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, DATA_END = 2, 3, 4, 5, 6, 7, 8, 15
 KNOWN_OPCODES = range(1, 16)
 PREFIX = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
@@ -27,6 +28,7 @@ MESSAGE_FIELDS = MESSAGE_HEADER.size - PREFIX.size
 CHUNK_HEADER = struct.Struct(
     "<QQQII"
 )  # start, end, uncompressed size, checksum, length of the compression's name
+INDEX_HEADER = struct.Struct("<HI")  # channel, length of its entries in bytes
 CHUNK_INDEX_START = struct.Struct("<QQQ")  # start and end of its messages, offset of the chunk
 FOOTER_FIELDS = struct.Struct("<QQI")  # start of the summary, start of its offsets, checksum
 UNCHUNKED_BATCH_BYTES = 1 << 22
@@ -139,7 +141,7 @@ class _Scan:
         """Yield the messages that stood outside of chunks."""
         if self.unchunked:
             data, self.unchunked = bytes(self.unchunked), bytearray()
-            yield from self.records(data, f"in the unchunked messages before byte {offset}", offset)
+            yield from self.records(data, f"in the unchunked messages before byte {offset}", offset, {})
 
     def chunk(self, offset: int, length: int) -> Iterator[MessageBlock]:
         """Yield the blocks of the chunk record at `offset`, whose prefix was read."""
@@ -169,12 +171,49 @@ class _Scan:
         elif checksum and zlib.crc32(data) != checksum:
             self.ledger.damage(offset, f"the chunk's checksum fails; the chunk ({size} bytes) is lost")
             return
-        yield from self.records(data, "in the chunk that starts here", offset)
+        indexes = {} if cut else self.message_indexes(offset + PREFIX.size + length)
+        yield from self.records(data, "in the chunk that starts here", offset, indexes)
 
-    def records(self, data: bytes, place: str, offset: int) -> Iterator[MessageBlock]:
-        """Walk message, schema and channel records and yield one block per wanted topic."""
-        columns = BlockColumns(np.frombuffer(data, np.uint8))
-        position, end = 0, len(data)
+    def message_indexes(self, position: int) -> dict[int, np.ndarray]:
+        """Read the message index records that follow a chunk."""
+        indexes: dict[int, np.ndarray] = {}
+        self.file.seek(position)
+        while len(prefix := self.file.read(PREFIX.size)) == PREFIX.size:
+            opcode, length = PREFIX.unpack(prefix)
+            if opcode != MESSAGE_INDEX or length > self.size:
+                break
+            body = self.file.read(length)
+            if len(body) < INDEX_HEADER.size:
+                break
+            channel, n_bytes = INDEX_HEADER.unpack_from(body)
+            if channel in indexes or n_bytes % ENTRY.itemsize or INDEX_HEADER.size + n_bytes > len(body):
+                return {}
+            if n_bytes:
+                indexes[channel] = np.frombuffer(body, ENTRY, n_bytes // ENTRY.itemsize, INDEX_HEADER.size)
+        return indexes
+
+    def records(
+        self, data: bytes, place: str, offset: int, indexes: dict[int, np.ndarray]
+    ) -> Iterator[MessageBlock]:
+        """Find message, schema and channel records and yield one block per wanted channel."""
+        buffer = np.frombuffer(data, np.uint8)
+        columns = BlockColumns(buffer)
+        stretches = [(0, len(data))]
+        if (indexed := find_messages(buffer, indexes)) is not None:
+            found, stretches = indexed
+            for messages in found:
+                columns.add_many(messages.channel, messages.log_time_ns, messages.start, messages.length)
+        for begin, end in stretches:
+            reached = self.walk(data, begin, end, columns, offset)
+            if reached < end:
+                lost = f"{place}, {end - reached} bytes from its byte {reached} on are lost"
+                self.ledger.damage(offset, lost)
+        if not columns.channels <= self.topics.keys():
+            self.read_summary()
+        yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
+
+    def walk(self, data: bytes, position: int, end: int, columns: BlockColumns, offset: int) -> int:
+        """Walk the records of a stretch of a chunk; return where they end, or where one is damaged."""
         unpack = MESSAGE_HEADER.unpack_from
         while position + PREFIX.size <= end:
             if data[position] == MESSAGE and position + MESSAGE_HEADER.size <= end:
@@ -191,13 +230,7 @@ class _Scan:
                 if opcode in (SCHEMA, CHANNEL):
                     self.describe(opcode, data[position + PREFIX.size : following], offset)
             position = following
-        if position < end:
-            self.ledger.damage(
-                offset, f"{place}, {end - position} bytes from its byte {position} on are lost"
-            )
-        if not columns.found.keys() <= self.topics.keys():
-            self.read_summary()
-        yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
+        return position
 
     def describe(self, opcode: int, body: bytes, offset: int) -> None:
         """Take in a schema or a channel record."""

@@ -6,7 +6,6 @@ decided later and alike for all formats, and memory is bounded by the largest ch
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import compress
 from pathlib import Path
 from typing import Protocol
 
@@ -84,11 +83,12 @@ class ReadingLedger:
 
 
 class BlockColumns:
-    """Gathers the messages found while a chunk is walked, channel by channel."""
+    """Gathers the messages of a chunk, channel by channel: one by one while it is walked, or many at once."""
 
     def __init__(self, data: np.ndarray) -> None:
         self.data = data
         self.found: dict[int, tuple[list[int], list[int], list[int]]] = {}
+        self.found_at_once: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def add(self, channel: int, log_time_ns: int, start: int, length: int) -> None:
         """Take in one message."""
@@ -99,28 +99,50 @@ class BlockColumns:
         columns[1].append(start)
         columns[2].append(length)
 
+    def add_many(self, channel: int, log_time_ns: np.ndarray, start: np.ndarray, length: np.ndarray) -> None:
+        """Take in many messages of a channel, in file order, before any other of the channel."""
+        self.found_at_once[channel] = (log_time_ns, start, length)
+
+    @property
+    def channels(self) -> set[int]:
+        """Channels that messages were found of."""
+        return {*self.found, *self.found_at_once}
+
     def blocks(
         self, topics: Mapping[int, Topic], ledger: ReadingLedger, wanted: Collection[str], offset: int
     ) -> Iterator[MessageBlock]:
         """Count the messages of all channels and yield a block for each of the wanted topics."""
-        for channel, columns in self.found.items():
-            n_messages = len(columns[0])
+        for channel in sorted(self.channels):
+            log_time, start, length = self._columns(channel)
             topic = topics.get(channel)
             if topic is None:
-                lost = f"{n_messages} messages in the chunk that starts here are of a channel never described"
-                ledger.damage(offset, lost, n_messages)
+                lost = f"{len(start)} messages in the chunk that starts here are of a channel never described"
+                ledger.damage(offset, lost, len(start))
                 continue
-            ledger.count(topic, n_messages)
+            ledger.count(topic, len(start))
             if topic.name in wanted:
-                possible = [0 <= time <= MAXIMUM_TIME_NS for time in columns[0]]
-                if not all(possible):
-                    n_impossible = possible.count(False)
+                possible = log_time <= MAXIMUM_TIME_NS
+                if n_impossible := len(start) - int(possible.sum()):
                     lost = f"{n_impossible} messages of {topic.name} in this chunk have impossible times"
                     ledger.damage(offset, lost, n_impossible)
-                log_time, start, length = (
-                    np.array(list(compress(column, possible)), dtype=np.int64) for column in columns
-                )
-                yield MessageBlock(topic, log_time, self.data, start, length)
+                    log_time, start, length = log_time[possible], start[possible], length[possible]
+                yield MessageBlock(topic, log_time.astype(np.int64), self.data, start, length)
+
+    def _columns(self, channel: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return unsigned log times, starts and lengths in file order, each of shape (n,)."""
+        parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        if channel in self.found_at_once:
+            parts.append(self.found_at_once[channel])
+        if channel in self.found:
+            log_time, start, length = self.found[channel]
+            parts.append(
+                (np.array(log_time, np.uint64), np.array(start, np.int64), np.array(length, np.int64))
+            )
+        if len(parts) == 1:
+            return parts[0]
+        joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
+        order = np.argsort(joined[1], kind="stable")
+        return joined[0][order], joined[1][order], joined[2][order]
 
 
 class StorageReader(Protocol):

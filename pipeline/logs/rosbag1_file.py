@@ -198,7 +198,7 @@ class _Scan:
         except _RecordError as reason:
             lost = f"in the chunk that starts here, {reason}; {end - position} of its {end} bytes are lost"
             self.ledger.damage(offset, lost)
-        if not columns.found.keys() <= self.topics.keys():
+        if not columns.channels <= self.topics.keys():
             self.read_index()
         yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
 

@@ -1,0 +1,247 @@
+"""From bytes to Parquet: the pipeline's ingest beside the plain ways a user would take.
+
+    python -m benchmarks.log_reading                 # 76 minutes: three bags, joint states at 50 Hz, commands at 20 Hz
+    python -m benchmarks.log_reading --hours 10      # twenty bags of half an hour
+    python -m benchmarks.log_reading --format bag    # ROS 1, lz4 (also: mcap, db3)
+
+Every way ends in the same Parquet columns. The plain ways read message by message, put the log on the grid with
+`numpy.interp` and run the loop tracker with this project's code; none of them checks, cleans or measures anything.
+The limit is reading the file and decompressing its chunks, and nothing else. Each way runs in a process of its own,
+once to warm the file cache and then three times; the best counts. Ratios are to the fastest plain way, by wall time and
+by processor time of the process itself. Peak memory is the process's.
+"""
+
+import argparse
+import multiprocessing
+import os
+import resource
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars
+from omegaconf import OmegaConf
+
+from pipeline.logs.bounded_decompression import decompress
+from pipeline.logs.discover import find_logs
+from pipeline.logs.ingest import ingest
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.loop_tracker import LoopTrackerConfig, track
+from pipeline.logs.resample import resample
+from pipeline.machine.specification import MachineSpecification
+from tests.logs import foreign_bags as foreign
+from tests.logs.conftest import load_machine, make_session
+
+SESSION_MINUTES = (21, 23, 32)
+LONG_BAG_MINUTES = 30
+REPEATS = 3
+PROFILE = OmegaConf.load(Path(__file__).parents[1] / "conf/profile/paper.yaml")
+CONFIG, TRACKER = IngestConfig(**PROFILE.ingest), LoopTrackerConfig(**PROFILE.control.loop_tracker)
+
+
+def write_bags(folder: Path, minutes: tuple[int, ...], kind: str, machine: MachineSpecification) -> None:
+    for number, length in enumerate(minutes):
+        session = make_session(machine, seconds=60 * length, seed=number)
+        name = f"session_{number:02d}"
+        if kind == "mcap":
+            session.write(folder / name, machine)
+        elif kind == "bag":
+            entries = foreign.messages(foreign.ROS1, session, machine.joint_names)
+            foreign.write_rosbag1(folder / f"{name}.bag", entries, "lz4", chunk_bytes=768 * 1024)
+        else:
+            entries = foreign.messages(foreign.ROS2, session, machine.joint_names)
+            foreign.write_rosbag2(folder / name, entries)
+
+
+def to_parquet(log: dict, machine: MachineSpecification, path: Path) -> None:
+    """What the plain ways do with the samples that they read."""
+    arrays = [np.array(log[key]) for key in ("stamp", "q", "command_time", "command")]
+    for segment in resample(*arrays, machine.dt_s, CONFIG.maximum_gap_s):
+        columns = {"stamp": segment.stamp_ns}
+        for prefix, values in (
+            ("q", segment.q),
+            ("qd", track(segment.q, machine.dt_s, TRACKER)),
+            ("a", segment.a),
+        ):
+            columns |= {f"{prefix}_{joint}": values[:, i] for i, joint in enumerate(machine.joint_names)}
+        polars.DataFrame(columns).write_parquet(path)
+
+
+def _empty() -> dict:
+    return {"stamp": [], "q": [], "command_time": [], "command": []}
+
+
+def any_reader(folder: Path, output: Path, machine: MachineSpecification) -> None:
+    """Rosbags' AnyReader loop with deserialisation."""
+    from rosbags.highlevel import AnyReader
+
+    for entry in find_logs(folder):
+        log = _empty()
+        with AnyReader([entry.path]) as reader:
+            order = None
+            for connection, time_ns, data in reader.messages():
+                message = reader.deserialize(data, connection.msgtype)
+                if connection.topic == "/joint_states":
+                    order = order or [message.name.index(joint) for joint in machine.joint_names]
+                    log["stamp"].append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+                    log["q"].append(message.position[order])
+                else:
+                    log["command_time"].append(time_ns)
+                    log["command"].append(message.data)
+        to_parquet(log, machine, output / f"{entry.name}.parquet")
+
+
+def mcap_ros2_support(folder: Path, output: Path, machine: MachineSpecification) -> None:
+    """The mcap library with mcap-ros2-support."""
+    from mcap_ros2.reader import read_ros2_messages
+
+    for entry in find_logs(folder):
+        log = _empty()
+        for found in read_ros2_messages(str(entry.files[0])):
+            message = found.ros_msg
+            if found.channel.topic == "/joint_states":
+                log["stamp"].append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+                log["q"].append(
+                    [message.position[message.name.index(joint)] for joint in machine.joint_names]
+                )
+            else:
+                log["command_time"].append(found.log_time_ns)
+                log["command"].append(message.data)
+        to_parquet(log, machine, output / f"{entry.name}.parquet")
+
+
+def pandas_loop(folder: Path, output: Path, machine: MachineSpecification) -> None:
+    """A message loop into pandas, topic by topic, as bagpy does."""
+    import pandas
+    from rosbags.highlevel import AnyReader
+
+    for entry in find_logs(folder):
+        frames = {}
+        with AnyReader([entry.path]) as reader:
+            for topic in ("/joint_states", "/joint_commands"):
+                rows = []
+                connections = [connection for connection in reader.connections if connection.topic == topic]
+                for connection, time_ns, data in reader.messages(connections):
+                    message = reader.deserialize(data, connection.msgtype)
+                    row = {"Time": time_ns}
+                    if topic == "/joint_states":
+                        row["stamp"] = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+                        row |= {
+                            f"position_{n}": p for n, p in zip(message.name, message.position, strict=True)
+                        }
+                    else:
+                        row |= {f"data_{i}": value for i, value in enumerate(message.data)}
+                    rows.append(row)
+                frames[topic] = pandas.DataFrame(rows)
+        states, commands = frames["/joint_states"], frames["/joint_commands"]
+        log = {
+            "stamp": states["stamp"].to_numpy(),
+            "q": states[[f"position_{joint}" for joint in machine.joint_names]].to_numpy(),
+            "command_time": commands["Time"].to_numpy(),
+            "command": commands[[f"data_{i}" for i in range(machine.n_joint)]].to_numpy(float),
+        }
+        to_parquet(log, machine, output / f"{entry.name}.parquet")
+
+
+def ours(folder: Path, output: Path, machine: MachineSpecification) -> None:
+    """This project, one process: with checks, conditioning and the quality record."""
+    summary = ingest(machine, folder, output, CONFIG, TRACKER, n_processes=1)
+    assert not summary.failures and not summary.n_skipped
+
+
+def ours_on_all_cores(folder: Path, output: Path, machine: MachineSpecification) -> None:
+    """This project, side by side on all cores (the processes' start included)."""
+    summary = ingest(machine, folder, output, CONFIG, TRACKER)
+    assert not summary.failures and not summary.n_skipped
+
+
+def limit(folder: Path, output: Path, machine: MachineSpecification) -> None:
+    """Reading the files and decompressing their chunks, which are found by the summary."""
+    from mcap.reader import make_reader
+
+    for entry in find_logs(folder):
+        content = entry.files[0].read_bytes()
+        if entry.files[0].suffix != ".mcap":
+            continue
+        with entry.files[0].open("rb") as stream:
+            chunks = make_reader(stream).get_summary().chunk_indexes
+        for chunk in chunks:
+            end = chunk.chunk_start_offset + chunk.chunk_length
+            decompress(chunk.compression, content[end - chunk.compressed_size : end], chunk.uncompressed_size)
+
+
+WAYS: dict[str, Callable] = {
+    "AnyReader loop": any_reader,
+    "mcap-ros2-support": mcap_ros2_support,
+    "loop into pandas": pandas_loop,
+    "this project, 1 process": ours,
+    "this project, all cores": ours_on_all_cores,
+    "limit (read, decompress)": limit,
+}
+
+
+def measure(name: str, folder: Path, repeats: int, machine: MachineSpecification, answers) -> None:
+    """Run one way and send its best wall and processor times and its peak memory."""
+    times, processor = [], []
+    for _ in range(1 + repeats):
+        with tempfile.TemporaryDirectory() as output:
+            begin, begin_processor = time.perf_counter(), time.process_time()
+            WAYS[name](folder, Path(output), machine)
+            times.append(time.perf_counter() - begin)
+            processor.append(time.process_time() - begin_processor)
+    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    answers.put((min(times[1:] or times), min(processor[1:] or processor), kilobytes / 1024))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--hours", type=float, default=0.0, help="a long set instead of the 76 minutes")
+    parser.add_argument("--format", choices=["mcap", "bag", "db3"], default="mcap")
+    parser.add_argument("--repeats", type=int, default=REPEATS)
+    parser.add_argument("--only", nargs="*", default=list(WAYS), help="which ways")
+    arguments = parser.parse_args()
+    machine = load_machine("bobcat_e10")
+    minutes = SESSION_MINUTES
+    if arguments.hours:
+        minutes = (LONG_BAG_MINUTES,) * round(arguments.hours * 60 / LONG_BAG_MINUTES)
+    context = multiprocessing.get_context("spawn")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_bags(folder, minutes, arguments.format, machine)
+        n_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+        n_messages = sum(60 * length * 70 for length in minutes)
+        print(
+            f"{len(minutes)} bags ({arguments.format}), {sum(minutes)} minutes, {n_messages} messages, "
+            f"{n_bytes / 1e6:.1f} MB, {os.cpu_count()} cores"
+        )
+        rows = []
+        for way in WAYS:
+            if way not in arguments.only or (way == "mcap-ros2-support" and arguments.format != "mcap"):
+                continue
+            answers = context.Queue()
+            process = context.Process(target=measure, args=(way, folder, arguments.repeats, machine, answers))
+            process.start()
+            rows.append((way, *answers.get()))
+            process.join()
+        plain = [(seconds, cpu) for way, seconds, cpu, _ in rows if way in list(WAYS)[:3]]
+        fastest = [min(column) for column in zip(*plain, strict=True)]
+        print(
+            f"{'way':26}{'wall s':>9}{'CPU s':>9}{'messages/s':>12}{'ratio wall':>12}{'ratio CPU':>11}{'peak MiB':>10}"
+        )
+        for way, seconds, cpu, mebibytes in rows:
+            ratios = [f"{best / own:.1f}" for best, own in zip(fastest, (seconds, cpu), strict=False)] or [
+                "-",
+                "-",
+            ]
+            print(
+                f"{way:26}{seconds:9.3f}{cpu:9.3f}{n_messages / seconds:12.0f}{ratios[0]:>12}{ratios[1]:>11}"
+                f"{mebibytes:10.0f}"
+            )
+
+
+if __name__ == "__main__":
+    main()
