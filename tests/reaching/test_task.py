@@ -20,7 +20,7 @@ BATCH = 64
 
 @pytest.fixture(scope="module")
 def rollout(task: ReachingTask, tick, bobcat: MachineSpecification):
-    """Twelve ticks under random commands, away from the joint limits: states (the first one too), commands, outcomes."""
+    """Twelve ticks under random commands, away from joint limits: states (with the first), commands, outcomes."""
     start_key, goal_key, command_key = jax.random.split(jax.random.key(3), 3)
     middle = jnp.asarray(bobcat.lower + bobcat.upper, jnp.float32) / 2
     starts = middle + 0.7 * (random_configurations(bobcat, start_key, BATCH) - middle)
