@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.kinematics import Arm
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.metrics import PITCH_THRESHOLDS_RAD, POSITION_THRESHOLDS_M
+from pipeline.reporting.clouds import cloud_of
 from pipeline.reporting.figures import (
     LearningCurve,
     learning_curve_figure,
@@ -19,9 +19,8 @@ from pipeline.reporting.page import Figure, KeyFigure, Section
 from pipeline.reporting.paper import BRAX_EVALUATION_COLUMNS, KIND_NAMES, PPO_BRAX_EVALUATION, SELECTED_MODELS
 from pipeline.reporting.results import ControllerResult, ModelResult, PipelineResults
 from pipeline.reporting.tables import Table, mean_and_deviation
-from pipeline.reporting.workspace_figures import Cloud, cloud_figure
+from pipeline.reporting.workspace_figures import cloud_figure
 
-CLOUD_STRIDE = 10  # rows between two drawn positions: every half second at 20 Hz
 SVG, PNG = "image/svg+xml", "image/png"
 EVALUATION_METRICS = ("average_return", "sr_002_002", "sr_004_004", "oow", "ooz", "min_z_m")
 
@@ -42,7 +41,7 @@ def data_section(
     table = Table("Recordings to learn from", ["Recording", "Minutes", "Steps", "Steps with a command"], rows)
     figures = []
     if arm is not None and machine.workspace is not None:
-        clouds = {trajectory.name: _cloud(arm, trajectory) for trajectory in trajectories}
+        clouds = {trajectory.name: cloud_of(arm, [trajectory]) for trajectory in trajectories}
         figures.append(
             Figure(
                 "End-effector positions while teleoperated",
@@ -233,11 +232,6 @@ def evaluated(controllers: Sequence[ControllerResult]) -> Mapping[str, float]:
     """Metrics averaged over controllers, for the pipeline's run."""
     keys = controllers[0].metrics
     return {key: float(np.mean([controller.metrics[key] for controller in controllers])) for key in keys}
-
-
-def _cloud(arm: Arm, trajectory: Trajectory) -> Cloud:
-    q = jnp.asarray(trajectory.q[::CLOUD_STRIDE], jnp.float32)
-    return Cloud(np.asarray(arm.forward(q).position), np.asarray(arm.pitch(q)))
 
 
 def _scientific(value: float) -> str:

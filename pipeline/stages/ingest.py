@@ -5,9 +5,12 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration import ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.logs.ingest import ingest, write_metrics
 from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.tuples import read_tuples
+from pipeline.machine.kinematics import load_arm
+from pipeline.reporting.quality import quality_page
 from pipeline.tracking import StageRun, flatten_metrics
 
 
@@ -35,14 +38,20 @@ def main(configuration: IngestStage, run: StageRun) -> None:
         configuration.control.loop_tracker,
         allow_empty=configuration.allow_empty,
     )
-    quality = Path(configuration.report) / "quality.json"
-    write_metrics(summary, quality)
+    report_directory = Path(configuration.report)
+    write_metrics(summary, report_directory / "quality.json")
+    machine = configuration.machine
+    arm = load_arm(machine, MACHINE_DIRECTORY) if machine.arm is not None else None
+    trajectories = read_tuples(Path(configuration.output), machine) if summary.reports else []
+    page = quality_page(machine, arm, summary, trajectories)
+    (report_directory / "quality.html").write_text(page, encoding="utf-8")
     for report in summary.reports:
         print(f"{report.name}: {report.metrics['n_rows']} rows, {report.metrics['duration_s']:.0f} s")
         for finding in report.findings:
             print(f"  {finding}")
     run.metrics(flatten_metrics({key: value for key, value in summary.metrics().items() if "/" not in key}))
-    run.artifact(quality)
+    for name in ("quality.json", "quality.html"):
+        run.artifact(report_directory / name)
     summary.raise_if_failed()
 
 

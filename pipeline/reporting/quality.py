@@ -1,0 +1,119 @@
+"""The quality report of a folder of logs, as a page."""
+
+from collections.abc import Mapping, Sequence
+
+from pipeline.logs.ingest import IngestSummary
+from pipeline.logs.quality import QualityReport
+from pipeline.logs.tuples import Trajectory, bag_of
+from pipeline.machine.kinematics import Arm
+from pipeline.machine.specification import MachineSpecification
+from pipeline.reporting.clouds import cloud_of
+from pipeline.reporting.page import Figure, KeyFigure, Section, render_page
+from pipeline.reporting.tables import Table
+from pipeline.reporting.workspace_figures import cloud_figure
+
+# Column heading, key behind the joint's name, format, factor
+JOINT_COLUMNS = (
+    ("from", "position_min", "{:.3f}", 1.0),
+    ("to", "position_max", "{:.3f}", 1.0),
+    ("fastest [/s]", "speed_max", "{:.3f}", 1.0),
+    ("negative [%]", "share_negative", "{:.0f}", 100.0),
+    ("zero [%]", "share_zero", "{:.0f}", 100.0),
+    ("positive [%]", "share_positive", "{:.0f}", 100.0),
+    ("starts", "n_starts", "{:.0f}", 1.0),
+    ("moved alone [s]", "alone_s", "{:.0f}", 1.0),
+    ("command to motion [s]", "apparent_delay_s", "{:.2f}", 1.0),
+)
+STREAM_COLUMNS = (
+    ("messages", "n", "{:.0f}", 1.0),
+    ("rate [Hz]", "rate_hz", "{:.2f}", 1.0),
+    ("jitter [ms]", "jitter_s", "{:.2f}", 1000.0),
+    ("longest gap [ms]", "longest_gap_s", "{:.0f}", 1000.0),
+    ("gaps that split", "n_gaps", "{:.0f}", 1.0),
+)
+STREAMS = ("joint_states", "commands")
+
+
+def quality_page(
+    machine: MachineSpecification, arm: Arm | None, summary: IngestSummary, trajectories: Sequence[Trajectory]
+) -> str:
+    """Lay out the quality report.
+
+    Args:
+        machine: The machine.
+        arm: Its kinematics, for pictures of the workspace; None where it has no description.
+        summary: What became of the logs.
+        trajectories: Their tuples.
+    """
+    sections = [_log_section(machine, arm, report, trajectories) for report in summary.reports]
+    if summary.failures:
+        failed = Table("Logs that failed", ["Log", "Why"], [[f.name, f.reason] for f in summary.failures])
+        sections.insert(
+            0, Section("What failed", f"{len(summary.failures)} logs could not be used.", (), [failed])
+        )
+    totals = summary.metrics()
+    minutes = (totals["duration_s"] or 0) / 60
+    n_failed = totals["n_failed"]
+    verdict = f"{totals['n_logs']} logs, {minutes:.0f} minutes, {totals['n_rows']} rows of tuples; " + (
+        "all could be used." if n_failed == 0 else f"{n_failed} failed."
+    )
+    notes = sum(note.count for report in summary.reports for note in report.notes)
+    return render_page(
+        f"Quality of the logs of {machine.name}",
+        verdict,
+        [
+            KeyFigure(f"{minutes:.0f} min", "recorded"),
+            KeyFigure(str(totals["n_rows"]), "rows of tuples"),
+            KeyFigure(str(n_failed), "logs failed"),
+            KeyFigure(str(notes), "samples or messages with a note"),
+        ],
+        sections,
+        [("machine", machine.name), ("rate", f"{machine.rate_hz:g} Hz")],
+    )
+
+
+def _log_section(
+    machine: MachineSpecification, arm: Arm | None, report: QualityReport, trajectories: Sequence[Trajectory]
+) -> Section:
+    metrics = report.metrics
+    tables = [
+        _table("Messages", STREAM_COLUMNS, metrics, STREAMS),
+        _table("Joints and their commands", JOINT_COLUMNS, metrics, machine.joint_names),
+    ]
+    if report.notes:
+        rows = [[str(note.kind), str(note.count), note.text] for note in report.notes]
+        tables.append(Table("What was lost, left out or changed", ["Kind", "How often", "What"], rows))
+    own = [trajectory for trajectory in trajectories if bag_of(trajectory.name) == report.name]
+    figures = []
+    if arm is not None and machine.workspace is not None and own:
+        figures.append(
+            Figure(
+                f"Workspace covered in {report.name}",
+                "End-effector positions from above and from the side, coloured by pitch; outlined is W+.",
+                cloud_figure({report.name: cloud_of(arm, own)}, machine.workspace),
+                "image/png",
+            )
+        )
+    clock = "log time" if metrics["clock/uses_log_time"] else "header stamps"
+    return Section(
+        report.name,
+        f"{metrics['duration_s']:.0f} s, {metrics['n_rows']} rows in {metrics['n_trajectories']} trajectories; "
+        f"time is that of the {clock}.",
+        figures,
+        tables,
+        [f"Later stages will miss: {finding}" for finding in report.findings],
+    )
+
+
+def _table(
+    title: str,
+    columns: Sequence[tuple[str, str, str, float]],
+    metrics: Mapping[str, float | int | None],
+    names: Sequence[str],
+) -> Table:
+    rows = []
+    for name in names:
+        values = [(metrics[f"{name}/{key}"], template, factor) for _, key, template, factor in columns]
+        cells = ["–" if value is None else form.format(value * factor) for value, form, factor in values]
+        rows.append([name, *cells])
+    return Table(title, ["", *(heading for heading, *_ in columns)], rows)

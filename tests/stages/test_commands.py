@@ -1,0 +1,135 @@
+"""The stages as a user runs them: commands with overrides, from any folder, with mistakes."""
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import OmegaConf, open_dict
+
+from pipeline.logs.writer import write_bag
+from pipeline.machine.specification import MachineSpecification
+
+ROOT = Path(__file__).parents[2]
+STAGES = sorted(path.stem for path in (ROOT / "pipeline/stages").glob("[a-z]*.py"))
+PROFILES = sorted(path.stem for path in (ROOT / "conf/profile").glob("*.yaml"))
+
+
+def run(stage: str, *overrides: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", f"pipeline.stages.{stage}", *overrides, "tracking=none"]
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
+
+
+def bobcat() -> MachineSpecification:
+    content = OmegaConf.load(ROOT / "conf/machine/bobcat_e10.yaml")
+    return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(MachineSpecification), content))
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with one bag of ten seconds."""
+    folder = tmp_path_factory.mktemp("logs")
+    random = np.random.default_rng(0)
+    stamps = 1_700_000_000_000_000_000 + np.arange(500, dtype=np.int64) * 20_000_000
+    write_bag(
+        folder / "morning",
+        bobcat(),
+        joint_state_header_stamp_ns=stamps,
+        joint_state_log_time_ns=stamps + 1_000_000,
+        joint_names=bobcat().joint_names,
+        positions=np.cumsum(random.normal(0, 1e-3, (500, 4)), axis=0) + [0.0, 0.5, -1.0, -1.0],
+        command_log_time_ns=stamps[::5],
+        commands=random.integers(-1, 2, (100, 4)).astype(np.int8),
+    )
+    return folder
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_stage_takes_every_profile(stage: str, profile: str) -> None:
+    """All sections that a stage types are complete and within their ranges."""
+    importlib.import_module(f"pipeline.stages.{stage}")
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composed = compose(stage, overrides=[f"profile={profile}"])
+    with open_dict(composed):
+        composed.profile = profile  # an interpolation that only a running job resolves
+    if OmegaConf.is_missing(composed, "output"):
+        composed.output = "value"  # other keys refer to it
+    for key in OmegaConf.missing_keys(composed):
+        OmegaConf.update(composed, key, "value" if key != "seed" else 0)
+    assert OmegaConf.to_object(composed).machine.name == "bobcat_e10"
+
+
+def test_paths_are_relative_to_the_callers_folder(logs: Path, tmp_path: Path) -> None:
+    result = run("ingest", f"logs={os.path.relpath(logs, tmp_path)}", "output=tuples", folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    tuples = polars.read_parquet(tmp_path / "tuples/morning.parquet")
+    assert set(tuples["split"]) == {"train", "validation"}
+    assert json.loads((tmp_path / "tuples/quality.json").read_text())["n_logs"] == 1
+
+
+def test_a_mistake_is_one_line_and_status_2(tmp_path: Path) -> None:
+    result = run("ingest", "logs=nowhere", "output=tuples", folder=tmp_path)
+    assert result.returncode == 2
+    assert result.stderr.splitlines() == ["error: ingest: nowhere: no such folder; name a folder of logs"]
+
+
+def test_a_missing_key_is_named(tmp_path: Path) -> None:
+    result = run("ingest", "output=tuples", folder=tmp_path)
+    assert result.returncode == 2
+    assert result.stderr.splitlines() == ["error: ingest: `logs` is missing; add logs=VALUE to the command"]
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("ingest.maximum_gap=1", "maximum_gap"),
+        ("ingest.maximum_gap_s=long", "long"),
+        ("machine=mine", "mine"),
+    ],
+)
+def test_a_bad_override_gets_hydras_own_message(override: str, said: str, tmp_path: Path) -> None:
+    result = run("ingest", "logs=x", "output=y", override, folder=tmp_path)
+    assert result.returncode == 1
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_a_value_out_of_range_is_refused_before_work_starts(logs: Path, tmp_path: Path) -> None:
+    result = run("ingest", f"logs={logs}", "output=tuples", "ingest.maximum_gap_s=-1", folder=tmp_path)
+    assert result.returncode == 2
+    assert "ingest.maximum_gap_s is -1.0; it must be positive" in result.stderr
+    assert not (tmp_path / "tuples").exists()
+
+
+def test_own_logs_take_the_place_of_recorded_ones(logs: Path, tmp_path: Path) -> None:
+    result = run("record", f"logs={logs}", "output=raw", "profile=smoke", folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "nothing is recorded" in result.stdout
+    assert not list(tmp_path.rglob("*.mcap"))
+
+
+def test_a_sweep_runs_every_value(logs: Path, tmp_path: Path) -> None:
+    overrides = ["-m", f"logs={logs}", "ingest.validation_fraction=0.1,0.2"]
+    result = run("ingest", *overrides, "output=out_${ingest.validation_fraction}", folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    shares = [
+        polars.read_parquet(tmp_path / f"out_{fraction}/morning.parquet")["split"].eq("validation").mean()
+        for fraction in (0.1, 0.2)
+    ]
+    assert shares == pytest.approx([0.1, 0.2], abs=0.01)
+
+
+def test_a_missing_model_is_named(tmp_path: Path) -> None:
+    result = run("ppo", "model=nowhere", "seed=0", "output=policy", folder=tmp_path)
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) >= 1 and "nowhere" in result.stderr.splitlines()[-1]
