@@ -64,10 +64,11 @@ def condition(raw: RawLog, machine: MachineSpecification, config: IngestConfig) 
     time_ns, clock, notes = choose_clock(raw, config.maximum_gap_s, config.maximum_clock_offset_s)
     gap_ns = config.maximum_gap_s * NANOSECONDS
     command = valid_commands(raw, machine, config.maximum_invalid_command_fraction, notes)
-    keep = np.isfinite(raw.q).all(axis=1)
-    for joint, bad in zip(machine.joint_names, (~np.isfinite(raw.q)).sum(axis=0), strict=True):
-        if bad:
-            _left_out(notes, int(bad), f"joint samples: the position of {joint} is not a number")
+    finite = np.isfinite(raw.q)
+    keep = finite.all(axis=1)
+    for joint, n_finite in zip(machine.joint_names, np.count_nonzero(finite, axis=0), strict=True):
+        if n_bad := len(finite) - int(n_finite):
+            _left_out(notes, n_bad, f"joint samples: the position of {joint} is not a number")
     stray = keep & isolated_stamps(time_ns, gap_ns)
     if stray.any():
         _left_out(
@@ -96,8 +97,7 @@ def condition(raw: RawLog, machine: MachineSpecification, config: IngestConfig) 
     for joint_era, command_era in zip(joint_eras, command_eras, strict=True):
         order = command_era[np.argsort(raw.command_log_time_ns[command_era], kind="stable")]
         era_ns, era_q = _in_order(time_ns[joint_era], q[joint_era], clock, notes)
-        era_ns, era_q = _without_spikes(era_ns, era_q, machine, config, notes)
-        jumps = np.flatnonzero(_jumps(era_ns, era_q, machine, config).any(axis=1)) + 1
+        era_ns, era_q, jumps = _without_spikes(era_ns, era_q, machine, config, notes)
         if len(jumps):
             text = "encoder jumps beyond any joint's speed; the log is split there"
             notes.append(Note(NoteKind.changed, text, len(jumps)))
@@ -147,8 +147,8 @@ def unwrap(q: np.ndarray, machine: MachineSpecification, notes: list[Note]) -> n
     for number, joint in enumerate(machine.joints):
         if JointKind(joint.kind) is not JointKind.revolute:
             continue
-        continuous = np.unwrap(q[:, number])
         n_wraps = int((np.abs(np.diff(q[:, number])) > np.pi).sum())
+        continuous = np.unwrap(q[:, number]) if n_wraps else q[:, number]
         turns = np.round((np.median(continuous) - 0.5 * (joint.lower + joint.upper)) / TURN)
         if turns:
             continuous = continuous - turns * TURN
@@ -160,13 +160,12 @@ def unwrap(q: np.ndarray, machine: MachineSpecification, notes: list[Note]) -> n
 
 
 def _note_outside_limits(q: np.ndarray, machine: MachineSpecification, notes: list[Note]) -> None:
-    excursion = np.maximum(machine.lower - q, q - machine.upper)
+    furthest = np.maximum(machine.lower - q.min(axis=0), q.max(axis=0) - machine.upper)
     for number, (joint, unit) in enumerate(zip(machine.joint_names, machine.units, strict=True)):
-        if count := int((excursion[:, number] > 0).sum()):
-            furthest = excursion[:, number].max()
-            text = (
-                f"joint samples kept although {joint} is outside its limits, by up to {furthest:.2g} {unit}"
-            )
+        if furthest[number] > 0:
+            own = q[:, number]
+            count = int(((own < machine.lower[number]) | (own > machine.upper[number])).sum())
+            text = f"joint samples kept although {joint} is outside its limits, by up to {furthest[number]:.2g} {unit}"
             notes.append(Note(NoteKind.attention, text, count))
 
 
@@ -189,18 +188,20 @@ def _in_order(
 
 def _without_spikes(
     time_ns: np.ndarray, q: np.ndarray, machine: MachineSpecification, config: IngestConfig, notes: list[Note]
-) -> tuple[np.ndarray, np.ndarray]:
-    if len(q) < 3:
-        return time_ns, q
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Leave out spikes; return times, positions, and the rows before which a jump is left."""
     jump = _jumps(time_ns, q, machine, config)
-    back = np.abs(q[2:] - q[:-2]) <= _reach(time_ns[2:] - time_ns[:-2], machine, config)
+    if not jump.any():
+        return time_ns, q, np.zeros(0, dtype=np.int64)
     spike = np.zeros(q.shape, dtype=bool)
+    back = np.abs(q[2:] - q[:-2]) <= _reach(time_ns[2:] - time_ns[:-2], machine, config)
     spike[1:-1] = jump[:-1] & jump[1:] & back
     for joint, count in zip(machine.joint_names, spike.sum(axis=0), strict=True):
         if count:
             _left_out(notes, int(count), f"joint samples: the position of {joint} is a spike")
     keep = ~spike.any(axis=1)
-    return time_ns[keep], q[keep]
+    time_ns, q = time_ns[keep], q[keep]
+    return time_ns, q, np.flatnonzero(_jumps(time_ns, q, machine, config).any(axis=1)) + 1
 
 
 def _jumps(

@@ -11,6 +11,7 @@ import yaml
 from pipeline.errors import InputError
 
 METADATA = "metadata.yaml"
+YamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same, ten times faster where it was built
 MAXIMUM_METADATA_CHARACTERS = 1 << 22
 SPLIT_NAME = re.compile(r"(?P<stem>.+)_(?P<number>\d+)")
 
@@ -132,7 +133,7 @@ def _bag_folder(directory: Path) -> LogEntry:
     place = directory / METADATA
     try:
         with place.open(encoding="utf-8") as file:
-            information = yaml.safe_load(file.read(MAXIMUM_METADATA_CHARACTERS))[
+            information = yaml.load(file.read(MAXIMUM_METADATA_CHARACTERS), Loader=YamlLoader)[
                 "rosbag2_bagfile_information"
             ]
         listed = [str(name) for name in information["relative_file_paths"]]
