@@ -45,7 +45,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         joint_state_header_stamp_ns=stamps,
         joint_state_log_time_ns=stamps + 1_000_000,
         joint_names=bobcat().joint_names,
-        positions=np.cumsum(random.normal(0, 1e-3, (500, 4)), axis=0) + [0.0, 0.5, -1.0, -1.0],
+        positions=np.array([0.0, 0.5, -1.0, -1.0]) + np.cumsum(random.normal(0, 1e-3, (500, 4)), axis=0),
         command_log_time_ns=stamps[::5],
         commands=random.integers(-1, 2, (100, 4)).astype(np.int8),
     )
