@@ -18,7 +18,7 @@ from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.quality import QualityReport, measure
 from pipeline.logs.raw_log import Note, NoteKind
 from pipeline.logs.trajectories import make_trajectories
-from pipeline.logs.tuples import SUFFIX, write_tuples
+from pipeline.logs.tuples import SUFFIX, write_tuples, write_whole
 from pipeline.machine.specification import MachineSpecification
 
 SCHEMA_VERSION = 1  # raise it when the same log would give other tuples or another report
@@ -124,8 +124,7 @@ def ingest(
 
 def write_metrics(summary: IngestSummary, path: Path) -> None:
     """Write the flat metrics as JSON."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(summary.metrics(), indent=1) + "\n", encoding="utf-8")
+    write_whole(path, (json.dumps(summary.metrics(), indent=1) + "\n").encode())
 
 
 @dataclass(frozen=True)
@@ -182,11 +181,6 @@ def _ingest_one(entry: LogEntry, settings: _Settings) -> _Outcome:
         return report, False
     except InputError as error:
         return Failure(entry.name, str(error))
-    except OSError as error:
-        place = error.filename or entry.path
-        return Failure(
-            entry.name, f"{place}: {error.strerror or error}; make room or check permissions, then run again"
-        )
     except MemoryError:
         return Failure(entry.name, f"{entry.path}: does not fit into memory; split the bag")
 
@@ -210,9 +204,7 @@ def _fingerprint(entry: LogEntry, settings: _Settings) -> str:
 
 def _write_record(path: Path, fingerprint: str, tuples_path: Path, report: QualityReport) -> None:
     record = {"fingerprint": fingerprint, "tuples": _file_digest(tuples_path), "report": asdict(report)}
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    write_whole(path, (json.dumps(record, indent=1) + "\n").encode())
 
 
 def _read_record(path: Path, fingerprint: str, tuples_path: Path) -> QualityReport | None:

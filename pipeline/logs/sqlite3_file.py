@@ -24,6 +24,7 @@ SIDE_FILES = ("-journal", "-wal", "-shm")
 BATCH_ROWS = 4096
 BATCH_BYTES = 1 << 23
 ATTEMPTS_PAST_DAMAGE = 24
+FAULTS = (sqlite3.Error, UnicodeDecodeError)  # the latter where SQLite's own message quotes damaged text
 Row = tuple[int, int, int, bytes]  # row number, topic, time, message
 
 
@@ -47,7 +48,7 @@ def read_sqlite3(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> 
         raise InputError(
             f"{path}: cannot be read ({error.strerror or error}); check its permissions"
         ) from error
-    except sqlite3.Error as error:
+    except FAULTS as error:
         raise InputError(f"{path}: SQLite cannot read it ({error}); it is damaged from its start") from error
 
 
@@ -122,7 +123,7 @@ def _batches(connection: sqlite3.Connection, ledger: ReadingLedger, file_size: i
                     yield batch
                     batch, n_bytes = [], 0
             break
-        except sqlite3.Error as error:
+        except FAULTS as error:
             if step == 1:
                 place = "from the first row on" if last < 0 else f"after row {last}"
                 ledger.damage(None, f"table messages is damaged {place} ({error}); rows there are lost")

@@ -1,5 +1,6 @@
 """Tuples (q, q̇, a) at the machine's rate, in and out of Parquet (contract, section 2)."""
 
+import io
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -71,21 +72,40 @@ def write_tuples(
 
     Returns:
         The files written.
+
+    Raises:
+        InputError: A file cannot be written.
     """
-    directory.mkdir(parents=True, exist_ok=True)
     by_bag: dict[str, list[Trajectory]] = {}
     for trajectory in trajectories:
         by_bag.setdefault(name or bag_of(trajectory.name), []).append(trajectory)
     paths = []
     for bag, own in by_bag.items():
-        path = directory / f"{bag}{SUFFIX}"
-        partial = path.with_name(f".{path.name}.partial")
+        content = io.BytesIO()
         polars.concat([_frame(machine, trajectory) for trajectory in own]).write_parquet(
-            partial, compression="zstd"
+            content, compression="zstd"
         )
-        os.replace(partial, path)
-        paths.append(path)
+        paths.append(directory / f"{bag}{SUFFIX}")
+        write_whole(paths[-1], content.getbuffer())
     return paths
+
+
+def write_whole(path: Path, content: bytes | memoryview) -> None:
+    """Write a file so that it appears whole or not at all; its folder is made if need be.
+
+    Raises:
+        InputError: It cannot be written: the disk is full, or there is no permission.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(content)
+        os.replace(partial, path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}); make room or check permissions"
+        ) from error
 
 
 def read_tuples(directory: Path, machine: MachineSpecification) -> list[Trajectory]:

@@ -1,5 +1,6 @@
 import json
 import os
+import resource
 
 import numpy as np
 import polars
@@ -89,14 +90,17 @@ def test_side_by_side_gives_the_same_bytes(run, machine, folder, tmp_path, confi
     assert contents(tmp_path / "parallel") == contents(tmp_path / "tuples")
 
 
-def test_full_disk_fails_in_one_line(run, monkeypatch):
-    def full(*_arguments):
-        raise OSError(28, "No space left on device", "tuples/bag.parquet")
-
-    monkeypatch.setattr(ingest_module, "write_tuples", lambda *_, **__: full())
-    summary = run()
-    assert len(summary.failures) == 3
-    assert summary.failures[0].reason.startswith("tuples/bag.parquet: No space left on device; make room")
+def test_full_disk_fails_in_one_line(run, tmp_path):
+    """The kernel refuses to let files grow beyond 10 kB, as it refuses on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, hard))
+    try:
+        summary = run()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert len(summary.failures) == 3 and not summary.reports
+    assert "bag0.parquet: cannot be written (File too large); make room" in summary.failures[0].reason
+    assert list((tmp_path / "tuples").iterdir()) == []
 
 
 def test_empty_folder(tmp_path, machine, config, loop_tracker):
