@@ -99,7 +99,7 @@ def track(
         "process": _process_identity(psutil.Process()),
         **_git_tags(),
     }
-    parent_id = _parent_run(client, experiment_id, pipeline, tags) if pipeline else None
+    parent_id = _parent_run(client, experiment_id, pipeline, tags, resolved) if pipeline else None
     if parent_id:
         tags["mlflow.parentRunId"] = parent_id
     run = client.create_run(experiment_id, tags=tags)
@@ -172,7 +172,9 @@ def _end_orphans(client: Any, experiment_id: str) -> None:
             client.set_terminated(run.info.run_id, "KILLED")
 
 
-def _parent_run(client: Any, experiment_id: str, pipeline: str, tags: Mapping[str, str]) -> str:
+def _parent_run(
+    client: Any, experiment_id: str, pipeline: str, tags: Mapping[str, str], resolved: Mapping[str, Any]
+) -> str:
     with _locked(PARENT_LOCK):
         found = client.search_runs([experiment_id], f"tags.pipeline = '{pipeline}'", max_results=1)
         if found:
@@ -186,7 +188,10 @@ def _parent_run(client: Any, experiment_id: str, pipeline: str, tags: Mapping[st
             "process": pipeline,
             "mlflow.runName": f"{tags['profile']} {time.strftime('%Y-%m-%d %H:%M:%S')}",
         }
-        return client.create_run(experiment_id, tags=parent_tags).info.run_id
+        run_id = client.create_run(experiment_id, tags=parent_tags).info.run_id
+        shared = {key: value for key, value in resolved.items() if isinstance(value, Mapping)}
+        _log_parameters(client, run_id, shared)  # not the stage's own keys
+        return run_id
 
 
 def _log_parameters(client: Any, run_id: str, resolved: Mapping[str, Any]) -> None:

@@ -98,6 +98,7 @@ def test_stages_of_one_dvc_process_share_a_parent(
     assert {run.data.tags["mlflow.parentRunId"] for run in children} == {parents[0].info.run_id}
     assert {run.info.status for run in found} == {"FINISHED"}
     assert parents[0].data.metrics == {"success": 1.0}
+    assert parents[0].data.params == {"machine.name": "bobcat_e10", "machine.rate_hz": "20.0"}
 
 
 def test_hashes_are_those_of_the_lock_file(tmp_path: Path) -> None:

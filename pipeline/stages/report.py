@@ -27,6 +27,7 @@ from pipeline.reporting.tables import Table
 from pipeline.tracking import StageRun, dvc_hashes, flatten_metrics
 
 EPISODE = 0  # of the evaluation
+DATA = ["data/raw/sessions", "data/raw/held_out", "data/processed/sessions", "data/processed/held_out"]
 FRAMES_PER_SECOND = 10
 
 
@@ -73,7 +74,7 @@ def main(configuration: ReportStage, run: StageRun) -> None:
             f"ppo.{kind}.{key}": value for key, value in evaluated(results.controllers_of(kind)).items()
         }
     run.metrics(summary)
-    run.parent_metrics(summary)
+    run.parent_metrics(summary, {f"dvc.{path}": digest for path, digest in dvc_hashes(DATA).items()})
     run.artifact(output, "report")
 
 
@@ -89,9 +90,7 @@ def episode_section(configuration: ReportStage, evaluation: Path) -> Section:
 
 def provenance(configuration: ReportStage, run: StageRun) -> list[tuple[str, str]]:
     """Name and value of what the figures were made from."""
-    hashes = dvc_hashes(
-        ["data/raw/sessions", "data/raw/held_out", "data/processed/sessions", "data/processed/held_out"]
-    )
+    hashes = dvc_hashes(DATA)
     return [
         ("profile", f"{configuration.profile} (conf/profile/{configuration.profile}.yaml)"),
         ("machine", f"{configuration.machine.name} (conf/machine/{configuration.machine.name}.yaml)"),
