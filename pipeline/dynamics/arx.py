@@ -43,9 +43,8 @@ class ArxPredictor:
         """See `errors.Predictor.predict`."""
         rows = starts[:, None] + np.arange(-self.lags, 1)
         future = starts[:, None] + np.arange(-self.lags, horizon)
-        motion = _motion(trajectory, self.target)[rows]
-        commands = np.asarray(trajectory.a, np.float64)[future]
-        q = np.asarray(trajectory.q, np.float64)[starts]
+        motion, commands = _motion(trajectory, self.target)[rows], trajectory.a[future]
+        q = trajectory.q[starts]
         predictions = np.empty((len(starts), horizon, q.shape[-1]))
         for step in range(horizon):
             x = _regressors(motion, commands[:, step : step + self.lags + 1], q)
@@ -67,9 +66,10 @@ def fit_arx(
     """Fit an ARX model to the training rows.
 
     Args:
-        trajectories: Rows with their split; only `train` rows are used.
-        target: dq: the residual is q_{t+1} − q_t. dqdot: it is (q_{t+1} − q_t)/Δt − q̇_t, so that the
-            integrated new velocity is the least-squares prediction of the next position.
+        trajectories: Rows with their split; only training rows are used.
+        target: dq: the residual is q_{t+1} − q_t. dqdot: it is q̇_{t+1} − q̇_t, the step to the next estimate.
+            (Fitting (q_{t+1} − q_t)/Δt − q̇_t instead predicts one step better, but then unfiltered velocities
+            are fed back, and the rollout is unstable.)
         lags: k.
         dt_s: Length of one time step.
         ridge: Penalty on the squared weights of the standardised inputs, per row; not on the intercept.
@@ -80,28 +80,28 @@ def fit_arx(
     inputs, outputs = [], []
     for trajectory in trajectories:
         training = ~trajectory.is_validation
-        ends = np.arange(lags, len(trajectory.q) - 1)
+        ends = np.arange(lags, len(trajectory) - 1)
         ends = ends[training[ends] & training[ends + 1]]
         rows = ends[:, None] + np.arange(-lags, 1)
-        q = np.asarray(trajectory.q, np.float64)
         motion = _motion(trajectory, target)
-        inputs.append(_regressors(motion[rows], np.asarray(trajectory.a, np.float64)[rows], q[ends]))
-        displacement = q[ends + 1] - q[ends]
-        outputs.append(displacement if target is Target.dq else displacement / dt_s - motion[ends])
+        inputs.append(_regressors(motion[rows], trajectory.a[rows], trajectory.q[ends]))
+        outputs.append(motion[ends + 1] - motion[ends])
     x, y = np.concatenate(inputs), np.concatenate(outputs)
     if len(x) == 0:
         raise InputError(f"identify: no trajectory has {lags + 2} training rows in a row; give longer logs")
     mean, spread = x.mean(axis=0), x.std(axis=0)
     spread[spread == 0] = 1.0  # a constant input gets weight zero
-    z = (x - mean) / spread
-    gram = z.T @ z / len(z) + ridge * np.eye(z.shape[1])
-    weights = np.linalg.solve(gram, z.T @ (y - y.mean(axis=0)) / len(z)) / spread[:, None]
+    penalty = np.sqrt(ridge * len(x)) * np.eye(x.shape[1])
+    z = np.concatenate([(x - mean) / spread, penalty])
+    centred = np.concatenate([y - y.mean(axis=0), np.zeros((x.shape[1], y.shape[1]))])
+    weights = np.linalg.lstsq(z, centred)[0] / spread[:, None]
     return ArxPredictor(target, lags, dt_s, weights, intercept=y.mean(axis=0) - mean @ weights)
 
 
 def _motion(trajectory: Trajectory, target: Target) -> np.ndarray:
-    return np.asarray(trajectory.q if target is Target.dq else trajectory.qd, np.float64)
+    return trajectory.q if target is Target.dq else trajectory.qd
 
 
 def _regressors(motion: np.ndarray, commands: np.ndarray, q: np.ndarray) -> np.ndarray:
-    return np.concatenate([motion.reshape(len(q), -1), commands.reshape(len(q), -1), q], axis=1)
+    n_inputs = motion.shape[1] * motion.shape[2]
+    return np.concatenate([motion.reshape(-1, n_inputs), commands.reshape(-1, n_inputs), q], axis=1)

@@ -76,7 +76,7 @@ def fit(
     """Identify a dynamics model from logged rows.
 
     Args:
-        trajectories: Rows with their split; training uses `train`, L|eval and early stopping `validation`.
+        trajectories: Rows with their split; those for training, and those for L|eval and early stopping.
         machine: Joints, limits, rate, and the scale of errors.
         parameterization: mlp or kan.
         target: dq or dqdot.
@@ -88,9 +88,8 @@ def fit(
             and is started again with the same arguments returns what an uninterrupted run returns.
 
     Raises:
-        InputError: if the rows are too short, or a joint never moves, or a checkpoint belongs to another run.
+        InputError: if the rows are too short, a joint never moves, or L|eval is never finite.
     """
-    model = DynamicsModel(specify(trajectories, machine, parameterization, target, training, identify))
     starts = window_starts(
         trajectories, validation=False, first_row=training.lags + 1, horizon=training.horizon
     )
@@ -99,6 +98,7 @@ def fit(
             f"identify: no trajectory has {training.lags + 1 + training.horizon + 1} training rows in a row, "
             f"which lags {training.lags} and horizon {training.horizon} need; record longer or lower them"
         )
+    model = DynamicsModel(specify(trajectories, machine, parameterization, target, training, identify))
     judged = evaluation_starts(
         trajectories, identify.evaluation_horizon, identify.evaluation_windows, identify.seed
     )
