@@ -1,6 +1,7 @@
 """Proximal policy optimisation with Brax's implementation (paper, "RL-based controller")."""
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -163,6 +164,9 @@ def train(
 
     Returns:
         The kept policy and the curve.
+
+    Raises:
+        InputError: the training diverged, or the checkpoint is broken.
     """
     evaluate = policy_evaluation(environment)
     episodes = episodes.first(config.curve_episodes)
@@ -181,6 +185,8 @@ def train(
             return  # Brax reports the state that a resumed training begins with
         policy = policy_from_brax(parameters[0], parameters[1], config.normalize_observations)
         point = CurvePoint(steps, reaching_metrics(evaluate(policy, episodes)))
+        if not math.isfinite(point.metrics.average_return):
+            raise InputError(f"ppo: training diverged before step {steps}; lower ppo.learning_rate")
         curve.append(point)
         if kept is None and steps >= config.evaluated_at_steps:
             kept = policy, steps

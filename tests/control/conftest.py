@@ -1,6 +1,8 @@
 """A reaching task on a fast lag model, small enough to learn on in seconds."""
 
+import jax
 import pytest
+from jax.experimental.compilation_cache import compilation_cache
 
 from pipeline.control.ppo import PPOConfig
 from pipeline.reaching.environment import ReachingEnvironment
@@ -8,12 +10,25 @@ from pipeline.reaching.episodes import Episodes, evaluation_episodes
 from tests.reaching.conftest import (  # noqa: F401  fixtures
     arm,
     bobcat,
+    compiled_quickly,
     paper_episodes,
     paper_reward,
     poses,
     section,
     task,
 )
+
+
+@pytest.fixture(scope="package", autouse=True)
+def compiled_once(tmp_path_factory):
+    """Brax compiles each training twice, and the tests train three times: most of it comes from the cache."""
+    before = jax.config.jax_compilation_cache_dir
+    compilation_cache.reset_cache()  # else JAX keeps to what it found at its first compilation: no cache
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
+    with compiled_quickly():
+        yield
+    jax.config.update("jax_compilation_cache_dir", before)
+    compilation_cache.reset_cache()
 
 
 @pytest.fixture(scope="session")

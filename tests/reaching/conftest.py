@@ -1,5 +1,6 @@
 """The default machine, the paper's reward and episodes, and a task on the lag model."""
 
+import contextlib
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,21 @@ def section(name: str, schema: type) -> Any:
     """A section of profile `paper`, typed as Hydra would type it."""
     content = OmegaConf.load(CONFIGURATION / "profile" / "paper.yaml")[name]
     return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), content))
+
+
+@contextlib.contextmanager
+def compiled_quickly():
+    """Compile without most optimisations: these tests compile much and run little."""
+    before = jax.config.read("jax_disable_most_optimizations")
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", before)
+
+
+@pytest.fixture(scope="package", autouse=True)
+def quick_compilation():
+    with compiled_quickly():
+        yield
 
 
 @pytest.fixture(scope="session")
