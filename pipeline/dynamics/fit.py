@@ -8,6 +8,7 @@ has not fallen for `patience_evaluations` evaluations.
 
 import hashlib
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -18,11 +19,12 @@ import numpy as np
 import optax
 
 from pipeline.dynamics.checkpoint import Checkpoints
-from pipeline.dynamics.loss import open_loop_loss
-from pipeline.dynamics.model import DynamicsModel, ModelSpecification, Target
+from pipeline.dynamics.epoch import build_optimiser, compile_epoch, compile_evaluation
+from pipeline.dynamics.model import DynamicsModel, Target
 from pipeline.dynamics.network import Parameterization, Parameters
-from pipeline.dynamics.settings import IdentifyConfig, Optimiser, TrainingConfig
-from pipeline.dynamics.windows import Rows, evaluation_starts, gather_windows, stack_rows, window_starts
+from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
+from pipeline.dynamics.specify import specify
+from pipeline.dynamics.windows import evaluation_starts, stack_rows, window_starts
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
@@ -112,102 +114,25 @@ def fit(
     run_epoch = compile_epoch(model, optimiser, machine.error_scale, training.horizon, batch_size, n_batches)
     evaluate = compile_evaluation(model, machine.error_scale, identify.evaluation_horizon)
     state = initial_state(model.initialise(initial_key), optimiser, training.maximum_epochs)
-    identity = f"{seed} {model.specification} {training} {identify} {_digest(trajectories)}"
-    checkpoints: Checkpoints[TrainingState] = Checkpoints(checkpoint_directory, identity)
-    state = checkpoints.restore(state)
-    device_starts, device_judged = jnp.asarray(starts), jnp.asarray(judged)
-    while int(state.epoch) < training.maximum_epochs:
-        if int(state.epoch) - int(state.best_epoch) >= identify.patience_evaluations:
-            break
-        key = jax.random.fold_in(order_key, state.epoch)
-        parameters, optimiser_state, loss = run_epoch(
-            state.parameters, state.optimiser_state, rows, device_starts, key
-        )
-        state = after_epoch(
-            state, parameters, optimiser_state, loss, evaluate(parameters, rows, device_judged)
-        )
-        epoch = int(state.epoch)
-        if progress is not None:
-            progress(epoch, float(state.training_loss[epoch - 1]), float(state.evaluation_loss[epoch - 1]))
-        if epoch % identify.checkpoint_every_epochs == 0:
-            checkpoints.save(epoch, state)
-    checkpoints.save(int(state.epoch), state)
-    checkpoints.close()
-    return _result(model, state, n_windows=len(starts))
-
-
-def specify(
-    trajectories: Sequence[Trajectory],
-    machine: MachineSpecification,
-    parameterization: Parameterization,
-    target: Target,
-    training: TrainingConfig,
-    identify: IdentifyConfig,
-) -> ModelSpecification:
-    """The model's specification, with its scales taken from the training rows."""
-    return ModelSpecification(
-        parameterization=parameterization,
-        target=target,
-        hidden=list(training.hidden),
-        lags=training.lags,
-        legendre_degree=identify.legendre_degree,
-        joints=list(machine.joint_names),
-        rate_hz=machine.rate_hz,
-        position_lower=machine.lower.tolist(),
-        position_upper=machine.upper.tolist(),
-        velocity_limit=velocity_limits(
-            trajectories, machine.joint_names, identify.velocity_limit_quantile
-        ).tolist(),
-        residual_scale=residual_scales(trajectories, target).tolist(),
+    identity = (
+        f"{seed} {model.specification} {machine.error_scale} {training} {identify} {_digest(trajectories)}"
     )
-
-
-def velocity_limits(trajectories: Sequence[Trajectory], joints: Sequence[str], quantile: float) -> np.ndarray:
-    """Velocity limits for the min-max normalisation: ± the given quantile of |q̇| over the training rows.
-
-    Symmetric, so that rest is zero; a quantile, so that a single outlier of the estimate does not set the
-    scale.
-
-    Returns:
-        (n_joint,) float64, rad/s or m/s.
-
-    Raises:
-        InputError: if there are no training rows, or a joint never moves in them.
-    """
-    speeds = np.abs(np.concatenate([trajectory.qd[~trajectory.is_validation] for trajectory in trajectories]))
-    if len(speeds) == 0:
-        raise InputError("identify: no row of the tuples has split train; ingest the logs again")
-    limits = np.quantile(speeds.astype(np.float64), quantile, axis=0)
-    for joint, limit in zip(joints, limits, strict=True):
-        if not limit > 0:
-            raise InputError(
-                f"identify: joint {joint} never moves in the training rows; add logs in which it does"
+    device_starts, device_judged = jnp.asarray(starts), jnp.asarray(judged)
+    with closing(Checkpoints[TrainingState](checkpoint_directory, identity)) as checkpoints:
+        state = checkpoints.restore(state)
+        while not _ended(state, training, identify):
+            key = jax.random.fold_in(order_key, state.epoch)
+            parameters, optimiser_state, loss = run_epoch(
+                state.parameters, state.optimiser_state, rows, device_starts, key
             )
-    return limits
-
-
-def residual_scales(trajectories: Sequence[Trajectory], target: Target) -> np.ndarray:
-    """RMS of the residual that the network predicts, over the training rows: (n_joint,) float64."""
-    name = "q" if target is Target.dq else "qd"
-    residuals = [
-        np.diff(getattr(trajectory, name)[~trajectory.is_validation], axis=0) for trajectory in trajectories
-    ]
-    return np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0))
-
-
-def build_optimiser(
-    training: TrainingConfig, identify: IdentifyConfig, n_batches: int
-) -> optax.GradientTransformation:
-    """Adam, with the clipping and the decay that the configuration states."""
-    rate: optax.ScalarOrSchedule = training.learning_rate
-    if identify.cosine_decay:
-        rate = optax.cosine_decay_schedule(
-            training.learning_rate, decay_steps=training.maximum_epochs * n_batches
-        )
-    steps = {Optimiser.adam: optax.adam}[identify.optimiser](rate)
-    if identify.gradient_clip is None:
-        return steps
-    return optax.chain(optax.clip_by_global_norm(identify.gradient_clip), steps)
+            evaluation_loss = evaluate(parameters, rows, device_judged)
+            state = after_epoch(state, parameters, optimiser_state, loss, evaluation_loss)
+            epoch = int(state.epoch)
+            if progress is not None:
+                progress(epoch, float(loss), float(evaluation_loss))
+            if epoch % identify.checkpoint_every_epochs == 0 or _ended(state, training, identify):
+                checkpoints.save(epoch, state)
+    return _result(model, state, n_windows=len(starts))
 
 
 def initial_state(
@@ -224,52 +149,6 @@ def initial_state(
         training_loss=jnp.full((maximum_epochs,), jnp.nan, jnp.float32),
         evaluation_loss=jnp.full((maximum_epochs,), jnp.nan, jnp.float32),
     )
-
-
-def compile_epoch(
-    model: DynamicsModel,
-    optimiser: optax.GradientTransformation,
-    error_scale: np.ndarray,
-    horizon: int,
-    batch_size: int,
-    n_batches: int,
-) -> Callable[..., tuple[Parameters, optax.OptState, jax.Array]]:
-    """One epoch as one call: (parameters, optimiser state, rows, starts, key) -> (…, …, mean loss)."""
-
-    @jax.jit
-    def run_epoch(
-        parameters: Parameters, optimiser_state: optax.OptState, rows: Rows, starts: jax.Array, key: jax.Array
-    ) -> tuple[Parameters, optax.OptState, jax.Array]:
-        order = jax.random.permutation(key, starts)[: n_batches * batch_size].reshape(n_batches, batch_size)
-
-        def update(
-            carry: tuple[Parameters, optax.OptState], batch: jax.Array
-        ) -> tuple[tuple[Parameters, optax.OptState], jax.Array]:
-            parameters, optimiser_state = carry
-            window = gather_windows(model, rows, batch, horizon)
-            loss, gradient = jax.value_and_grad(
-                lambda parameters: open_loop_loss(model, parameters, *window, jnp.asarray(error_scale))
-            )(parameters)
-            updates, optimiser_state = optimiser.update(gradient, optimiser_state, parameters)
-            return (optax.apply_updates(parameters, updates), optimiser_state), loss
-
-        (parameters, optimiser_state), losses = jax.lax.scan(update, (parameters, optimiser_state), order)
-        return parameters, optimiser_state, jnp.mean(losses)
-
-    return run_epoch
-
-
-def compile_evaluation(
-    model: DynamicsModel, error_scale: np.ndarray, horizon: int
-) -> Callable[[Parameters, Rows, jax.Array], jax.Array]:
-    """L|eval as one compiled call: (parameters, rows, starts) -> scalar."""
-
-    @jax.jit
-    def evaluate(parameters: Parameters, rows: Rows, starts: jax.Array) -> jax.Array:
-        window = gather_windows(model, rows, starts, horizon)
-        return open_loop_loss(model, parameters, *window, jnp.asarray(error_scale))
-
-    return evaluate
 
 
 @jax.jit
@@ -294,6 +173,11 @@ def after_epoch(
         training_loss=state.training_loss.at[state.epoch].set(training_loss),
         evaluation_loss=state.evaluation_loss.at[state.epoch].set(evaluation_loss),
     )
+
+
+def _ended(state: TrainingState, training: TrainingConfig, identify: IdentifyConfig) -> bool:
+    epoch, best_epoch = int(state.epoch), int(state.best_epoch)
+    return epoch >= training.maximum_epochs or epoch - best_epoch >= identify.patience_evaluations
 
 
 def _digest(trajectories: Sequence[Trajectory]) -> str:

@@ -49,7 +49,7 @@ class ModelSpecification:
         position_lower: Joint limits for the normalisation, rad or m.
         position_upper: Joint limits for the normalisation, rad or m.
         velocity_limit: Normalisation of velocities is by ± this, rad/s or m/s. Taken from the training split
-            (`fit.velocity_limits`), stored here, never recomputed on other logs.
+            (`specify.velocity_limits`), stored here, never recomputed on other logs.
         residual_scale: The network's outputs are multiplied by this: root mean square of the residual in the
             training split. Only a choice of units: the represented functions are the paper's.
     """

@@ -9,10 +9,11 @@ import pytest
 from pipeline.dynamics import fit as fit_module
 from pipeline.dynamics.checkpoint import Checkpoints
 from pipeline.dynamics.errors import open_loop_residuals
-from pipeline.dynamics.fit import fit, residual_scales, velocity_limits
+from pipeline.dynamics.fit import fit
 from pipeline.dynamics.model import Target
 from pipeline.dynamics.network import Parameterization
 from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.dynamics.specify import residual_scales, velocity_limits
 from pipeline.errors import InputError
 
 from .conftest import lag_trajectory, make_identify, make_training, make_trajectory

@@ -1,0 +1,71 @@
+"""A model's specification from its configuration, the machine, and the training rows' scales."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.dynamics.model import ModelSpecification, Target
+from pipeline.dynamics.network import Parameterization
+from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
+from pipeline.errors import InputError
+from pipeline.logs.tuples import Trajectory
+from pipeline.machine.specification import MachineSpecification
+
+
+def specify(
+    trajectories: Sequence[Trajectory],
+    machine: MachineSpecification,
+    parameterization: Parameterization,
+    target: Target,
+    training: TrainingConfig,
+    identify: IdentifyConfig,
+) -> ModelSpecification:
+    """The model's specification, with its scales taken from the training rows."""
+    return ModelSpecification(
+        parameterization=parameterization,
+        target=target,
+        hidden=list(training.hidden),
+        lags=training.lags,
+        legendre_degree=identify.legendre_degree,
+        joints=list(machine.joint_names),
+        rate_hz=machine.rate_hz,
+        position_lower=machine.lower.tolist(),
+        position_upper=machine.upper.tolist(),
+        velocity_limit=velocity_limits(
+            trajectories, machine.joint_names, identify.velocity_limit_quantile
+        ).tolist(),
+        residual_scale=residual_scales(trajectories, target).tolist(),
+    )
+
+
+def velocity_limits(trajectories: Sequence[Trajectory], joints: Sequence[str], quantile: float) -> np.ndarray:
+    """Velocity limits for the min-max normalisation: ± the given quantile of |q̇| over the training rows.
+
+    Symmetric, so that rest is zero; a quantile, so that a single outlier of the estimate does not set the
+    scale.
+
+    Returns:
+        (n_joint,) float64, rad/s or m/s.
+
+    Raises:
+        InputError: if there are no training rows, or a joint never moves in them.
+    """
+    speeds = np.abs(np.concatenate([trajectory.qd[~trajectory.is_validation] for trajectory in trajectories]))
+    if len(speeds) == 0:
+        raise InputError("identify: no row of the tuples has split train; ingest the logs again")
+    limits = np.quantile(speeds.astype(np.float64), quantile, axis=0)
+    for joint, limit in zip(joints, limits, strict=True):
+        if not limit > 0:
+            raise InputError(
+                f"identify: joint {joint} never moves in the training rows; add logs in which it does"
+            )
+    return limits
+
+
+def residual_scales(trajectories: Sequence[Trajectory], target: Target) -> np.ndarray:
+    """RMS of the residual that the network predicts, over the training rows: (n_joint,) float64."""
+    name = "q" if target is Target.dq else "qd"
+    residuals = [
+        np.diff(getattr(trajectory, name)[~trajectory.is_validation], axis=0) for trajectory in trajectories
+    ]
+    return np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0))
