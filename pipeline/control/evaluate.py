@@ -7,15 +7,21 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.control.policy import Policy
-from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.metrics import Traces
-from pipeline.reaching.task import TaskState
+from pipeline.reaching.task import ReachingTask, TaskState
 
 
-def policy_evaluation(environment: ReachingEnvironment) -> Callable[[Policy, Episodes], Traces]:
-    """A function from a policy and N episodes to their traces, compiled once per shape of its arguments."""
-    task = environment.task
+def policy_evaluation(
+    task: ReachingTask, action_repeats: int, episode_ticks: int
+) -> Callable[[Policy, Episodes], Traces]:
+    """A function from a policy and N episodes to their traces, compiled once per shape of its arguments.
+
+    Args:
+        task: the task.
+        action_repeats: ticks per decision.
+        episode_ticks: length of an episode.
+    """
 
     def tick(state: TaskState, command: jax.Array) -> tuple[TaskState, dict[str, jax.Array]]:
         state, outcome = task.tick(state, command)
@@ -32,12 +38,12 @@ def policy_evaluation(environment: ReachingEnvironment) -> Callable[[Policy, Epi
 
     def decide(policy: Policy, state: TaskState) -> tuple[TaskState, dict[str, jax.Array]]:
         command = task.command(policy.act(task.observe(state)))
-        return jax.lax.scan(lambda s, _: tick(s, command), state, length=environment.action_repeats)
+        return jax.lax.scan(lambda s, _: tick(s, command), state, length=action_repeats)
 
     @jax.jit
     def run(policy: Policy, starts: jax.Array, targets: jax.Array) -> dict[str, jax.Array]:
         first = task.begin(starts, targets)
-        n_decisions = environment.episode_ticks // environment.action_repeats
+        n_decisions = episode_ticks // action_repeats
         _, trace = jax.lax.scan(lambda s, _: decide(policy, s), first, length=n_decisions)
         # (decision, repeat, episode, ...) -> (episode, tick, ...)
         trace = {
@@ -52,15 +58,8 @@ def policy_evaluation(environment: ReachingEnvironment) -> Callable[[Policy, Epi
     return evaluate
 
 
-def evaluate_policy(policy: Policy, environment: ReachingEnvironment, episodes: Episodes) -> Traces:
-    """Run the deterministic policy through the episodes.
-
-    Args:
-        policy: what decides.
-        environment: task, action repeats and length of an episode; its table of poses is not used.
-        episodes: N starts and targets.
-
-    Returns:
-        Traces of N episodes.
-    """
-    return policy_evaluation(environment)(policy, episodes)
+def evaluate_policy(
+    policy: Policy, task: ReachingTask, action_repeats: int, episode_ticks: int, episodes: Episodes
+) -> Traces:
+    """Run the deterministic policy through the episodes; see `policy_evaluation`."""
+    return policy_evaluation(task, action_repeats, episode_ticks)(policy, episodes)

@@ -168,7 +168,7 @@ def train(
     Raises:
         InputError: the training diverged, or the checkpoint is broken.
     """
-    evaluate = policy_evaluation(environment)
+    evaluate = policy_evaluation(environment.task, environment.action_repeats, environment.episode_ticks)
     episodes = episodes.first(config.curve_episodes)
     training = _identity(environment, config, seed, episodes)
     resumed = None

@@ -12,8 +12,7 @@ from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.policy import load_policy
 from pipeline.dynamics.store import load_model
 from pipeline.machine.kinematics import load_arm
-from pipeline.reaching.environment import ReachingEnvironment
-from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses, save_episodes
+from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, save_episodes
 from pipeline.reaching.metrics import reaching_metrics, success_rate_matrix
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
@@ -40,16 +39,11 @@ def main(configuration: EvaluateBraxStage, run: StageRun) -> None:
     dynamics, parameters = load_model(Path(configuration.model))
     policy, _ = load_policy(Path(configuration.policy))
     run.inputs(f"{configuration.model}/parameters.msgpack", f"{configuration.policy}/policy.msgpack")
-    environment = ReachingEnvironment(
-        ReachingTask(machine, arm, dynamics, parameters, configuration.reward),
-        learning_poses(machine, arm, conditions, conditions.evaluation_seed),
-        configuration.control.action_repeats,
-        conditions.steps,
-    )
+    task = ReachingTask(machine, arm, dynamics, parameters, configuration.reward)
     episodes = evaluation_episodes(
         machine, arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
     )
-    traces = evaluate_policy(policy, environment, episodes)
+    traces = evaluate_policy(policy, task, configuration.control.action_repeats, conditions.steps, episodes)
     metrics = reaching_metrics(traces).as_dict()
     output.mkdir(parents=True, exist_ok=True)
     (output / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")

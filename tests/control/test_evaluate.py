@@ -26,7 +26,9 @@ def policy(environment) -> Policy:
 
 @pytest.fixture(scope="module")
 def traces(policy, environment, episodes):
-    return evaluate_policy(policy, environment, episodes)
+    return evaluate_policy(
+        policy, environment.task, environment.action_repeats, environment.episode_ticks, episodes
+    )
 
 
 def test_traces_equal_the_task_stepped_by_hand(policy, traces, environment, episodes, task):
