@@ -14,6 +14,7 @@ from typing import Any
 
 import hydra
 from hydra.core.config_store import ConfigStore
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import MISSING, DictConfig, MissingMandatoryValue, OmegaConf
 
 from pipeline.errors import InputError
@@ -70,6 +71,7 @@ def stage(
         @functools.wraps(function)
         def job(composed: DictConfig) -> None:
             try:
+                _check_machine_name(composed)
                 typed: Any = OmegaConf.to_object(composed)
                 resolved: Any = OmegaConf.to_container(composed, resolve=True)
                 with track(name, typed.tracking, resolved, OmegaConf.to_yaml(composed, resolve=True)) as run:
@@ -78,12 +80,26 @@ def stage(
                 _exit(f"{name}: `{error.full_key}` is missing; add {error.full_key}=VALUE to the command", 2)
             except InputError as error:
                 _exit(f"{name}: {error}", INPUT_ERROR_STATUS)
+            except OSError as error:
+                place = error.filename or "input or output"
+                _exit(
+                    f"{name}: {place}: {error.strerror or error}; check the path, permissions and room",
+                    INPUT_ERROR_STATUS,
+                )
             except KeyboardInterrupt:
                 _exit(f"{name}: interrupted; start it again to go on", 128 + signal.SIGINT)
 
         return hydra.main(version_base="1.3", config_path=str(CONFIGURATION_DIRECTORY), config_name=name)(job)
 
     return decorate
+
+
+def _check_machine_name(composed: DictConfig) -> None:
+    chosen = HydraConfig.get().runtime.choices["machine"]
+    if composed.machine.name != chosen:
+        raise InputError(
+            f"conf/machine/{chosen}.yaml: name is {composed.machine.name}; it must be the file's, {chosen}"
+        )
 
 
 def _exit(line: str, status: int) -> None:

@@ -7,6 +7,7 @@ numbers and files.
 import contextlib
 import fcntl
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -135,10 +136,12 @@ def dvc_hashes(paths: list[str], lock: Path = DVC_LOCK) -> dict[str, str]:
     if not lock.exists():
         return {}
     stages = (yaml.safe_load(lock.read_text()) or {}).get("stages", {})
+    # What a stage wrote outdoes what another read before.
     known = {
         entry["path"]: entry.get("md5", "")
+        for role in ("deps", "outs")
         for content in stages.values()
-        for entry in content.get("outs", []) + content.get("deps", [])
+        for entry in content.get(role, [])
     }
     return {path: known[path] for path in map(os.path.normpath, paths) if path in known}
 
@@ -230,10 +233,12 @@ def _git_tags() -> dict[str, str]:
 
 
 def _process_identity(process: psutil.Process) -> str:
-    return f"{process.pid}-{process.create_time():.2f}"
+    return f"{process.pid}-{process.create_time():.2f}@{socket.gethostname()}"
 
 
 def _alive(identity: str) -> bool:
+    if not identity.endswith(f"@{socket.gethostname()}"):
+        return True  # another computer's; it ends its own
     try:
         return _process_identity(psutil.Process(int(identity.split("-")[0]))) == identity
     except psutil.Error:

@@ -105,5 +105,6 @@ def test_hashes_are_those_of_the_lock_file(tmp_path: Path) -> None:
     lock = tmp_path / "dvc.lock"
     lock.write_text(
         "schema: '2.0'\nstages:\n  record:\n    cmd: x\n    outs:\n    - path: data/raw/sessions\n      md5: abc.dir\n"
+        "  ingest:\n    cmd: y\n    deps:\n    - path: data/raw/sessions\n      md5: before.dir\n"
     )
     assert dvc_hashes(["data/raw/sessions/", "data/other"], lock) == {"data/raw/sessions": "abc.dir"}

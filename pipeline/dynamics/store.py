@@ -88,6 +88,15 @@ def load_model(directory: Path) -> tuple[DynamicsModel, Parameters]:
     return model, jax.tree.map(jax.numpy.asarray, parameters)
 
 
+def model_fingerprint(directory: Path) -> str:
+    """Digest of the model's parameters, as `meta.json` states it.
+
+    Raises:
+        InputError: as `load_model`.
+    """
+    return str(_read_meta(directory).get("parameters_sha256"))
+
+
 def load_metadata(directory: Path) -> dict[str, Any]:
     """The `metadata` that `save_model` was given."""
     return _read_meta(directory).get("metadata", {})

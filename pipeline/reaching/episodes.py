@@ -25,7 +25,8 @@ class EpisodesConfig:
         steps: T_reset, ticks per episode; the time-out is no terminal state.
         table_rows: poses drawn beforehand, from which learning draws starts and targets.
         evaluation_episodes: number N of fixed episodes.
-        evaluation_seed: seed of their starts and targets.
+        evaluation_seed: seed of their starts and targets; other than any training's, whose table of poses it draws.
+        curve_seed: seed of the episodes that learning curves are measured over.
     """
 
     pitch_max_rad: float
@@ -36,6 +37,7 @@ class EpisodesConfig:
     table_rows: int
     evaluation_episodes: int
     evaluation_seed: int
+    curve_seed: int
 
     def __post_init__(self) -> None:
         for name in ("steps", "table_rows", "evaluation_episodes"):

@@ -105,6 +105,11 @@ class ReachingTask:
                 f"machine {machine.name} has {', '.join(machine.joint_names)}; "
                 "name the machine that the model was identified on"
             )
+        if dynamics.specification.rate_hz != machine.rate_hz:
+            raise InputError(
+                f"the dynamics model steps at {dynamics.specification.rate_hz} Hz, machine {machine.name} at "
+                f"{machine.rate_hz} Hz; identify the model anew"
+            )
         self.machine = machine
         self.arm = arm
         self.dynamics = dynamics

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,19 +54,20 @@ class PipelineResults:
         return sorted((c for c in self.controllers if c.kind == kind), key=lambda controller: controller.seed)
 
 
-def read_results(artifacts: Path) -> PipelineResults:
-    """Read the folder that the stages write into.
+def read_results(artifacts: Path, kinds: Sequence[str], seeds: Sequence[int]) -> PipelineResults:
+    """Read what the stages wrote.
+
+    Args:
+        artifacts: The folder that they write into.
+        kinds: Model kinds, `<parameterization>_<target>`.
+        seeds: Seeds of the controllers on each.
 
     Raises:
-        InputError: a file of a stage is missing or damaged, or there is no model.
+        InputError: a file of a stage is missing or damaged.
     """
-    models = [_model(folder) for folder in _folders(artifacts / "identify")]
-    if not models:
-        raise InputError(f"{artifacts}/identify: no model here; run the stage identify first")
+    models = [_model(artifacts / "identify" / kind) for kind in kinds]
     controllers = [
-        _controller(seed_folder, artifacts)
-        for kind_folder in _folders(artifacts / "ppo")
-        for seed_folder in _folders(kind_folder)
+        _controller(artifacts / "ppo" / kind / f"seed_{seed}", artifacts) for kind in kinds for seed in seeds
     ]
     return PipelineResults(_json(artifacts / "ingest/sessions/quality.json"), models, controllers)
 
@@ -93,10 +94,6 @@ def _controller(folder: Path, artifacts: Path) -> ControllerResult:
         np.loadtxt(_existing(evaluation / "success_rates.csv"), delimiter=",", ndmin=2),
         evaluation,
     )
-
-
-def _folders(directory: Path) -> Iterator[Path]:
-    yield from sorted(path for path in directory.glob("*") if path.is_dir())
 
 
 def _json(path: Path) -> dict[str, Any]:

@@ -22,6 +22,9 @@ from pipeline.reporting.tables import Table, mean_and_deviation
 from pipeline.reporting.workspace_figures import cloud_figure
 
 SVG, PNG = "image/svg+xml", "image/png"
+# Whose machine our figures are of, beside the paper's.
+SIMULATED = "The paper's machine is a real Bobcat E10, ours a simulated one with assumed geometry."
+OWN = "The paper's machine is a Bobcat E10, ours another."
 EVALUATION_METRICS = ("average_return", "sr_002_002", "sr_004_004", "oow", "ooz", "min_z_m")
 
 
@@ -60,9 +63,9 @@ def data_section(
     )
 
 
-def model_section(machine: MachineSpecification, models: Sequence[ModelResult]) -> Section:
+def model_section(machine: MachineSpecification, models: Sequence[ModelResult], origin: str) -> Section:
     """How well the identified models predict, beside a linear ARX."""
-    tables = [selected_models_table(models)] + [error_table(machine, model) for model in models]
+    tables = [selected_models_table(models, origin)] + [error_table(machine, model) for model in models]
     first = models[0].open_loop
     predicted = {KIND_NAMES[model.kind]: model.open_loop["predicted"] for model in models}
     steps = len(first["t_s"])
@@ -76,8 +79,7 @@ def model_section(machine: MachineSpecification, models: Sequence[ModelResult]) 
         SVG,
     )
     errors = models[0].metrics["model"]["open_loop_rmse_80"]
-    worst = max(errors, key=errors.get)
-    unit = machine.units[machine.joint_names.index(worst)]
+    worst, unit = worst_joint(machine, errors)
     return Section(
         "How well the model predicts",
         f"After up to four seconds without a measurement the worst joint ({worst}) is off by "
@@ -87,7 +89,7 @@ def model_section(machine: MachineSpecification, models: Sequence[ModelResult]) 
     )
 
 
-def controller_section(results: PipelineResults) -> Section:
+def controller_section(results: PipelineResults, origin: str) -> Section:
     """How well the policies reach, beside the paper's."""
     kinds = sorted({controller.kind for controller in results.controllers})
     curves, rates = {}, {}
@@ -120,11 +122,11 @@ def controller_section(results: PipelineResults) -> Section:
         f"Within 0.12 m and 0.08 rad of the target in {100 * float(np.mean(rates_at)):.0f} % of the episodes, "
         f"on the learned model ({len(results.controllers)} independently trained policies).",
         figures,
-        [brax_evaluation_table(results)],
+        [brax_evaluation_table(results, origin)],
     )
 
 
-def selected_models_table(models: Sequence[ModelResult]) -> Table:
+def selected_models_table(models: Sequence[ModelResult], origin: str) -> Table:
     """The paper's table of selected dynamics models, ours beside its."""
     rows = []
     for model in models:
@@ -139,8 +141,7 @@ def selected_models_table(models: Sequence[ModelResult]) -> Table:
             ]
         )
     columns = ["Prediction", "Ours", "L|eval at H = 80 [rad²]", "Paper", "its L|eval at H = 80 [rad²]"]
-    notes = ["Ours and the paper's are of different machines: ours is simulated."]
-    return Table("Dynamics models", columns, rows, notes)
+    return Table("Dynamics models", columns, rows, [origin])
 
 
 def error_table(machine: MachineSpecification, model: ModelResult) -> Table:
@@ -165,7 +166,7 @@ def error_table(machine: MachineSpecification, model: ModelResult) -> Table:
     )
 
 
-def brax_evaluation_table(results: PipelineResults) -> Table:
+def brax_evaluation_table(results: PipelineResults, origin: str) -> Table:
     """The paper's table of evaluation results in the Brax environment, ours beside its."""
     rows = []
     for kind in sorted({controller.kind for controller in results.controllers}):
@@ -183,7 +184,8 @@ def brax_evaluation_table(results: PipelineResults) -> Table:
     notes = [
         "Mean ± standard deviation over seeds. OOW, OOZ: share of episodes that left the restricted "
         "workspace, or its lower plane, at any step. EEF-PL: path length of the end effector.",
-        "The paper's machine is a real Bobcat E10, ours a simulated one with assumed geometry.",
+        "Joint limits act as end stops in our environment; the paper is silent on them.",
+        origin,
     ]
     return Table(f"Evaluation in the Brax environment over {n_episodes} episodes", columns, rows, notes)
 
@@ -198,8 +200,7 @@ def key_figures(machine: MachineSpecification, results: PipelineResults) -> list
         below = float(np.mean([controller.metrics["ooz"] for controller in results.controllers]))
         figures.append(KeyFigure(f"{100 * below:.0f} %", "of episodes go below the grill's plane"))
     errors = results.models[0].metrics["model"]["open_loop_rmse_80"]
-    worst = max(errors, key=errors.get)
-    unit = machine.units[machine.joint_names.index(worst)]
+    worst, unit = worst_joint(machine, errors)
     figures.append(
         KeyFigure(f"{errors[worst]:.3f} {unit}", f"4-second prediction error of the worst joint ({worst})")
     )
@@ -221,6 +222,12 @@ def verdict(results: PipelineResults, profile: str) -> str:
     )
 
 
+def worst_joint(machine: MachineSpecification, errors: Mapping[str, float]) -> tuple[str, str]:
+    """The joint with the largest error in units of its range, and the unit of its position."""
+    joint = max(machine.joints, key=lambda joint: errors[joint.name] / (joint.upper - joint.lower))
+    return joint.name, machine.units[machine.joint_names.index(joint.name)]
+
+
 def judged_on(model: ModelResult) -> str:
     """On which rows the model's errors were measured."""
     if model.lineage["judged_on"] == "held_out":
@@ -235,4 +242,4 @@ def evaluated(controllers: Sequence[ControllerResult]) -> Mapping[str, float]:
 
 
 def _scientific(value: float) -> str:
-    return f"{value:.4f}" if value < 10 else f"{value:.1e} (unstable)"
+    return f"{value:.3g}"

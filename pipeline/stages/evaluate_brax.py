@@ -10,7 +10,8 @@ from omegaconf import MISSING
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.policy import load_policy
-from pipeline.dynamics.store import load_model
+from pipeline.dynamics.store import load_model, model_fingerprint
+from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, save_episodes
 from pipeline.reaching.metrics import reaching_metrics, success_rate_matrix
@@ -37,7 +38,11 @@ def main(configuration: EvaluateBraxStage, run: StageRun) -> None:
     machine, conditions, output = configuration.machine, configuration.episodes, Path(configuration.output)
     arm = load_arm(machine, MACHINE_DIRECTORY)
     dynamics, parameters = load_model(Path(configuration.model))
-    policy, _ = load_policy(Path(configuration.policy))
+    policy, lineage = load_policy(Path(configuration.policy))
+    if lineage.get("model") != model_fingerprint(Path(configuration.model)):
+        raise InputError(
+            f"{configuration.policy}: was not learned on {configuration.model}; name the model that it was learned on"
+        )
     run.inputs(f"{configuration.model}/parameters.msgpack", f"{configuration.policy}/policy.msgpack")
     task = ReachingTask(machine, arm, dynamics, parameters, configuration.reward)
     episodes = evaluation_episodes(

@@ -1,5 +1,6 @@
 """Stage `identify`: a dynamics model is trained by back-propagation through time and judged beside a linear ARX."""
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -81,6 +82,8 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
     np.savez(output / "open_loop.npz", **asdict(prediction))
     run.metrics(flatten_metrics(metrics))
     run.artifact(output, "model")
+    if configuration.checkpoints:  # a finished run must not be taken up again by changed code
+        shutil.rmtree(configuration.checkpoints, ignore_errors=True)
 
 
 def split_by_purpose(configuration: IdentifyStage) -> tuple[list[Trajectory], Sequence[Trajectory], str]:
@@ -95,6 +98,14 @@ def split_by_purpose(configuration: IdentifyStage) -> tuple[list[Trajectory], Se
         )
     judged = [trajectory for trajectory in learning if trajectory.name in configuration.hold_out]
     learning = [trajectory for trajectory in learning if trajectory.name not in configuration.hold_out]
+    if not learning:
+        raise InputError(
+            f"hold_out={configuration.hold_out}: nothing is left to learn from; hold out fewer trajectories"
+        )
+    if configuration.held_out is not None and not Path(configuration.held_out).is_dir():
+        raise InputError(
+            f"held_out={configuration.held_out}: no such folder; run the stage ingest with this output"
+        )
     if configuration.held_out is not None and any(Path(configuration.held_out).glob("*.parquet")):
         judged += read_tuples(Path(configuration.held_out), machine)
     if judged:

@@ -1,6 +1,7 @@
 """Stage `ppo`: a reaching policy is learned on an identified model with PPO and discretised proto-actions."""
 
 import json
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, Pipe
 from pipeline.control.curve import CurvePoint, write_curve
 from pipeline.control.policy import save_policy
 from pipeline.control.ppo import PPOConfig, train
-from pipeline.dynamics.store import load_model
+from pipeline.dynamics.store import load_model, model_fingerprint
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses
@@ -48,7 +49,7 @@ def main(configuration: PPOStage, run: StageRun) -> None:
     )
     # The curve is measured on episodes of its own: those of the evaluation decide nothing here.
     curve_episodes = evaluation_episodes(
-        machine, arm, episodes, episodes.evaluation_seed + 1, configuration.ppo.curve_episodes
+        machine, arm, episodes, episodes.curve_seed, configuration.ppo.curve_episodes
     )
     with progress_bar(f"ppo seed {configuration.seed}", configuration.ppo.training_steps, "step") as bar:
 
@@ -68,16 +69,21 @@ def main(configuration: PPOStage, run: StageRun) -> None:
             progress,
             Path(configuration.checkpoints) if configuration.checkpoints else None,
         )
-    save_policy(
-        output,
-        result.policy,
-        {"seed": configuration.seed, "steps": result.policy_steps, "machine": machine.name},
-    )
+    lineage = {
+        "seed": configuration.seed,
+        "steps": result.policy_steps,
+        "machine": machine.name,
+        "model": model_fingerprint(Path(configuration.model)),
+        "action_repeats": configuration.control.action_repeats,
+    }
+    save_policy(output, result.policy, lineage)
     write_curve(output / "curves.csv", result.curve)
     kept = next(point for point in result.curve if point.steps == result.policy_steps)
     metrics = {"steps": kept.steps, **kept.metrics.as_dict()}
     (output / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
     run.artifact(output, "policy")
+    if configuration.checkpoints:  # a finished run must not be taken up again by changed code
+        shutil.rmtree(configuration.checkpoints, ignore_errors=True)
 
 
 if __name__ == "__main__":

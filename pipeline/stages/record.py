@@ -10,17 +10,18 @@ import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration import PipelineConfiguration, stage
+from pipeline.errors import InputError
 from pipeline.logs.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import Effect
 from pipeline.plant.operator import draw_style
 from pipeline.plant.seal import write_seal
-from pipeline.plant.session import RecordConfig, record_session
+from pipeline.plant.session import NANOSECONDS, RecordConfig, record_session
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.undeclared import draw_effects, parameters_of_session
 from pipeline.tracking import StageRun, progress_bar
 
-NANOSECONDS = 1_000_000_000
+SEAL = "undeclared.seal"
 
 
 @dataclass
@@ -40,21 +41,26 @@ def main(configuration: RecordStage, run: StageRun) -> None:
     """Record the sessions to learn from and the held-out one, unless the user named logs of their own."""
     output, record, machine = Path(configuration.output), configuration.record, configuration.machine
     folders = {"sessions": record.session_minutes, "held_out": [record.held_out_minutes]}
-    for folder in folders:
-        shutil.rmtree(output / folder, ignore_errors=True)
-        (output / folder).mkdir(parents=True)
-    if configuration.logs is not None and Path(configuration.logs) != output / "sessions":
+    own_logs = (
+        configuration.logs is not None
+        and Path(configuration.logs).resolve() != (output / "sessions").resolve()
+    )
+    effects: list[Effect] = []
+    if not own_logs:
+        effects = draw_effects(
+            configuration.effects,
+            configuration.effects_seed,
+            simulated_machine(machine.name),
+            configuration.effect_size,
+            60.0 * record.session_minutes[0],
+        )
+    clear(output, list(folders))
+    write_seal(output / SEAL, effects)
+    if own_logs:
         print(
             f"record: the logs in {configuration.logs} take the place of recorded ones; nothing is recorded"
         )
         return
-    effects: list[Effect] = []
-    if configuration.effects:
-        first_session_s = 60.0 * record.session_minutes[0]
-        nominal = simulated_machine(machine.name)
-        seed, size = configuration.effects_seed, configuration.effect_size
-        effects = draw_effects(configuration.effects, seed, nominal, size, first_session_s)
-        write_seal(output / "undeclared.seal", effects)
     sessions = [(folder, minutes) for folder, durations in folders.items() for minutes in durations]
     style_seed, *seeds = np.random.SeedSequence(record.seed).generate_state(1 + len(sessions)).tolist()
     first = datetime.fromisoformat(record.first_session)
@@ -63,6 +69,17 @@ def main(configuration: RecordStage, run: StageRun) -> None:
         path = output / folder / start.strftime("%Y-%m-%d-%H-%M-%S")
         record_bag(path, machine, effects, number, style_seed, minutes, seed, start)
     run.metrics({"recorded_minutes": sum(minutes for _, minutes in sessions)})
+
+
+def clear(output: Path, folders: Sequence[str]) -> None:
+    """Make the folders anew. What this stage wrote may go (its seal lies beside it), anything else may not."""
+    for folder in (output / name for name in folders):
+        if folder.exists() and any(folder.glob("[!.]*")) and not (output / SEAL).exists():
+            raise InputError(
+                f"{folder}: holds logs that record did not write; name them with logs={folder}, or move them away"
+            )
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
 
 
 def record_bag(

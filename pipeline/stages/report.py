@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
 from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, stage
@@ -13,6 +14,8 @@ from pipeline.reporting.episode import episode_film
 from pipeline.reporting.page import Section, render_page
 from pipeline.reporting.results import read_results
 from pipeline.reporting.summary import (
+    OWN,
+    SIMULATED,
     brax_evaluation_table,
     controller_section,
     data_section,
@@ -26,6 +29,7 @@ from pipeline.reporting.summary import (
 from pipeline.reporting.tables import Table
 from pipeline.tracking import StageRun, dvc_hashes, flatten_metrics
 
+RECORDED = "data/raw/sessions"  # where the stage record puts its logs
 EPISODE = 0  # of the evaluation
 DATA = ["data/raw/sessions", "data/raw/held_out", "data/processed/sessions", "data/processed/held_out"]
 FRAMES_PER_SECOND = 10
@@ -35,6 +39,7 @@ FRAMES_PER_SECOND = 10
 class ReportStage(PipelineConfiguration):
     """Keys of `conf/report.yaml`."""
 
+    cells: str = MISSING
     sessions: str = MISSING
     artifacts: str = MISSING
     output: str = MISSING
@@ -45,17 +50,20 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     """Gather what the stages left, lay out the page, write the tables, and sum up the pipeline's run."""
     machine, output = configuration.machine, Path(configuration.output)
     arm = load_arm(machine, MACHINE_DIRECTORY) if machine.arm is not None else None
-    results = read_results(Path(configuration.artifacts))
+    cells = yaml.safe_load(Path(configuration.cells).read_text(encoding="utf-8"))
+    kinds = [f"{model}_{target}" for model in cells["models"] for target in cells["targets"]]
+    results = read_results(Path(configuration.artifacts), kinds, cells["seeds"])
+    origin = SIMULATED if cells["logs"] == RECORDED else OWN
     sections = [
         data_section(machine, arm, read_tuples(Path(configuration.sessions), machine)),
-        model_section(machine, results.models),
+        model_section(machine, results.models, origin),
     ]
-    tables = {"selected_models": selected_models_table(results.models)}
+    tables = {"selected_models": selected_models_table(results.models, origin)}
     tables |= {f"prediction_error_{model.kind}": error_table(machine, model) for model in results.models}
     if results.controllers:
-        sections.append(controller_section(results))
+        sections.append(controller_section(results, origin))
         sections.append(episode_section(configuration, results.controllers[0].evaluation))
-        tables["brax_evaluation"] = brax_evaluation_table(results)
+        tables["brax_evaluation"] = brax_evaluation_table(results, origin)
     page = render_page(
         f"Reaching with {machine.name}: from teleoperation logs to a policy",
         verdict(results, configuration.profile),
