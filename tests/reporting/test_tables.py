@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 
 from pipeline.reporting.tables import Table, mean_and_deviation
 
-TABLE = Table("Success & failure", ["Algo.", "SR(0.02, 0.02)"], [["PPO MLP Δq̇", "0.99 ± 0.01"]], ["100 % simulated"])
+TABLE = Table(
+    "Success & failure", ["Algo.", "SR(0.02, 0.02)"], [["PPO MLP Δq̇", "0.99 ± 0.01"]], ["100 % simulated"]
+)
 
 
 def test_markdown_is_a_github_table() -> None:
