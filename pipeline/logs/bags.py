@@ -1,8 +1,7 @@
 """Reads one log of any format into a `RawLog`."""
 
-import numpy as np
-
 from pipeline.errors import InputError
+from pipeline.logs.columns import ColumnStore, MemoryStore
 from pipeline.logs.command_sources import command_adapter
 from pipeline.logs.discover import LogEntry, LogFormat
 from pipeline.logs.joint_states import JointStateAdapter, TargetPoseAdapter
@@ -22,12 +21,13 @@ STORAGE_READERS: dict[LogFormat, StorageReader] = {
 }
 
 
-def read_log(entry: LogEntry, machine: MachineSpecification) -> RawLog:
+def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore | None = None) -> RawLog:
     """Read one log.
 
     Args:
         entry: A log that `find_logs` found.
         machine: Names topics, joints and the command source.
+        store: Takes the columns; by default they are held in memory.
 
     Raises:
         InputError: The log cannot be read at all, lacks a topic or joint of the machine, or is of another
@@ -35,15 +35,20 @@ def read_log(entry: LogEntry, machine: MachineSpecification) -> RawLog:
     """
     if entry.error:
         raise InputError(entry.error)
+    if store is None:
+        store = MemoryStore()
     if entry.format in STORAGE_READERS:
-        return _read_bag(entry, machine, STORAGE_READERS[entry.format])
-    return read_table(entry, machine)
+        return _read_bag(entry, machine, STORAGE_READERS[entry.format], store)
+    return read_table(entry, machine, store)
 
 
-def _read_bag(entry: LogEntry, machine: MachineSpecification, reader: StorageReader) -> RawLog:
-    joint_states = TopicColumns(machine.joint_states.topic, JointStateAdapter(machine.joint_names))
-    commands = TopicColumns(machine.commands.topic, command_adapter(machine))
-    targets = TopicColumns(machine.target_topic, TargetPoseAdapter())
+def _read_bag(
+    entry: LogEntry, machine: MachineSpecification, reader: StorageReader, store: ColumnStore
+) -> RawLog:
+    joint_states = TopicColumns(machine.joint_states.topic, JointStateAdapter(machine.joint_names), store)
+    commands = TopicColumns(machine.commands.topic, command_adapter(machine), store)
+    pose_adapter = TargetPoseAdapter()
+    targets = TopicColumns(machine.target_topic, pose_adapter, store)
     collectors = (joint_states, commands, targets)
     wanted = {collector.topic_name for collector in collectors}
     ledger = ReadingLedger(entry.path)
@@ -58,16 +63,14 @@ def _read_bag(entry: LogEntry, machine: MachineSpecification, reader: StorageRea
                     collector.add(block)
     sampled, commanded = joint_states.finish(ledger), commands.finish(ledger)
     poses = None
-    if targets.blocks:
+    if not targets.is_empty:
         columns = targets.finish(ledger)
-        frames = np.unique(columns["frame_id"])
+        frames = sorted(pose_adapter.frame_ids)
         if len(frames) > 1:
             raise InputError(
                 f"{entry.path}: target poses stand in several frames: {', '.join(frames)}; use one"
             )
-        poses = TargetPoses(
-            columns["log_time_ns"], columns["position"], columns["quaternion"], str(frames[0])
-        )
+        poses = TargetPoses(columns["log_time_ns"], columns["position"], columns["quaternion"], frames[0])
     return RawLog(
         name=entry.name,
         path=entry.path,

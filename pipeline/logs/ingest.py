@@ -10,19 +10,23 @@ from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 
+from pipeline.atomic_files import write_whole
 from pipeline.errors import InputError
 from pipeline.logs.bags import read_log
+from pipeline.logs.columns import ColumnStore, DiskStore
 from pipeline.logs.discover import LogEntry, find_logs
+from pipeline.logs.excitation import Excitation
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.quality import QualityReport, measure
 from pipeline.logs.raw_log import Note, NoteKind
-from pipeline.logs.trajectories import make_trajectories
-from pipeline.logs.tuples import SUFFIX, write_tuples, write_whole
+from pipeline.logs.trajectories import grid_log, trajectory_sections
+from pipeline.logs.tuples import SUFFIX, Trajectory, write_tuples
 from pipeline.machine.specification import MachineSpecification
 
-SCHEMA_VERSION = 1  # raise it when the same log would give other tuples or another report
+SCHEMA_VERSION = 2  # raise it when the same log would give other tuples or another report
 RECORD_SUFFIX = ".ingest.json"
+SCRATCH_SUFFIX = ".scratch"
 HASH_PIECE_BYTES = 1 << 22
 WORTH_A_PROCESS_BYTES = 1 << 27  # below, starting interpreters (1 s each) takes longer than it saves
 
@@ -173,16 +177,34 @@ def _ingest_one(entry: LogEntry, settings: _Settings) -> _Outcome:
         known = _read_record(record_path, fingerprint, tuples_path)
         if known is not None:
             return known, True
-        raw = read_log(entry, settings.machine)
-        result = make_trajectories(raw, settings.machine, settings.config, settings.loop_tracker)
-        report = measure(raw, result, settings.machine, settings.config)
-        write_tuples(settings.output, settings.machine, result.trajectories, name=entry.name)
+        with DiskStore(settings.output / f".{entry.name}{SCRATCH_SUFFIX}") as store:
+            report = _convert(entry, settings, store, tuples_path)
         _write_record(record_path, fingerprint, tuples_path, report)
         return report, False
     except InputError as error:
         return Failure(entry.name, str(error))
     except MemoryError:
         return Failure(entry.name, f"{entry.path}: does not fit into memory; split the bag")
+
+
+def _convert(entry: LogEntry, settings: _Settings, store: ColumnStore, tuples_path: Path) -> QualityReport:
+    """Write one log's tuples, section by section, and measure it on the way."""
+    machine, config = settings.machine, settings.config
+    raw = read_log(entry, machine, store)
+    gridded = grid_log(raw, machine, config, store)
+    excitation = Excitation(machine, config.frozen_after_s)
+    n_validation_rows = 0
+
+    def measured() -> Iterator[Trajectory]:
+        nonlocal n_validation_rows
+        for section in trajectory_sections(gridded, machine, config, settings.loop_tracker):
+            excitation.add(section)
+            n_validation_rows += int(section.is_validation.sum())
+            yield section
+
+    write_tuples(tuples_path, machine, measured())
+    excitation.end_trajectory()
+    return measure(raw, gridded, excitation, n_validation_rows, machine, config)
 
 
 def _fingerprint(entry: LogEntry, settings: _Settings) -> str:
@@ -221,7 +243,8 @@ def _read_record(path: Path, fingerprint: str, tuples_path: Path) -> QualityRepo
 
 
 def _file_digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _remove_stale(directory: Path, names: Iterable[str]) -> None:

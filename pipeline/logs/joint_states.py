@@ -56,10 +56,13 @@ class JointStateAdapter:
 
 
 class TargetPoseAdapter:
-    """`geometry_msgs/PoseStamped` → columns `position` (n, 3), `quaternion` (n, 4; wxyz), `frame_id` (n,)."""
+    """`geometry_msgs/PoseStamped` → columns `position` (n, 3), `quaternion` (n, 4; wxyz); remembers the frames."""
 
     role = "target poses"
     type_name = "geometry_msgs/msg/PoseStamped"
+
+    def __init__(self) -> None:
+        self.frame_ids: set[str] = set()
 
     def wanted(self, topic: Topic) -> tuple[str, ...]:
         """Frame, position and orientation."""
@@ -72,8 +75,8 @@ class TargetPoseAdapter:
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Collect the axes."""
+        self.frame_ids.add(group.text("header.frame_id")[0])
         return {
             "position": np.stack([group.number(f"pose.position.{axis}") for axis in "xyz"], axis=1),
             "quaternion": np.stack([group.number(f"pose.orientation.{axis}") for axis in "wxyz"], axis=1),
-            "frame_id": np.full(len(group.index), group.text("header.frame_id")[0]),
         }

@@ -78,7 +78,7 @@ def track(q: np.ndarray, dt_s: float, config: LoopTrackerConfig) -> np.ndarray:
     """Estimate the velocities of a whole trajectory; bit for bit what `advance` gives sample by sample.
 
     Args:
-        q: Measured positions at the time step, shape (T, n_joint), rad or m.
+        q: Measured positions at the time step, shape (T, n_joint), rad or m; at least one row.
         dt_s: Time step.
         config: Gains.
 
@@ -86,20 +86,35 @@ def track(q: np.ndarray, dt_s: float, config: LoopTrackerConfig) -> np.ndarray:
         Velocity estimates, shape (T, n_joint), float64, rad/s or m/s.
     """
     q = np.asarray(q, dtype=np.float64)
+    return track_on(initial_state(q[0]), q, dt_s, config)[1] if len(q) else np.empty_like(q)
+
+
+def track_on(
+    state: LoopTrackerState, q: np.ndarray, dt_s: float, config: LoopTrackerConfig
+) -> tuple[LoopTrackerState, np.ndarray]:
+    """Take in the next samples of a trajectory; arguments as of `track`, from the state before them.
+
+    Returns:
+        The state after the last sample, and the velocity estimates, shape (T, n_joint).
+    """
+    q_estimate, integral = np.empty_like(state.q_estimate), np.empty_like(state.integral)
     velocity = np.empty_like(q)
     for joint in range(q.shape[1]):
-        velocity[:, joint] = _track_joint(q[:, joint].tolist(), dt_s, config)
-    return velocity
+        # Python's floats: the same IEEE double operations as NumPy's, and faster in a loop.
+        estimate, own = float(state.q_estimate[joint]), float(state.integral[joint])
+        estimate, own, velocity[:, joint] = _track_joint(estimate, own, q[:, joint].tolist(), dt_s, config)
+        q_estimate[joint], integral[joint] = estimate, own
+    return LoopTrackerState(q_estimate, integral), velocity
 
 
-def _track_joint(samples: list[float], dt_s: float, config: LoopTrackerConfig) -> list[float]:
-    """One joint in Python's floats: the same IEEE double operations as NumPy's, and faster in a loop."""
+def _track_joint(
+    q_estimate: float, integral: float, samples: list[float], dt_s: float, config: LoopTrackerConfig
+) -> tuple[float, float, list[float]]:
     proportional_gain, integral_gain = config.proportional_gain, config.integral_gain
-    q_estimate, integral = (samples[0] if samples else 0.0), 0.0
     velocity = []
     for sample in samples:
         error = sample - q_estimate
         integral += integral_gain * error * dt_s
         q_estimate += dt_s * (proportional_gain * error + integral)
         velocity.append(integral)
-    return velocity
+    return q_estimate, integral, velocity

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.logs.excitation import apparent_delay_s, command_statistics, findings, frozen_stretches
+from pipeline.logs.columns import Column, extent, sections
+from pipeline.logs.excitation import Excitation, Figures
 from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.order_statistics import quantiles
 from pipeline.logs.raw_log import NANOSECONDS, Note, RawLog
-from pipeline.logs.trajectories import LogTrajectories
-from pipeline.logs.tuples import Trajectory
+from pipeline.logs.trajectories import GriddedLog
 from pipeline.machine.specification import MachineSpecification
 
 SIGNIFICANT_DIGITS = 6
@@ -32,27 +33,30 @@ class QualityReport:
 
 
 def measure(
-    raw: RawLog, result: LogTrajectories, machine: MachineSpecification, config: IngestConfig
+    raw: RawLog,
+    gridded: GriddedLog,
+    excitation: Excitation,
+    n_validation_rows: int,
+    machine: MachineSpecification,
+    config: IngestConfig,
 ) -> QualityReport:
-    """Measure one log and its trajectories."""
-    trajectories = result.trajectories
-    clock = result.conditioned.clock
-    duration_ns = max(raw.joint_log_time_ns.max(), raw.command_log_time_ns.max()) - min(
-        raw.joint_log_time_ns.min(), raw.command_log_time_ns.min()
-    )
-    metrics: dict[str, float | int | None] = {
-        "duration_s": float(duration_ns / NANOSECONDS),
-        "n_trajectories": len(trajectories),
-        "n_rows": sum(len(trajectory) for trajectory in trajectories),
-        "n_validation_rows": sum(int(trajectory.is_validation.sum()) for trajectory in trajectories),
+    """Measure one log: as it was read, on the grid, and what its trajectories' commands did."""
+    clock = gridded.clock
+    latest_ns = max(extent(raw.joint_log_time_ns)[1], extent(raw.command_log_time_ns)[1])
+    metrics: Figures = {
+        "duration_s": (latest_ns - gridded.start_ns) / NANOSECONDS,
+        "n_trajectories": len(gridded.lengths),
+        "n_rows": sum(gridded.lengths),
+        "n_validation_rows": n_validation_rows,
         "n_targets": 0 if raw.targets is None else len(raw.targets.log_time_ns),
     }
-    sampled_ns = np.sort(raw.joint_stamp_ns if not clock.reason else raw.joint_log_time_ns)
-    streams = {"joint_states": sampled_ns, "commands": np.sort(raw.command_log_time_ns)}
-    for stream, time_ns in streams.items():
-        metrics |= {
-            f"{stream}/{key}": value for key, value in sampling(time_ns, config.maximum_gap_s).items()
-        }
+    streams = {
+        "joint_states": (raw.joint_log_time_ns, gridded.joint_intervals_ns),
+        "commands": (raw.command_log_time_ns, gridded.command_intervals_ns),
+    }
+    for stream, (messages, intervals_ns) in streams.items():
+        measured = {"n": len(messages), **sampling(intervals_ns, config.maximum_gap_s)}
+        metrics |= {f"{stream}/{key}": value for key, value in measured.items()}
     metrics |= {
         "clock/uses_log_time": int(bool(clock.reason)),
         "clock/offset_s": clock.offset_s,
@@ -60,49 +64,32 @@ def measure(
         "clock/offset_p99_s": clock.offset_p99_s,
         "clock/drift_ppm": clock.drift_ppm,
     }
-    for kind in sorted({note.kind for note in result.notes}):
-        metrics[f"notes/{kind}"] = sum(note.count for note in result.notes if note.kind == kind)
+    for kind in sorted({note.kind for note in gridded.notes}):
+        metrics[f"notes/{kind}"] = sum(note.count for note in gridded.notes if note.kind == kind)
     for number, joint in enumerate(machine.joint_names):
-        values = {**_range(trajectories, number), **command_statistics(trajectories, number, machine.dt_s)}
-        values["frozen"] = frozen_stretches(trajectories, number, machine, config.frozen_after_s)
-        values["apparent_delay_s"], values["n_delays"] = apparent_delay_s(trajectories, number, machine)
+        values = {**excitation.position_range(number), **excitation.command_statistics(number)}
+        values["frozen"] = excitation.frozen_stretches(number)
+        values["apparent_delay_s"], values["n_delays"] = excitation.apparent_delay_s(number)
         metrics |= {f"{joint}/{key}": value for key, value in values.items()}
     rounded = {key: _rounded(value) for key, value in metrics.items()}
-    return QualityReport(raw.name, rounded, list(result.notes), findings(trajectories, machine))
+    return QualityReport(raw.name, rounded, list(gridded.notes), excitation.findings())
 
 
-def sampling(time_ns: np.ndarray, maximum_gap_s: float) -> dict[str, float | int | None]:
-    """Measure the intervals of a stream of samples with ascending times, shape (N,), int64 ns."""
-    values: dict[str, float | int | None] = {"n": len(time_ns)}
-    if len(time_ns) < 2:
-        return {
-            **values,
-            "rate_hz": None,
-            "interval_s": None,
-            "jitter_s": None,
-            "longest_gap_s": None,
-            "n_gaps": 0,
-        }
-    interval_s = np.diff(time_ns) / NANOSECONDS
-    median = float(np.median(interval_s))
+def sampling(intervals_ns: Column, maximum_gap_s: float) -> Figures:
+    """Measure the intervals between the samples of a stream in order of time, a column of shape (n,), int64."""
+    if not len(intervals_ns):
+        return {"rate_hz": None, "interval_s": None, "jitter_s": None, "longest_gap_s": None, "n_gaps": 0}
+    low, median, high = quantiles(
+        lambda: (part / NANOSECONDS for (part,) in sections((intervals_ns,))), [0.16, 0.5, 0.84]
+    )
+    gap_ns = maximum_gap_s * NANOSECONDS
     return {
-        **values,
         "rate_hz": 1.0 / median if median > 0 else None,
         "interval_s": median,
         # Half the distance of the 16th and 84th percentile: the standard deviation without the gaps' weight.
-        "jitter_s": float(np.diff(np.percentile(interval_s, [16, 84]))[0] / 2),
-        "longest_gap_s": float(interval_s.max()),
-        "n_gaps": int((interval_s > maximum_gap_s).sum()),
-    }
-
-
-def _range(trajectories: list[Trajectory], joint: int) -> dict[str, float | int | None]:
-    q = np.concatenate([trajectory.q[:, joint] for trajectory in trajectories])
-    qd = np.concatenate([trajectory.qd[:, joint] for trajectory in trajectories])
-    return {
-        "position_min": float(q.min()),
-        "position_max": float(q.max()),
-        "speed_max": float(np.abs(qd).max()),
+        "jitter_s": (high - low) / 2,
+        "longest_gap_s": extent(intervals_ns)[1] / NANOSECONDS,
+        "n_gaps": sum(int((part > gap_ns).sum()) for (part,) in sections((intervals_ns,))),
     }
 
 

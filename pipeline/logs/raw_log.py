@@ -4,7 +4,7 @@ import enum
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
+from pipeline.logs.columns import Column
 
 NANOSECONDS = 1_000_000_000  # per second
 
@@ -44,15 +44,17 @@ class TargetPoses:
         frame_id: The messages' frame.
     """
 
-    log_time_ns: np.ndarray
-    position: np.ndarray
-    quaternion: np.ndarray
+    log_time_ns: Column
+    position: Column
+    quaternion: Column
     frame_id: str
 
 
 @dataclass(frozen=True)
 class RawLog:
     """One log as recorded: every message in file order, nothing resampled or cleaned.
+
+    Its columns are arrays, or lie on disk and are read by slices.
 
     Attributes:
         name: The bag's name, without folder and suffix.
@@ -69,11 +71,11 @@ class RawLog:
 
     name: str
     path: Path
-    joint_stamp_ns: np.ndarray
-    joint_log_time_ns: np.ndarray
-    q: np.ndarray
-    command_log_time_ns: np.ndarray
-    command: np.ndarray
+    joint_stamp_ns: Column
+    joint_log_time_ns: Column
+    q: Column
+    command_log_time_ns: Column
+    command: Column
     targets: TargetPoses | None = None
     message_counts: dict[str, int] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()

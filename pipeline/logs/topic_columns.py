@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.logs.columns import Column, ColumnStore
 from pipeline.logs.message_blocks import MessageBlock, ReadingLedger, Topic
 from pipeline.logs.message_definitions import DefinitionError, Definitions, parse_definition
 from pipeline.logs.message_layout import FieldGroup, LayoutError, decode_block
@@ -44,11 +45,17 @@ class TopicColumns:
     Messages that do not fit are counted by reason; if none fits, `finish` refuses the log.
     """
 
-    def __init__(self, topic_name: str, adapter: Adapter) -> None:
+    def __init__(self, topic_name: str, adapter: Adapter, store: ColumnStore) -> None:
         self.topic_name = topic_name
         self.adapter = adapter
+        self.store = store
         self.reasons: Counter[str] = Counter()
-        self.blocks: list[dict[str, np.ndarray]] = []
+        self.is_empty = True
+
+    @property
+    def table(self) -> str:
+        """Name of the topic's columns in the store."""
+        return self.adapter.role.replace(" ", "_")
 
     def add(self, block: MessageBlock) -> None:
         """Decode a block and append its columns."""
@@ -71,12 +78,16 @@ class TopicColumns:
             parts.append({"log_time_ns": block.log_time_ns[group.index], **columns})
             order.append(group.index)
         if parts:
-            in_file_order = np.argsort(np.concatenate(order), kind="stable")
-            self.blocks.append(
-                {name: np.concatenate([part[name] for part in parts])[in_file_order] for name in parts[0]}
-            )
+            columns = parts[0]
+            if len(parts) > 1:
+                in_file_order = np.argsort(np.concatenate(order), kind="stable")
+                columns = {
+                    name: np.concatenate([part[name] for part in parts])[in_file_order] for name in parts[0]
+                }
+            self.store.append(self.table, columns)
+            self.is_empty = False
 
-    def finish(self, ledger: ReadingLedger) -> dict[str, np.ndarray]:
+    def finish(self, ledger: ReadingLedger) -> dict[str, Column]:
         """Return all columns, and note in the ledger what was left out.
 
         Raises:
@@ -88,12 +99,12 @@ class TopicColumns:
                 f"{ledger.path}: {self.adapter.role}: topic {self.topic_name} carries several types "
                 f"({', '.join(sorted(types))}); name another topic in conf/machine"
             )
-        if not self.blocks:
+        if self.is_empty:
             raise InputError(self._why_nothing(ledger))
         for reason, count in self.reasons.items():
             text = f"{count} messages of {self.topic_name} ({self.adapter.role}) left out: {reason}"
             ledger.notes.append(Note(NoteKind.left_out, text, count))
-        return {name: np.concatenate([block[name] for block in self.blocks]) for name in self.blocks[0]}
+        return self.store.columns(self.table)
 
     def _why_nothing(self, ledger: ReadingLedger) -> str:
         place = f"{ledger.path}: {self.adapter.role}"

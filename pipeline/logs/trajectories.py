@@ -1,5 +1,7 @@
 """From a log to its trajectories: conditioning, the grid, velocities, the split."""
 
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -7,83 +9,183 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.bags import read_log
-from pipeline.logs.conditioning import ConditionedLog, condition
+from pipeline.logs.clocks import ClockReport
+from pipeline.logs.columns import Column, ColumnStore, MemoryStore, extent, sections
+from pipeline.logs.conditioning import COMMAND_INTERVALS, JOINT_INTERVALS, ConditionedLog
 from pipeline.logs.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.loop_tracker import LoopTrackerConfig, track
+from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state, track_on
 from pipeline.logs.raw_log import NANOSECONDS, Note, NoteKind, RawLog
-from pipeline.logs.resample import GridSegment, resample
+from pipeline.logs.resample import GridRows, resample
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
+
+GRID = "grid"  # table of the store
+
+
+@dataclass(frozen=True)
+class GriddedLog:
+    """A log on the machine's grid, wherever its rows are stored.
+
+    Attributes:
+        name: The bag's name.
+        start_ns: The bag's start.
+        stamp_ns: Times of the rows of all trajectories, one after the other, a column of shape (T,), int64.
+        q: Positions, a column of shape (T, n_joint).
+        a: Commands in force, a column of shape (T, n_joint).
+        lengths: Rows of each trajectory.
+        clock: What was measured about the log's clocks.
+        joint_intervals_ns: Between joint samples in order of time, a column of shape (n,), int64.
+        command_intervals_ns: The same of commands.
+        notes: Everything lost, left out, changed or odd, from reading on.
+    """
+
+    name: str
+    start_ns: int
+    stamp_ns: Column
+    q: Column
+    a: Column
+    lengths: list[int]
+    clock: ClockReport
+    joint_intervals_ns: Column
+    command_intervals_ns: Column
+    notes: list[Note]
 
 
 @dataclass(frozen=True)
 class LogTrajectories:
-    """A log's trajectories and what was met on the way.
-
-    Attributes:
-        trajectories: In time order.
-        conditioned: What they were made of.
-        notes: Everything lost, left out, changed or odd, from reading on.
-    """
+    """A log's trajectories in memory, in time order, and what was met on the way."""
 
     trajectories: list[Trajectory]
-    conditioned: ConditionedLog
+    clock: ClockReport
     notes: list[Note]
 
 
-def make_trajectories(
-    raw: RawLog, machine: MachineSpecification, config: IngestConfig, loop_tracker: LoopTrackerConfig
-) -> LogTrajectories:
-    """Turn one log into trajectories (contract, section 2).
+def grid_log(
+    raw: RawLog,
+    machine: MachineSpecification,
+    config: IngestConfig,
+    store: ColumnStore,
+    section_rows: int | None = None,
+) -> GriddedLog:
+    """Condition a log and put it on the grid (contract, section 2), section by section.
+
+    Args:
+        raw: The log.
+        machine: The machine.
+        config: The rules' thresholds.
+        store: Takes the rows.
+        section_rows: Samples that are processed at a time; it makes no difference to the result.
 
     Raises:
-        InputError: The log yields none.
+        InputError: The log yields no trajectory, or cannot be used.
     """
-    conditioned = condition(raw, machine, config)
-    notes = [*raw.notes, *conditioned.notes]
-    _note_early_samples(conditioned, notes)
-    segments = [
-        known
-        for stretch in conditioned.stretches
-        for segment in resample(
-            stretch.time_ns,
-            stretch.q,
-            stretch.command_time_ns,
-            stretch.command,
-            machine.dt_s,
-            config.maximum_gap_s,
-        )
-        for known in _with_known_commands(segment)
-    ]
+    conditioned = ConditionedLog(raw, machine, config, store, section_rows)
+    notes = [*raw.notes]
+    rows = resample(
+        conditioned.joints, conditioned.commands, machine.dt_s, config.maximum_gap_s, conditioned.notes
+    )
     minimum_rows = max(1, round(config.minimum_trajectory_s * machine.rate_hz))
-    short = [segment for segment in segments if len(segment.stamp_ns) < minimum_rows]
+    lengths: list[int] = []
+    short: list[int] = []
+    pending: list[GridRows] = []  # of a stretch that is not known yet to be long enough
+    segment, is_long = -1, False
+    for part in _known_stretches(rows):
+        if part.segment != segment:
+            short += [n_rows] if (n_rows := sum(map(len, pending))) else []
+            segment, pending, is_long = part.segment, [], False
+        if not is_long:
+            pending.append(part)
+            if sum(map(len, pending)) < minimum_rows:
+                continue
+            lengths.append(0)
+            is_long, parts, pending = True, pending, []
+        else:
+            parts = [part]
+        for settled in parts:
+            store.append(GRID, {"stamp_ns": settled.stamp_ns, "q": settled.q, "a": settled.a})
+            lengths[-1] += len(settled)
+    short += [n_rows] if (n_rows := sum(map(len, pending))) else []
+    conditioned.finish()
+    notes += conditioned.notes
     if short:
-        n_rows = sum(len(segment.stamp_ns) for segment in short)
         text = f"rows in {len(short)} stretches shorter than {config.minimum_trajectory_s:g} s"
-        notes.append(Note(NoteKind.left_out, text, n_rows))
-    segments = [segment for segment in segments if len(segment.stamp_ns) >= minimum_rows]
-    if not segments:
+        notes.append(Note(NoteKind.left_out, text, sum(short)))
+    if not lengths:
         raise InputError(
             f"{raw.path}: no trajectory: no {config.minimum_trajectory_s:g} s of joint samples without gap "
             f"follow the first command ({len(raw.q)} joint samples, {len(raw.command)} commands)"
         )
-    if len(segments) > 1:
-        text = f"the log is split into {len(segments)} trajectories"
-        notes.append(Note(NoteKind.attention, text, len(segments) - 1))
-    start_ns = int(min(raw.joint_log_time_ns.min(), raw.command_log_time_ns.min()))
-    trajectories = [
-        _trajectory(
-            raw.name if number == 0 else f"{raw.name}#{number}",
-            segment,
-            start_ns,
-            machine,
-            config,
-            loop_tracker,
-        )
-        for number, segment in enumerate(segments)
-    ]
-    return LogTrajectories(trajectories, conditioned, notes)
+    if len(lengths) > 1:
+        text = f"the log is split into {len(lengths)} trajectories"
+        notes.append(Note(NoteKind.attention, text, len(lengths) - 1))
+    none = np.zeros(0, np.int64)
+    return GriddedLog(
+        name=raw.name,
+        start_ns=min(extent(raw.joint_log_time_ns)[0], extent(raw.command_log_time_ns)[0]),
+        **store.columns(GRID),
+        lengths=lengths,
+        clock=conditioned.clock,
+        joint_intervals_ns=store.columns(JOINT_INTERVALS).get("interval_ns", none),
+        command_intervals_ns=store.columns(COMMAND_INTERVALS).get("interval_ns", none),
+        notes=notes,
+    )
+
+
+def trajectory_sections(
+    gridded: GriddedLog,
+    machine: MachineSpecification,
+    config: IngestConfig,
+    loop_tracker: LoopTrackerConfig,
+    section_rows: int | None = None,
+) -> Iterator[Trajectory]:
+    """Yield the trajectories with their velocities and their split, in sections that follow each other.
+
+    Args:
+        gridded: The log on the grid.
+        machine: The machine.
+        config: The share of rows for validation.
+        loop_tracker: Gains of the velocity estimate.
+        section_rows: Rows of a section.
+    """
+    begin = 0
+    for number, length in enumerate(gridded.lengths):
+        name = gridded.name if number == 0 else f"{gridded.name}#{number}"
+        state: LoopTrackerState | None = None
+        columns = (gridded.stamp_ns, gridded.q, gridded.a)
+        first_row = 0
+        for stamp_ns, q, a in sections(columns, begin, begin + length, section_rows):
+            state, qd = track_on(state or initial_state(q[0]), q, machine.dt_s, loop_tracker)
+            rows = np.arange(first_row, first_row + len(q))
+            yield Trajectory(
+                name=name,
+                t_s=(stamp_ns - gridded.start_ns) / NANOSECONDS,
+                stamp_ns=stamp_ns,
+                q=q,
+                qd=qd,
+                a=a,
+                is_validation=rows >= first_validation_row(length, config.validation_fraction),
+            )
+            first_row += len(q)
+        begin += length
+
+
+def make_trajectories(
+    raw: RawLog,
+    machine: MachineSpecification,
+    config: IngestConfig,
+    loop_tracker: LoopTrackerConfig,
+    section_rows: int | None = None,
+) -> LogTrajectories:
+    """Turn one log into trajectories in memory.
+
+    Raises:
+        InputError: The log yields none.
+    """
+    gridded = grid_log(raw, machine, config, MemoryStore(), section_rows)
+    longest = max(gridded.lengths)
+    trajectories = list(trajectory_sections(gridded, machine, config, loop_tracker, longest))
+    return LogTrajectories(trajectories, gridded.clock, gridded.notes)
 
 
 def load_trajectories(
@@ -103,48 +205,22 @@ def load_trajectories(
     ]
 
 
-def validation_rows(n_rows: int, fraction: float) -> np.ndarray:
-    """Return which rows are for validation: the last `fraction` of them, shape (n_rows,), bool."""
-    return np.arange(n_rows) >= n_rows - round(fraction * n_rows)
+def first_validation_row(n_rows: int, fraction: float) -> int:
+    """Return the row from which on rows are for validation: the last `fraction` of them are."""
+    return n_rows - round(fraction * n_rows)
 
 
-def _trajectory(
-    name: str,
-    segment: GridSegment,
-    start_ns: int,
-    machine: MachineSpecification,
-    config: IngestConfig,
-    loop_tracker: LoopTrackerConfig,
-) -> Trajectory:
-    return Trajectory(
-        name=name,
-        t_s=(segment.stamp_ns - start_ns) / NANOSECONDS,
-        stamp_ns=segment.stamp_ns,
-        q=segment.q,
-        qd=track(segment.q, machine.dt_s, loop_tracker),
-        a=segment.a,
-        is_validation=validation_rows(len(segment.stamp_ns), config.validation_fraction),
-    )
-
-
-def _with_known_commands(segment: GridSegment) -> list[GridSegment]:
-    """Cut a segment where the command in force is unknown."""
-    known = np.isfinite(segment.a).all(axis=1)
-    if known.all():
-        return [segment]
-    pieces = np.split(np.arange(len(known)), np.flatnonzero(np.diff(known)) + 1)
-    return [
-        replace(segment, stamp_ns=segment.stamp_ns[piece], q=segment.q[piece], a=segment.a[piece])
-        for piece in pieces
-        if known[piece[0]]
-    ]
-
-
-def _note_early_samples(conditioned: ConditionedLog, notes: list[Note]) -> None:
-    early = sum(
-        int((stretch.time_ns < stretch.command_time_ns[0]).sum())
-        for stretch in conditioned.stretches
-        if len(stretch.command_time_ns)
-    )
-    if early:
-        notes.append(Note(NoteKind.left_out, "joint samples before the first command", early))
+def _known_stretches(rows: Iterable[GridRows]) -> Iterator[GridRows]:
+    """Cut stretches where the command in force is unknown."""
+    number, last = -1, (-1, False)
+    for part in rows:
+        known = np.isfinite(part.a).all(axis=1)
+        bounds = [0, *(np.flatnonzero(np.diff(known)) + 1).tolist(), len(known)]
+        for begin, end in itertools.pairwise(bounds):
+            this = (part.segment, bool(known[begin]))
+            number, last = number + (this != last), this
+            if this[1]:
+                piece = slice(begin, end)
+                yield replace(
+                    part, segment=number, stamp_ns=part.stamp_ns[piece], q=part.q[piece], a=part.a[piece]
+                )

@@ -1,19 +1,21 @@
 """Tuples (q, q̇, a) at the machine's rate, in and out of Parquet (contract, section 2)."""
 
-import io
-import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import polars
+import pyarrow
+from pyarrow.parquet import ParquetFile, ParquetWriter
 
+from pipeline.atomic_files import replacing
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 
 TRAIN, VALIDATION = "train", "validation"
 SUFFIX = ".parquet"
+ROW_GROUP_ROWS = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -56,56 +58,22 @@ def bag_of(trajectory_name: str) -> str:
     return trajectory_name.partition("#")[0]
 
 
-def write_tuples(
-    directory: Path,
-    machine: MachineSpecification,
-    trajectories: Sequence[Trajectory],
-    name: str | None = None,
-) -> list[Path]:
-    """Write one Parquet file per bag, each at once or not at all, byte for byte alike for alike tuples.
+def write_tuples(path: Path, machine: MachineSpecification, sections: Iterable[Trajectory]) -> None:
+    """Write one Parquet file, at once or not at all, byte for byte alike for alike tuples.
 
     Args:
-        directory: Where the files go; made if need be.
+        path: The file; its folder is made if need be.
         machine: Gives the columns' names.
-        trajectories: Trajectories of any number of bags, each bag's in order.
-        name: File name without suffix, if all trajectories are of one bag; by default the bag's name.
-
-    Returns:
-        The files written.
+        sections: Trajectories in their order, whole or in sections that follow each other.
 
     Raises:
-        InputError: A file cannot be written.
+        InputError: The file cannot be written.
     """
-    by_bag: dict[str, list[Trajectory]] = {}
-    for trajectory in trajectories:
-        by_bag.setdefault(name or bag_of(trajectory.name), []).append(trajectory)
-    paths = []
-    for bag, own in by_bag.items():
-        content = io.BytesIO()
-        polars.concat([_frame(machine, trajectory) for trajectory in own]).write_parquet(
-            content, compression="zstd"
-        )
-        paths.append(directory / f"{bag}{SUFFIX}")
-        write_whole(paths[-1], content.getbuffer())
-    return paths
-
-
-def write_whole(path: Path, content: bytes | memoryview) -> None:
-    """Write a file so that it appears whole or not at all; its folder is made if need be.
-
-    Raises:
-        InputError: It cannot be written: the disk is full, or there is no permission.
-    """
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(content)
-        os.replace(partial, path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror}); make room or check permissions"
-        ) from error
+    schema = _schema(machine)
+    with replacing(path) as partial, ParquetWriter(partial, schema, compression="zstd") as writer:
+        for group in _row_groups(sections):
+            parts = [_table(machine, schema, section) for section in group]
+            writer.write_table(pyarrow.concat_tables(parts).combine_chunks())
 
 
 def read_tuples(directory: Path, machine: MachineSpecification) -> list[Trajectory]:
@@ -122,24 +90,56 @@ def read_tuples(directory: Path, machine: MachineSpecification) -> list[Trajecto
     return [trajectory for path in paths for trajectory in _read(path, machine)]
 
 
+def thinned_positions(path: Path, machine: MachineSpecification, maximum_rows: int) -> np.ndarray:
+    """Return every n-th row's positions of one file, at most `maximum_rows`, shape (n_rows, n_joint).
+
+    Only a row group is held in memory at a time.
+    """
+    names = [f"q_{joint}" for joint in machine.joint_names]
+    file = ParquetFile(path)
+    stride = max(1, -(-file.metadata.num_rows // maximum_rows))
+    parts, behind = [], 0  # rows since the last one that was taken
+    for batch in file.iter_batches(columns=names):
+        values = np.stack([batch.column(name).to_numpy() for name in names], axis=1)
+        parts.append(values[-behind % stride :: stride])
+        behind = (behind + len(values)) % stride
+    return np.concatenate(parts)
+
+
 def columns(machine: MachineSpecification) -> list[str]:
     """Return the columns' names in their order."""
     joints = [f"{prefix}_{joint}" for prefix in ("q", "qd", "a") for joint in machine.joint_names]
     return ["trajectory", "t", "stamp", *joints, "split"]
 
 
-def _frame(machine: MachineSpecification, trajectory: Trajectory) -> polars.DataFrame:
-    data: dict[str, polars.Series | np.ndarray] = {
-        "trajectory": polars.repeat(trajectory.name, len(trajectory), eager=True, dtype=polars.String),
-        "t": trajectory.t_s.astype(np.float64),
-        "stamp": trajectory.stamp_ns.astype(np.int64),
+def _schema(machine: MachineSpecification) -> pyarrow.Schema:
+    types = {"trajectory": pyarrow.string(), "stamp": pyarrow.int64(), "split": pyarrow.string()}
+    return pyarrow.schema([(name, types.get(name, pyarrow.float64())) for name in columns(machine)])
+
+
+def _row_groups(sections: Iterable[Trajectory]) -> Iterator[list[Trajectory]]:
+    """Gather short trajectories, so that no row group is needlessly small."""
+    group: list[Trajectory] = []
+    for section in sections:
+        group.append(section)
+        if sum(map(len, group)) >= ROW_GROUP_ROWS:
+            yield group
+            group = []
+    if group:
+        yield group
+
+
+def _table(machine: MachineSpecification, schema: pyarrow.Schema, section: Trajectory) -> pyarrow.Table:
+    data: dict[str, Sequence | np.ndarray] = {
+        "trajectory": [section.name] * len(section),
+        "t": section.t_s,
+        "stamp": section.stamp_ns,
+        "split": np.where(section.is_validation, VALIDATION, TRAIN),
     }
-    for prefix, values in (("q", trajectory.q), ("qd", trajectory.qd), ("a", trajectory.a)):
+    for prefix, values in (("q", section.q), ("qd", section.qd), ("a", section.a)):
         for number, joint in enumerate(machine.joint_names):
             data[f"{prefix}_{joint}"] = np.ascontiguousarray(values[:, number], dtype=np.float64)
-    split = np.where(trajectory.is_validation, VALIDATION, TRAIN)
-    data["split"] = polars.Series(split.tolist(), dtype=polars.String)
-    return polars.DataFrame(data)
+    return pyarrow.table([data[name] for name in schema.names], schema=schema)
 
 
 def _read(path: Path, machine: MachineSpecification) -> list[Trajectory]:

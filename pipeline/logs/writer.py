@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
 from pipeline.errors import InputError
+from pipeline.logs.columns import whole
 from pipeline.logs.message_definitions import parse_definition
 from pipeline.logs.message_layout import layout_of, structured_view
 from pipeline.logs.raw_log import NANOSECONDS, TargetPoses
@@ -151,14 +152,15 @@ def _targets(store: Typestore, machine: MachineSpecification, targets: TargetPos
         orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
     )
     prototype = types[type_name](header=_header(store, targets.frame_id), pose=pose)
+    time_ns, position, quaternion = map(whole, (targets.log_time_ns, targets.position, targets.quaternion))
     numbers = {
-        "header.stamp.sec": (targets.log_time_ns // NANOSECONDS)[:, None],
-        "header.stamp.nanosec": (targets.log_time_ns % NANOSECONDS)[:, None],
+        "header.stamp.sec": (time_ns // NANOSECONDS)[:, None],
+        "header.stamp.nanosec": (time_ns % NANOSECONDS)[:, None],
     }
-    numbers |= {f"pose.position.{axis}": targets.position[:, [i]] for i, axis in enumerate("xyz")}
-    numbers |= {f"pose.orientation.{axis}": targets.quaternion[:, [i]] for i, axis in enumerate("wxyz")}
+    numbers |= {f"pose.position.{axis}": position[:, [i]] for i, axis in enumerate("xyz")}
+    numbers |= {f"pose.orientation.{axis}": quaternion[:, [i]] for i, axis in enumerate("wxyz")}
     messages = _serialise(store, prototype, type_name, numbers)
-    return _Channel(machine.target_topic, type_name, targets.log_time_ns, messages)
+    return _Channel(machine.target_topic, type_name, time_ns, messages)
 
 
 def _header(store: Typestore, frame_id: str) -> "Msg":

@@ -1,20 +1,16 @@
 """End-effector clouds of logged trajectories."""
 
-from collections.abc import Sequence
-
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.logs.tuples import Trajectory
 from pipeline.machine.kinematics import Arm
 from pipeline.reporting.workspace_figures import Cloud
 
-CLOUD_STRIDE = 10  # rows between two drawn positions: every half second at 20 Hz
+MAXIMUM_POINTS = 10_000  # more are not to be told apart in a picture
 
 
-def cloud_of(arm: Arm, trajectories: Sequence[Trajectory]) -> Cloud:
-    """Positions and pitch of the chisel tip along the trajectories, thinned for drawing."""
-    q = jnp.asarray(
-        np.concatenate([trajectory.q[::CLOUD_STRIDE] for trajectory in trajectories]), jnp.float32
-    )
-    return Cloud(np.asarray(arm.forward(q).position), np.asarray(arm.pitch(q)))
+def cloud_of(arm: Arm, q: np.ndarray) -> Cloud:
+    """Positions and pitch of the chisel tip in configurations q, shape (n, n_joint), thinned for drawing."""
+    stride = max(1, -(-len(q) // MAXIMUM_POINTS))
+    thinned = jnp.asarray(q[::stride], jnp.float32)
+    return Cloud(np.asarray(arm.forward(thinned).position), np.asarray(arm.pitch(thinned)))

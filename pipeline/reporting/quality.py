@@ -1,13 +1,14 @@
 """The quality report of a folder of logs, as a page."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from pipeline.logs.ingest import IngestSummary
 from pipeline.logs.quality import QualityReport
-from pipeline.logs.tuples import Trajectory, bag_of
+from pipeline.logs.tuples import SUFFIX, thinned_positions
 from pipeline.machine.kinematics import Arm
 from pipeline.machine.specification import MachineSpecification
-from pipeline.reporting.clouds import cloud_of
+from pipeline.reporting.clouds import MAXIMUM_POINTS, cloud_of
 from pipeline.reporting.page import Figure, KeyFigure, Section, render_page
 from pipeline.reporting.tables import Table
 from pipeline.reporting.workspace_figures import cloud_figure
@@ -35,7 +36,7 @@ STREAMS = ("joint_states", "commands")
 
 
 def quality_page(
-    machine: MachineSpecification, arm: Arm | None, summary: IngestSummary, trajectories: Sequence[Trajectory]
+    machine: MachineSpecification, arm: Arm | None, summary: IngestSummary, tuples_directory: Path
 ) -> str:
     """Lay out the quality report.
 
@@ -43,9 +44,9 @@ def quality_page(
         machine: The machine.
         arm: Its kinematics, for pictures of the workspace; None where it has no description.
         summary: What became of the logs.
-        trajectories: Their tuples.
+        tuples_directory: Where their tuples are.
     """
-    sections = [_log_section(machine, arm, report, trajectories) for report in summary.reports]
+    sections = [_log_section(machine, arm, report, tuples_directory) for report in summary.reports]
     if summary.failures:
         failed = Table("Logs that failed", ["Log", "Why"], [[f.name, f.reason] for f in summary.failures])
         sections.insert(
@@ -73,7 +74,7 @@ def quality_page(
 
 
 def _log_section(
-    machine: MachineSpecification, arm: Arm | None, report: QualityReport, trajectories: Sequence[Trajectory]
+    machine: MachineSpecification, arm: Arm | None, report: QualityReport, tuples_directory: Path
 ) -> Section:
     metrics = report.metrics
     tables = [
@@ -83,14 +84,14 @@ def _log_section(
     if report.notes:
         rows = [[str(note.kind), str(note.count), note.text] for note in report.notes]
         tables.append(Table("What was lost, left out or changed", ["Kind", "How often", "What"], rows))
-    own = [trajectory for trajectory in trajectories if bag_of(trajectory.name) == report.name]
     figures = []
-    if arm is not None and machine.workspace is not None and own:
+    if arm is not None and machine.workspace is not None:
+        q = thinned_positions(tuples_directory / f"{report.name}{SUFFIX}", machine, MAXIMUM_POINTS)
         figures.append(
             Figure(
                 f"Workspace covered in {report.name}",
                 "End-effector positions from above and from the side, coloured by pitch; outlined is W+.",
-                cloud_figure({report.name: cloud_of(arm, own)}, machine.workspace),
+                cloud_figure({report.name: cloud_of(arm, q)}, machine.workspace),
                 "image/png",
             )
         )

@@ -44,7 +44,7 @@ def data_section(
     table = Table("Recordings to learn from", ["Recording", "Minutes", "Steps", "Steps with a command"], rows)
     figures = []
     if arm is not None and machine.workspace is not None:
-        clouds = {trajectory.name: cloud_of(arm, [trajectory]) for trajectory in trajectories}
+        clouds = {trajectory.name: cloud_of(arm, trajectory.q) for trajectory in trajectories}
         figures.append(
             Figure(
                 "End-effector positions while teleoperated",

@@ -8,7 +8,6 @@ from omegaconf import MISSING
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.logs.ingest import ingest, write_metrics
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.tuples import read_tuples
 from pipeline.machine.kinematics import load_arm
 from pipeline.reporting.quality import quality_page
 from pipeline.tracking import StageRun, flatten_metrics
@@ -42,8 +41,7 @@ def main(configuration: IngestStage, run: StageRun) -> None:
     write_metrics(summary, report_directory / "quality.json")
     machine = configuration.machine
     arm = load_arm(machine, MACHINE_DIRECTORY) if machine.arm is not None else None
-    trajectories = read_tuples(Path(configuration.output), machine) if summary.reports else []
-    page = quality_page(machine, arm, summary, trajectories)
+    page = quality_page(machine, arm, summary, Path(configuration.output))
     (report_directory / "quality.html").write_text(page, encoding="utf-8")
     for report in summary.reports:
         print(f"{report.name}: {report.metrics['n_rows']} rows, {report.metrics['duration_s']:.0f} s")

@@ -99,7 +99,7 @@ def test_full_disk_fails_in_one_line(run, tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert len(summary.failures) == 3 and not summary.reports
-    assert "bag0.parquet: cannot be written (File too large); make room" in summary.failures[0].reason
+    assert ".bag0.scratch: cannot be written (File too large); make room" in summary.failures[0].reason
     assert list((tmp_path / "tuples").iterdir()) == []
 
 

@@ -1,17 +1,20 @@
 import numpy as np
 import pytest
 
-from pipeline.logs.excitation import apparent_delay_s, command_statistics, findings, frozen_stretches
+from pipeline.logs.excitation import Excitation
 from pipeline.logs.quality import sampling
-from pipeline.logs.trajectories import validation_rows
 from pipeline.logs.tuples import Trajectory
 
 
 def trajectory_of(q, a):
     n = len(q)
     return Trajectory(
-        "t", np.arange(n) * 0.05, np.arange(n) * 50_000_000, q, np.zeros_like(q), a, validation_rows(n, 0.1)
+        "t", np.arange(n) * 0.05, np.arange(n) * 50_000_000, q, np.zeros_like(q), a, np.zeros(n, bool)
     )
+
+
+def of(trajectory, machine, frozen_after_s=2.0):
+    return Excitation.of([trajectory], machine, frozen_after_s)
 
 
 @pytest.fixture
@@ -38,7 +41,7 @@ def test_apparent_delay_is_the_true_one_plus_the_way_to_be_seen(strokes, machine
     trajectory, delays, speed = strokes
     for joint, delay in enumerate(delays):
         span = machine.upper[joint] - machine.lower[joint]
-        measured, n_starts = apparent_delay_s([trajectory], joint, machine)
+        measured, n_starts = of(trajectory, machine).apparent_delay_s(joint)
         assert n_starts == (11 if joint == 0 else 12)  # the very first stroke has no rest before it
         assert measured == pytest.approx(delay + 0.002 * span / speed, abs=1e-6)
 
@@ -46,12 +49,12 @@ def test_apparent_delay_is_the_true_one_plus_the_way_to_be_seen(strokes, machine
 def test_delay_of_a_joint_that_never_moves(machine):
     a = np.zeros((100, machine.n_joint))
     a[50:] = 1.0
-    assert apparent_delay_s([trajectory_of(np.zeros_like(a), a)], 0, machine) == (None, 0)
+    assert of(trajectory_of(np.zeros_like(a), a), machine).apparent_delay_s(0) == (None, 0)
 
 
 def test_command_statistics(strokes, machine):
     trajectory, _, _ = strokes
-    statistics = command_statistics([trajectory], 1, machine.dt_s)
+    statistics = of(trajectory, machine).command_statistics(1)
     share = 1 / machine.n_joint / 2 * 40 / 70
     assert statistics["share_positive"] == statistics["share_negative"] == pytest.approx(share)
     assert statistics["n_starts"] == 12 and statistics["mean_active_s"] == pytest.approx(2.0)
@@ -60,31 +63,31 @@ def test_command_statistics(strokes, machine):
 
 def test_findings_say_what_is_missing(strokes, machine):
     trajectory, _, _ = strokes
-    rich = " ".join(findings([trajectory], machine))
+    rich = " ".join(of(trajectory, machine).findings())
     assert "never commanded" not in rich and "alone" not in rich
     poor = trajectory_of(trajectory.q, np.abs(trajectory.a))
-    assert "swing is never commanded in negative direction." in findings([poor], machine)
+    assert "swing is never commanded in negative direction." in of(poor, machine).findings()
     together = trajectory.a.copy()
     together[:, 2] = together[:, 0]
     assert any(
         text.startswith("swing moves alone for 0.0 s only")
-        for text in findings([trajectory_of(trajectory.q, together)], machine)
+        for text in of(trajectory_of(trajectory.q, together), machine).findings()
     )
 
 
 def test_frozen_encoder(strokes, machine):
     trajectory, _, _ = strokes
-    assert frozen_stretches([trajectory], 0, machine, 1.0) == 0
+    assert of(trajectory, machine, 1.0).frozen_stretches(0) == 0
     q = trajectory.q.copy()
     q[:40, 0] = q[0, 0]  # the first stroke of 2 s, during which swing was commanded
-    assert frozen_stretches([trajectory_of(q, trajectory.a)], 0, machine, 1.5) == 1
+    assert of(trajectory_of(q, trajectory.a), machine, 1.5).frozen_stretches(0) == 1
     q[:, 0] = machine.upper[0]  # at its end stop a joint may stand still under command
-    assert frozen_stretches([trajectory_of(q, trajectory.a)], 0, machine, 1.5) == 0
+    assert of(trajectory_of(q, trajectory.a), machine, 1.5).frozen_stretches(0) == 0
 
 
 def test_sampling():
-    times = np.cumsum([0, 20, 20, 20, 600, 20]) * 1_000_000
-    values = sampling(times, 0.5)
-    assert values["n"] == 6 and values["rate_hz"] == pytest.approx(50) and values["n_gaps"] == 1
+    intervals = np.array([20, 20, 20, 600, 20]) * 1_000_000
+    values = sampling(intervals, 0.5)
+    assert values["rate_hz"] == pytest.approx(50) and values["n_gaps"] == 1
     assert values["longest_gap_s"] == pytest.approx(0.6)
-    assert sampling(times[:1], 0.5)["rate_hz"] is None
+    assert sampling(intervals[:0], 0.5)["rate_hz"] is None

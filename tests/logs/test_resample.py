@@ -1,21 +1,32 @@
+import itertools
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.logs.resample import resample
+from pipeline.logs.command_rules import HeldCommands
+from pipeline.logs.resample import GridRows, resample
+from pipeline.logs.samples import Samples
 
 MS = 1_000_000
 
 
-def grid(joint_ms, q, command_ms, command, gap_s=0.5):
-    return resample(
-        np.array(joint_ms, np.int64) * MS,
-        np.array(q, float)[:, None],
-        np.array(command_ms, np.int64) * MS,
-        np.array(command, float)[:, None],
-        0.05,
-        gap_s,
-    )
+def stream(time_ms, values, cuts=()):
+    samples = Samples(np.array(time_ms, np.int64) * MS, np.array(values, float)[:, None])
+    bounds = [0, *sorted(cuts), len(samples)]
+    return [samples[begin:end] for begin, end in itertools.pairwise(bounds)]
+
+
+def grid(joint_ms, q, command_ms, command, gap_s=0.5, cuts=(), command_cuts=()):
+    """The grid's segments, each joined from the sections that it came in."""
+    commands = HeldCommands(stream(command_ms, command, command_cuts))
+    rows = list(resample(stream(joint_ms, q, cuts), commands, 0.05, gap_s, []))
+    segments = []
+    for _, parts in itertools.groupby(rows, lambda part: part.segment):
+        parts = list(parts)
+        joined = (np.concatenate([getattr(p, name) for p in parts]) for name in ("stamp_ns", "q", "a"))
+        segments.append(GridRows(parts[0].segment, *joined))
+    return segments
 
 
 def test_grid_starts_at_first_sample_after_first_command():
@@ -62,7 +73,8 @@ def test_against_a_row_by_row_reference(data):
                 (t, (1 - share) * q[left] + share * q[right], max(i for i in range(m) if command[i] <= t))
             )
             t += 50
-    segments = grid(joint, q, command, a)
+    cuts, command_cuts = (data.draw(st.lists(st.integers(0, k), max_size=4)) for k in (n, m))
+    segments = grid(joint, q, command, a, cuts=cuts, command_cuts=command_cuts)
     got = [row for s in segments for row in zip(s.stamp_ns // MS, s.q[:, 0], s.a[:, 0], strict=True)]
     assert len(got) == len(rows)
     np.testing.assert_allclose(

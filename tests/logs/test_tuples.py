@@ -3,8 +3,8 @@ import polars
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.logs.trajectories import validation_rows
-from pipeline.logs.tuples import Trajectory, columns, read_tuples, write_tuples
+from pipeline.logs.trajectories import first_validation_row
+from pipeline.logs.tuples import Trajectory, columns, read_tuples, thinned_positions, write_tuples
 
 
 def make(name, machine, n=20, seed=0):
@@ -12,13 +12,13 @@ def make(name, machine, n=20, seed=0):
     q, qd = rng.normal(size=(2, n, machine.n_joint))
     a = rng.integers(-1, 2, (n, machine.n_joint)).astype(float)
     stamp = 1_700_000_000_000_000_001 + np.arange(n) * 50_000_000
-    return Trajectory(name, np.arange(n) * 0.05, stamp, q, qd, a, validation_rows(n, 0.1))
+    return Trajectory(name, np.arange(n) * 0.05, stamp, q, qd, a, np.arange(n) >= first_validation_row(n, 0.1))
 
 
 def test_round_trip_keeps_every_bit(tmp_path, machine):
     written = [make("b", machine, seed=1), make("b#1", machine, n=7, seed=2), make("a", machine, seed=3)]
-    paths = write_tuples(tmp_path, machine, written)
-    assert sorted(path.name for path in paths) == ["a.parquet", "b.parquet"]
+    write_tuples(tmp_path / "b.parquet", machine, written[:2])
+    write_tuples(tmp_path / "a.parquet", machine, written[2:])
     read = read_tuples(tmp_path, machine)
     assert [trajectory.name for trajectory in read] == ["a", "b", "b#1"]
     for before, after in zip([written[2], *written[:2]], read, strict=True):
@@ -27,7 +27,8 @@ def test_round_trip_keeps_every_bit(tmp_path, machine):
 
 
 def test_columns_are_the_contracts(tmp_path, machine):
-    (path,) = write_tuples(tmp_path, machine, [make("a", machine)])
+    path = tmp_path / "a.parquet"
+    write_tuples(path, machine, [make("a", machine)])
     frame = polars.read_parquet(path)
     joints = ["swing", "boom", "arm", "bucket"]
     expected = ["trajectory", "t", "stamp", *[f"{p}_{j}" for p in ("q", "qd", "a") for j in joints], "split"]
@@ -36,8 +37,9 @@ def test_columns_are_the_contracts(tmp_path, machine):
 
 
 def test_same_tuples_give_same_bytes(tmp_path, machine):
-    (first,) = write_tuples(tmp_path / "1", machine, [make("a", machine, n=500)])
-    (second,) = write_tuples(tmp_path / "2", machine, [make("a", machine, n=500)])
+    first, second = tmp_path / "1" / "a.parquet", tmp_path / "2" / "a.parquet"
+    for path in (first, second):
+        write_tuples(path, machine, [make("a", machine, n=500)])
     assert first.read_bytes() == second.read_bytes()
     assert [path.name for path in first.parent.iterdir()] == ["a.parquet"]
 
@@ -52,7 +54,8 @@ def test_same_tuples_give_same_bytes(tmp_path, machine):
     ],
 )
 def test_foreign_tables_are_refused_in_one_line(tmp_path, machine, change, words):
-    (path,) = write_tuples(tmp_path, machine, [make("a", machine)])
+    path = tmp_path / "a.parquet"
+    write_tuples(path, machine, [make("a", machine)])
     change(polars.read_parquet(path)).write_parquet(path)
     with pytest.raises(InputError, match=words) as error:
         read_tuples(tmp_path, machine)
@@ -65,3 +68,14 @@ def test_no_tuples_and_no_parquet(tmp_path, machine):
     (tmp_path / "x.parquet").write_bytes(b"not parquet")
     with pytest.raises(InputError, match=r"x\.parquet: not a readable Parquet file"):
         read_tuples(tmp_path, machine)
+
+
+@pytest.mark.parametrize("maximum_rows", [1, 7, 100, 5000])
+def test_thinned_positions_are_every_nth_row(tmp_path, machine, monkeypatch, maximum_rows):
+    monkeypatch.setattr("pipeline.logs.tuples.ROW_GROUP_ROWS", 64)
+    pieces = [make("a", machine, n=50, seed=seed) for seed in range(20)]
+    write_tuples(tmp_path / "a.parquet", machine, pieces)
+    q = np.concatenate([piece.q for piece in pieces])
+    stride = -(-len(q) // maximum_rows)
+    thinned = thinned_positions(tmp_path / "a.parquet", machine, maximum_rows)
+    np.testing.assert_array_equal(thinned, q[::stride])
