@@ -53,6 +53,7 @@ class PipelineConfiguration:
     episodes: Any = MISSING
     reward: Any = MISSING
     ppo: Any = MISSING
+    search: Any = MISSING
 
 
 def stage(

@@ -1,0 +1,1 @@
+"""Hyper-parameter studies that any number of workers share and that survive the death of any of them."""

@@ -1,0 +1,61 @@
+"""How a study proposes and ends trials, and hands them from worker to worker: section `search.study` of a profile."""
+
+import enum
+from dataclasses import dataclass
+
+from pipeline.errors import InputError
+
+
+class Sampler(enum.StrEnum):
+    """How hyper-parameters are proposed; the paper names none."""
+
+    tpe = "tpe"  # tree-structured Parzen estimator (Bergstra et al., 2011)
+    random = "random"
+
+
+class Pruner(enum.StrEnum):
+    """How unpromising trials are ended early; the paper has none."""
+
+    none = "none"
+    median = "median"  # worse than the median of the earlier trials at the same epoch
+    hyperband = "hyperband"  # Li et al., 2018
+
+
+@dataclass
+class StudySettings:
+    """How trials are proposed, ended, and handed from a dead worker to a live one.
+
+    Attributes:
+        seed: Of the proposals; the n-th trial's draw with a generator of their own.
+        sampler: Proposes hyper-parameters.
+        startup_trials: Trials that the sampler `tpe` draws at random before it models the others' results.
+        pruner: Ends unpromising trials.
+        pruner_warmup_epochs: Epochs that a trial always gets.
+        heartbeat_s: How often a worker says that it lives.
+        stale_after_s: A trial whose worker (on another computer) has not been heard for so long is taken over.
+            A worker of the same computer is known to be dead at once.
+        maximum_attempts: A trial whose worker died so often is given up: it may be what kills them.
+    """
+
+    seed: int
+    sampler: Sampler
+    startup_trials: int
+    pruner: Pruner
+    pruner_warmup_epochs: int
+    heartbeat_s: float
+    stale_after_s: float
+    maximum_attempts: int
+
+    def __post_init__(self) -> None:
+        for name in ("startup_trials", "pruner_warmup_epochs", "maximum_attempts"):
+            if getattr(self, name) < 1:
+                raise InputError(f"search.study.{name} is {getattr(self, name)}; it must be at least 1")
+        if self.seed < 0:
+            raise InputError(f"search.study.seed is {self.seed}; it must not be negative")
+        if not self.heartbeat_s > 0:
+            raise InputError(f"search.study.heartbeat_s is {self.heartbeat_s}; it must be positive")
+        if not self.stale_after_s >= 2 * self.heartbeat_s:
+            raise InputError(
+                f"search.study.stale_after_s is {self.stale_after_s}; it must be at least twice heartbeat_s "
+                f"({self.heartbeat_s}), or live workers pass for dead"
+            )
