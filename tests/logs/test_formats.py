@@ -1,6 +1,4 @@
-import shutil
 import sqlite3
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +11,6 @@ from pipeline.logs.bags import read_log
 from pipeline.logs.discover import find_logs
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import load_machine, make_session, shared_folder
-
-ROSBAG = shutil.which("rosbag")
 
 
 @pytest.fixture(scope="module")
@@ -156,23 +152,6 @@ def test_bag_folder_without_files_fails_alone(tmp_path, machine, session):
     assert len(read_log(good, machine).q) == len(session.q)
     with pytest.raises(InputError, match=r"without its files; metadata.yaml lists x\.mcap"):
         read_log(bad, machine)
-
-
-@pytest.mark.skipif(ROSBAG is None, reason="Debian's rosbag is not installed (apt install python3-rosbag)")
-def test_debian_rosbag_reindexes_and_compresses_what_we_read(tmp_path, machine, short):
-    """Files that ROS's own tool wrote: compressed and filtered copies."""
-    entries = foreign.messages(foreign.ROS1, short, machine.joint_names)
-    source = foreign.write_rosbag1(tmp_path / "a.bag", entries)
-    for option in ("--bz2", "--lz4"):
-        copy = tmp_path / option.strip("-") / "a.bag"
-        copy.parent.mkdir()
-        shutil.copy(source, copy)
-        subprocess.run([ROSBAG, "compress", option, str(copy)], check=True, capture_output=True)
-        assert_holds(read_only(copy, machine), short)
-    filtered = tmp_path / "filtered" / "b.bag"
-    filtered.parent.mkdir()
-    subprocess.run([ROSBAG, "filter", str(source), str(filtered), "True"], check=True, capture_output=True)
-    assert_holds(read_only(filtered, machine), short)
 
 
 @pytest.mark.parametrize(
