@@ -15,9 +15,11 @@ import argparse
 import multiprocessing
 import os
 import resource
+import sqlite3
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +27,13 @@ import polars
 from omegaconf import OmegaConf
 
 from pipeline.logs.bounded_decompression import decompress
+from pipeline.logs.command_rules import HeldCommands
 from pipeline.logs.discover import find_logs
 from pipeline.logs.ingest import ingest
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig, track
 from pipeline.logs.resample import resample
+from pipeline.logs.samples import Samples
 from pipeline.machine.specification import MachineSpecification
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import load_machine, make_session
@@ -58,7 +62,8 @@ def write_bags(folder: Path, minutes: tuple[int, ...], kind: str, machine: Machi
 def to_parquet(log: dict, machine: MachineSpecification, path: Path) -> None:
     """What the plain ways do with the samples that they read."""
     arrays = [np.array(log[key]) for key in ("stamp", "q", "command_time", "command")]
-    for segment in resample(*arrays, machine.dt_s, CONFIG.maximum_gap_s):
+    commands = HeldCommands([Samples(*arrays[2:])])
+    for segment in resample([Samples(*arrays[:2])], commands, machine.dt_s, CONFIG.maximum_gap_s, []):
         columns = {"stamp": segment.stamp_ns}
         for prefix, values in (
             ("q", segment.q),
@@ -158,18 +163,34 @@ def ours_on_all_cores(folder: Path, output: Path, machine: MachineSpecification)
 
 
 def limit(folder: Path, output: Path, machine: MachineSpecification) -> None:
-    """Reading the files and decompressing their chunks, which are found by the summary."""
+    """Reading the files and decompressing their chunks (of SQLite: fetching the rows), and nothing else."""
+    for entry in find_logs(folder):
+        for path in entry.files:
+            {".mcap": limit_of_mcap, ".bag": limit_of_rosbag1, ".db3": limit_of_sqlite3}[path.suffix](path)
+
+
+def limit_of_mcap(path: Path) -> None:
     from mcap.reader import make_reader
 
-    for entry in find_logs(folder):
-        content = entry.files[0].read_bytes()
-        if entry.files[0].suffix != ".mcap":
-            continue
-        with entry.files[0].open("rb") as stream:
-            chunks = make_reader(stream).get_summary().chunk_indexes
-        for chunk in chunks:
-            end = chunk.chunk_start_offset + chunk.chunk_length
-            decompress(chunk.compression, content[end - chunk.compressed_size : end], chunk.uncompressed_size)
+    with path.open("rb") as stream:
+        for chunk in make_reader(stream).get_summary().chunk_indexes:
+            stream.seek(chunk.chunk_start_offset + chunk.chunk_length - chunk.compressed_size)
+            decompress(chunk.compression, stream.read(chunk.compressed_size), chunk.uncompressed_size)
+
+
+def limit_of_rosbag1(path: Path) -> None:
+    from rosbags.rosbag1 import Reader
+
+    with Reader(path) as reader, path.open("rb") as stream:
+        for chunk in reader.chunks.values():
+            stream.seek(chunk.datapos)
+            chunk.decompressor(stream.read(chunk.datasize))
+
+
+def limit_of_sqlite3(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as connection:
+        for _ in connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid"):
+            pass
 
 
 WAYS: dict[str, Callable] = {

@@ -10,6 +10,7 @@ section 2):
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from pipeline.errors import InputError
@@ -97,24 +98,34 @@ def track_on(
     Returns:
         The state after the last sample, and the velocity estimates, shape (T, n_joint).
     """
-    q_estimate, integral = np.empty_like(state.q_estimate), np.empty_like(state.integral)
-    velocity = np.empty_like(q)
-    for joint in range(q.shape[1]):
-        # Python's floats: the same IEEE double operations as NumPy's, and faster in a loop.
-        estimate, own = float(state.q_estimate[joint]), float(state.integral[joint])
-        estimate, own, velocity[:, joint] = _track_joint(estimate, own, q[:, joint].tolist(), dt_s, config)
-        q_estimate[joint], integral[joint] = estimate, own
+    q_estimate, integral = state.q_estimate.copy(), state.integral.copy()
+    velocity = np.empty(q.shape)
+    _track(
+        q_estimate,
+        integral,
+        np.ascontiguousarray(q, np.float64),
+        dt_s,
+        config.proportional_gain,
+        config.integral_gain,
+        velocity,
+    )
     return LoopTrackerState(q_estimate, integral), velocity
 
 
-def _track_joint(
-    q_estimate: float, integral: float, samples: list[float], dt_s: float, config: LoopTrackerConfig
-) -> tuple[float, float, list[float]]:
-    proportional_gain, integral_gain = config.proportional_gain, config.integral_gain
-    velocity = []
-    for sample in samples:
-        error = sample - q_estimate
-        integral += integral_gain * error * dt_s
-        q_estimate += dt_s * (proportional_gain * error + integral)
-        velocity.append(integral)
-    return q_estimate, integral, velocity
+@numba.njit(cache=True)
+def _track(
+    q_estimate: np.ndarray,
+    integral: np.ndarray,
+    q: np.ndarray,
+    dt_s: float,
+    proportional_gain: float,
+    integral_gain: float,
+    velocity: np.ndarray,
+) -> None:
+    """`advance` sample by sample, in place: the same IEEE double operations in the same order."""
+    for row in range(q.shape[0]):
+        for joint in range(q.shape[1]):
+            error = q[row, joint] - q_estimate[joint]
+            integral[joint] += integral_gain * error * dt_s
+            q_estimate[joint] += dt_s * (proportional_gain * error + integral[joint])
+            velocity[row, joint] = integral[joint]

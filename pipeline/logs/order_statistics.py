@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-SORTED_AT_ONCE = 1 << 16
+SORTED_AT_ONCE = 1 << 18
 N_BINS = 1 << 12
 
 Parts = Callable[[], Iterable[np.ndarray]]
@@ -30,7 +30,7 @@ def quantiles(parts: Parts, fractions: Sequence[float]) -> list[float]:
     places = [fraction * (count - 1) for fraction in fractions]
     ranks = sorted({int(np.floor(place)) for place in places} | {int(np.ceil(place)) for place in places})
     if count <= SORTED_AT_ONCE:
-        ordered = np.sort(np.concatenate([np.asarray(part, np.float64) for part in parts()]))
+        ordered = np.partition(np.concatenate(list(_doubles(parts))), ranks)
         value = {rank: float(ordered[rank]) for rank in ranks}
     else:
         value = {rank: _value_of_rank(parts, rank) for rank in ranks}
@@ -46,22 +46,22 @@ def _value_of_rank(parts: Parts, rank: int) -> float:
     low = min(float(part.min()) for part in parts() if len(part))
     high = max(float(part.max()) for part in parts() if len(part))
     while low < high:
-        edges = np.unique(np.linspace(low, high, N_BINS + 1))
-        inner = edges[1:-1]  # none where low and high are neighbouring doubles
-        before, counts = 0, np.zeros(len(inner) + 1, np.int64)
+        before, counts = 0, np.zeros(N_BINS, np.int64)
+        lowest, highest = np.full(N_BINS, np.inf), np.full(N_BINS, -np.inf)
         for values in _doubles(parts):
             before += int((values < low).sum())
             inside = values[(values >= low) & (values <= high)]
-            places = np.searchsorted(inner, inside, side="right" if len(inner) else "left")
-            counts += np.bincount(places, minlength=len(counts))
+            # Any bins do that ascend with the value; those of equal width are found by a division.
+            bins = np.minimum((inside - low) / (high - low) * N_BINS, N_BINS - 1).astype(np.int64)
+            counts += np.bincount(bins, minlength=N_BINS)
+            np.minimum.at(lowest, bins, inside)
+            np.maximum.at(highest, bins, inside)
         place = int(np.searchsorted(np.cumsum(counts), rank - before, side="right"))
-        rank_within = rank - before - int(counts[:place].sum())
-        if place < len(inner):
-            high = float(np.nextafter(inner[place], -np.inf))
-        low = float(edges[place])
-        if counts[place] <= SORTED_AT_ONCE or not len(inner):
+        low, high = float(lowest[place]), float(highest[place])
+        if counts[place] <= SORTED_AT_ONCE:
             chosen = [values[(values >= low) & (values <= high)] for values in _doubles(parts)]
-            return float(np.sort(np.concatenate(chosen))[rank_within])
+            rank_within = rank - before - int(counts[:place].sum())
+            return float(np.partition(np.concatenate(chosen), rank_within)[rank_within])
     return low
 
 

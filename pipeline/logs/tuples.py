@@ -70,7 +70,11 @@ def write_tuples(path: Path, machine: MachineSpecification, sections: Iterable[T
         InputError: The file cannot be written.
     """
     schema = _schema(machine)
-    with replacing(path) as partial, ParquetWriter(partial, schema, compression="zstd") as writer:
+    repeating = [name for name in schema.names if name.startswith("a_") or name in ("trajectory", "split")]
+    with (
+        replacing(path) as partial,
+        ParquetWriter(partial, schema, compression="zstd", use_dictionary=repeating) as writer,
+    ):
         for group in _row_groups(sections):
             parts = [_table(machine, schema, section) for section in group]
             writer.write_table(pyarrow.concat_tables(parts).combine_chunks())
