@@ -2,6 +2,7 @@
 
     python -m benchmarks.log_reading                 # 76 minutes: three bags, joint states at 50 Hz, commands at 20 Hz
     python -m benchmarks.log_reading --hours 10      # twenty bags of half an hour
+    python -m benchmarks.log_reading --hours 10 --bag-minutes 600   # one bag: does memory grow with it?
     python -m benchmarks.log_reading --format bag    # ROS 1, lz4 (also: mcap, db3)
 
 Every way ends in the same Parquet columns. The plain ways read message by message, put the log on the grid with
@@ -14,7 +15,6 @@ by processor time of the process itself. Peak memory is the process's.
 import argparse
 import multiprocessing
 import os
-import resource
 import sqlite3
 import tempfile
 import time
@@ -212,8 +212,13 @@ def measure(name: str, folder: Path, repeats: int, machine: MachineSpecification
             WAYS[name](folder, Path(output), machine)
             times.append(time.perf_counter() - begin)
             processor.append(time.process_time() - begin_processor)
-    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    answers.put((min(times[1:] or times), min(processor[1:] or processor), kilobytes / 1024))
+    answers.put((min(times[1:] or times), min(processor[1:] or processor), peak_mebibytes()))
+
+
+def peak_mebibytes() -> float:
+    """Peak memory of this process; `getrusage` would count what its parent held when it was started."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
 def main() -> None:
@@ -221,6 +226,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--hours", type=float, default=0.0, help="a long set instead of the 76 minutes")
+    parser.add_argument("--bag-minutes", type=int, default=LONG_BAG_MINUTES, help="of the long set")
     parser.add_argument("--format", choices=["mcap", "bag", "db3"], default="mcap")
     parser.add_argument("--repeats", type=int, default=REPEATS)
     parser.add_argument("--only", nargs="*", default=list(WAYS), help="which ways")
@@ -228,7 +234,7 @@ def main() -> None:
     machine = load_machine("bobcat_e10")
     minutes = SESSION_MINUTES
     if arguments.hours:
-        minutes = (LONG_BAG_MINUTES,) * round(arguments.hours * 60 / LONG_BAG_MINUTES)
+        minutes = (arguments.bag_minutes,) * round(arguments.hours * 60 / arguments.bag_minutes)
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

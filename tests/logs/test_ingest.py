@@ -1,6 +1,9 @@
 import json
 import os
 import resource
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import polars
@@ -12,7 +15,7 @@ from pipeline.logs.ingest import ingest, write_metrics
 from pipeline.logs.loop_tracker import track
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import read_tuples
-from tests.logs.conftest import load_machine, make_session, shared_folder
+from tests.logs.conftest import REPOSITORY, load_machine, make_session, shared_folder
 
 
 @pytest.fixture
@@ -151,3 +154,32 @@ def test_measured_excavator(tmp_path, config, loop_tracker):
         "manual_orlando_1102_1405",
         "manual_orlando_1102_1405#1",
     ]
+
+
+PEAK_OF_INGEST = """
+import sys
+from pathlib import Path
+from pipeline.logs.ingest import ingest
+from tests.logs.conftest import REPOSITORY, load_machine
+from omegaconf import OmegaConf
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.loop_tracker import LoopTrackerConfig
+
+profile = OmegaConf.load(REPOSITORY / "conf/profile/paper.yaml")
+tracker = LoopTrackerConfig(**profile.control.loop_tracker)
+ingest(load_machine("bobcat_e10"), Path(sys.argv[1]), Path(sys.argv[2]), IngestConfig(**profile.ingest), tracker)
+print(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc to read peak memory")
+def test_memory_does_not_grow_with_the_bag(tmp_path, machine):
+    """An hour takes no more memory than five minutes, but for a few megabytes."""
+    peak_mebibytes = []
+    for minutes in (5, 60):
+        bag = make_session(machine, seconds=60 * minutes).write(tmp_path / f"bag{minutes}", machine)
+        command = [sys.executable, "-c", PEAK_OF_INGEST, bag, tmp_path / f"out{minutes}"]
+        found = subprocess.run(command, cwd=REPOSITORY, check=True, capture_output=True, text=True)
+        peak_mebibytes.append(int(found.stdout) / 1024)
+    assert peak_mebibytes[1] - peak_mebibytes[0] < 10, peak_mebibytes
