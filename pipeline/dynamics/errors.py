@@ -12,6 +12,10 @@ from pipeline.logs.tuples import Trajectory
 
 OPEN_LOOP_HORIZON = 80  # steps
 OPEN_LOOP_STRIDE = 20  # rows between window starts
+WINDOWS_AT_ONCE = 4096  # per call of a predictor, so that memory does not grow with the log
+DIVERGED = (
+    1e6  # rad or m: larger errors, and those that are no number, count as this, so that sums stay finite
+)
 
 
 class Predictor(Protocol):
@@ -90,10 +94,16 @@ def open_loop_starts(n_rows: int) -> np.ndarray:
 def open_loop_residuals(
     predictor: Predictor, trajectory: Trajectory, starts: np.ndarray, horizon: int
 ) -> np.ndarray:
-    """q̂ − q of windows of any length: (n_windows, horizon, n_joint) float64."""
+    """q̂ − q of windows of any length: (n_windows, horizon, n_joint) float64, finite (see `DIVERGED`)."""
     check_history(predictor)
     rows = starts[:, None] + 1 + np.arange(horizon)
-    return predictor.predict(trajectory, starts, horizon) - np.asarray(trajectory.q, np.float64)[rows]
+    predicted = predictor.predict(trajectory, starts, horizon)
+    return finite(predicted - np.asarray(trajectory.q, np.float64)[rows])
+
+
+def finite(values: np.ndarray) -> np.ndarray:
+    """The values between ± `DIVERGED`; what is no number becomes `DIVERGED`."""
+    return np.clip(np.nan_to_num(values, nan=DIVERGED), -DIVERGED, DIVERGED)
 
 
 def check_history(predictor: Predictor) -> None:
@@ -114,11 +124,11 @@ def _rmse(
     squares, n_values, n_windows = 0.0, 0, 0
     for trajectory in trajectories:
         starts = starts_of(len(trajectory.q))
-        if len(starts) == 0:
-            continue
-        residuals = open_loop_residuals(predictor, trajectory, starts, horizon)
-        squares = squares + np.sum(residuals**2, axis=(0, 1))
-        n_values += residuals.shape[0] * residuals.shape[1]
+        for first in range(0, len(starts), WINDOWS_AT_ONCE):
+            chunk = starts[first : first + WINDOWS_AT_ONCE]
+            residuals = open_loop_residuals(predictor, trajectory, chunk, horizon)
+            squares = squares + np.sum(residuals**2, axis=(0, 1))
+        n_values += len(starts) * horizon
         n_windows += len(starts)
     if n_windows == 0:
         raise InputError(

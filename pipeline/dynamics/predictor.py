@@ -9,7 +9,7 @@ from pipeline.dynamics.network import Parameters
 from pipeline.dynamics.rollout import rollout
 from pipeline.logs.tuples import Trajectory
 
-CHUNK = 1024  # windows per call: one compilation per horizon, whatever the number of windows
+CHUNK = 256  # windows per call: one compilation per horizon, whatever the number of windows
 
 
 class LearnedPredictor:
@@ -31,14 +31,16 @@ class LearnedPredictor:
 
     def predict(self, trajectory: Trajectory, starts: np.ndarray, horizon: int) -> np.ndarray:
         """See `errors.Predictor.predict`."""
-        rows = starts[:, None] + np.arange(-self.rows_before, 1)
-        future = starts[:, None] + np.arange(horizon)
-        arrays = (trajectory.q[rows], trajectory.qd[rows], trajectory.a[rows], trajectory.a[future])
-        parts = []
+        predictions = np.empty((len(starts), horizon, trajectory.q.shape[1]))
         for first in range(0, len(starts), CHUNK):
-            chunk = [jnp.asarray(_padded(array[first : first + CHUNK]), jnp.float32) for array in arrays]
-            parts.append(np.asarray(self._rollout(self._parameters, *chunk), np.float64))
-        return np.concatenate(parts)[: len(starts)]
+            chunk = starts[first : first + CHUNK]
+            rows = chunk[:, None] + np.arange(-self.rows_before, 1)
+            future = chunk[:, None] + np.arange(horizon)
+            arrays = (trajectory.q[rows], trajectory.qd[rows], trajectory.a[rows], trajectory.a[future])
+            padded = [jnp.asarray(_padded(array), jnp.float32) for array in arrays]
+            predicted = self._rollout(self._parameters, *padded)
+            predictions[first : first + CHUNK] = np.asarray(predicted)[: len(chunk)]
+        return predictions
 
 
 def _padded(array: np.ndarray) -> np.ndarray:

@@ -73,3 +73,31 @@ def test_logs_too_short_for_a_window_are_refused():
     with pytest.raises(InputError, match="longer than 120 rows"):
         open_loop_rmse_80(Drift(), [random_trajectory(0, 120)])
     assert one_step_rmse(Drift(), [random_trajectory(0, 120)])[1] == 79
+
+
+class Lost(Drift):
+    def predict(self, trajectory, starts, horizon):
+        predicted = super().predict(trajectory, starts, horizon)
+        predicted[0, -1] = [np.nan, np.inf]
+        return predicted
+
+
+def test_predictions_that_are_no_numbers_count_as_large_errors():
+    errors = prediction_errors(Lost(), [random_trajectory(0, 200)])
+    expected = 1e6 / np.sqrt(4 * 80)  # one value in four windows of 80 steps; the others vanish beside it
+    np.testing.assert_allclose(errors.open_loop_rmse_80, expected, rtol=1e-6)
+
+
+def test_long_logs_are_predicted_in_parts():
+    asked = []
+
+    class Counts(Drift):
+        def predict(self, trajectory, starts, horizon):
+            asked.append(len(starts))
+            return super().predict(trajectory, starts, horizon)
+
+    log = random_trajectory(0, 9041)
+    rmse, n_steps = one_step_rmse(Counts(), [log])
+    residuals = log.q[40:-1] + 0.01 * np.array([1, 2]) - log.q[41:]
+    np.testing.assert_allclose(rmse, np.sqrt(np.mean(residuals**2, axis=0)))
+    assert sum(asked) == n_steps == 9000 and max(asked) <= 4096
