@@ -1,13 +1,47 @@
-"""Judgement of a model on rows that neither its training nor its selection saw, beside a linear ARX."""
+"""Judgement of models on rows that neither their training nor their selection saw, beside references."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.dynamics.errors import Predictor, prediction_errors
+from pipeline.dynamics.error_growth import ErrorGrowth, ErrorGrowthConfig, error_growth
+from pipeline.dynamics.errors import PredictionErrors, Predictor, prediction_errors
+from pipeline.dynamics.extrapolation import Extrapolation, ExtrapolationConfig, extrapolate, largest_speed
+from pipeline.dynamics.grey_box import GreyBoxConfig
+from pipeline.dynamics.narx import NarxConfig
+from pipeline.dynamics.references import ArxConfig
+from pipeline.dynamics.windows import FIRST_JUDGED_ROW
+from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
+
+
+@dataclass
+class JudgeConfig:
+    """Section `judge` of a profile.
+
+    Attributes:
+        long_prediction_steps: Length of the open-loop prediction that is plotted.
+        arx: The linear references.
+        narx: The polynomial reference.
+        grey_box: The physical reference.
+        growth: How error growth is measured.
+        extrapolation: Rollouts outside the training distribution.
+    """
+
+    long_prediction_steps: int
+    arx: ArxConfig
+    narx: NarxConfig
+    grey_box: GreyBoxConfig
+    growth: ErrorGrowthConfig
+    extrapolation: ExtrapolationConfig
+
+    def __post_init__(self) -> None:
+        if self.long_prediction_steps < 1:
+            raise InputError(
+                f"judge.long_prediction_steps is {self.long_prediction_steps}; it must be at least 1"
+            )
 
 
 @dataclass(frozen=True)
@@ -27,6 +61,84 @@ class OpenLoopPrediction:
     measured: np.ndarray
     predicted: np.ndarray
     commands: np.ndarray
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """All that is measured of one predictor."""
+
+    errors: PredictionErrors
+    growth: ErrorGrowth
+    extrapolation: Extrapolation
+    open_loop: OpenLoopPrediction
+
+
+def judge_fully(
+    predictors: Mapping[str, Predictor],
+    learning: Sequence[Trajectory],
+    held_out: Sequence[Trajectory],
+    machine: MachineSpecification,
+    config: JudgeConfig,
+    progress: Callable[[str], None] = lambda name: None,
+) -> dict[str, Judgement]:
+    """Judge several predictors on the same rows, windows and rollouts.
+
+    Args:
+        predictors: By name.
+        learning: What they were fitted on; gives the largest speed seen in training.
+        held_out: What they are judged on.
+        machine: Limits and rate.
+        config: Horizons and numbers.
+        progress: Called with each name when it is done.
+
+    Raises:
+        InputError: if the held-out recording is too short.
+    """
+    speed = largest_speed(learning, machine.dt_s)
+    judgements = {}
+    for name, predictor in predictors.items():
+        judgements[name] = Judgement(
+            prediction_errors(predictor, held_out),
+            error_growth(predictor, held_out, config.growth),
+            extrapolate(predictor, machine, speed, config.extrapolation),
+            long_prediction(predictor, held_out, FIRST_JUDGED_ROW, config.long_prediction_steps),
+        )
+        progress(name)
+    return judgements
+
+
+def flat_metrics(judgements: Mapping[str, Judgement], machine: MachineSpecification) -> dict[str, float]:
+    """All figures as `<predictor>.<quantity>.<joint>`; what could not be measured is left out."""
+    metrics: dict[str, float] = {}
+    for name, judgement in judgements.items():
+        growth = judgement.growth
+        quantities = {
+            "one_step_rmse": judgement.errors.one_step_rmse,
+            "open_loop_rmse_80": judgement.errors.open_loop_rmse_80,
+            f"rmse_after_{len(growth.rmse)}_steps": growth.rmse[-1],
+            f"rmse_after_{len(growth.rmse)}_steps_lower": growth.lower[-1],
+            f"rmse_after_{len(growth.rmse)}_steps_upper": growth.upper[-1],
+            **vars(judgement.extrapolation),
+        }
+        metrics |= {
+            f"{name}.{quantity}.{joint}": float(value)
+            for quantity, values in quantities.items()
+            for joint, value in zip(machine.joint_names, values, strict=True)
+            if np.isfinite(value)
+        }
+        metrics |= {"n_windows": judgement.errors.n_windows, "n_steps": judgement.errors.n_steps}
+    return metrics
+
+
+def check_unseen(learning: Sequence[Trajectory], held_out: Sequence[Trajectory]) -> None:
+    """Raise InputError if a held-out trajectory holds a row that was learned from, whatever its file is called."""
+    learned = np.concatenate([trajectory.stamp_ns for trajectory in learning])
+    for trajectory in held_out:
+        if np.isin(trajectory.stamp_ns, learned).any():
+            raise InputError(
+                f"held_out: trajectory {trajectory.name} was learned from; give a recording that neither training "
+                "nor selection saw"
+            )
 
 
 def judge(
