@@ -7,11 +7,13 @@ numbers and files.
 import contextlib
 import fcntl
 import os
+import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,6 +74,46 @@ class StageRun:
             return
         for path, digest in dvc_hashes([str(path) for path in paths]).items():
             self._client.set_tag(self.run_id, f"dvc.{path}", digest)
+
+    def model(
+        self,
+        *,
+        code: Path,
+        package: Path,
+        artifacts: Mapping[str, Path],
+        requirements: Sequence[str],
+        registered_name: str,
+        example: Any,
+    ) -> None:
+        """Log a model from code with its input example, and register it as a new version of `registered_name`.
+
+        Args:
+            code: File that MLflow runs to load the model.
+            package: Package that it imports; travels with the model.
+            artifacts: Files and folders of the model, by the names that the code knows.
+            requirements: Packages with versions, for a machine that has none of them.
+            registered_name: Name in MLflow's registry.
+            example: A table that the model takes.
+        """
+        if self._client is None:
+            return
+        import mlflow
+
+        mlflow.set_tracking_uri(self._client.tracking_uri)
+        with tempfile.TemporaryDirectory() as folder:
+            copied = shutil.copytree(
+                package, Path(folder) / package.name, ignore=shutil.ignore_patterns("__pycache__", "stages")
+            )
+            with mlflow.start_run(run_id=self.run_id):
+                mlflow.pyfunc.log_model(
+                    name="model",
+                    python_model=str(code),
+                    code_paths=[str(copied)],
+                    artifacts={name: str(path.absolute()) for name, path in artifacts.items()},
+                    pip_requirements=list(requirements),
+                    registered_model_name=registered_name,
+                    input_example=example,
+                )
 
     def parent_metrics(self, values: Mapping[str, float], tags: Mapping[str, str] | None = None) -> None:
         """Report metrics of the whole pipeline on the parent run, so that pipeline runs can be compared."""

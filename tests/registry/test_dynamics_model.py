@@ -1,0 +1,121 @@
+"""A model from the registry says what the model folder says, also where nothing of this repository is installed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pandas
+import pytest
+
+from pipeline.dynamics.model import DynamicsModel
+from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.dynamics.store import save_model
+from pipeline.registry.publish import example_rows, publish_dynamics_model
+from pipeline.tracking import TrackingConfiguration, track
+from tests.dynamics.conftest import LAGS, make_specification, random_trajectory
+
+mlflow = pytest.importorskip("mlflow")
+UV = Path(sys.executable).with_name("uv")
+N_MEASURED, HORIZON = LAGS + 5, 12
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory):
+    """Tracking store with one registered KAN; the model and its parameters."""
+    folder = tmp_path_factory.mktemp("registry")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        uri = f"sqlite:///{folder}/mlflow.db"
+        configuration = TrackingConfiguration(True, uri, str(folder / "mlruns"), "dynamics")
+        model = DynamicsModel(make_specification("kan", "dqdot"))
+        parameters = model.initialise(jax.random.key(4))
+        save_model(folder / "model", model, parameters, {}, {}, {"epoch": [1.0]})
+        with track("identify", configuration, {"machine": {"name": "m"}}, "") as run:
+            trajectory = random_trajectory(1, 60)
+            publish_dynamics_model(run, folder / "model", model, "kan_dqdot", trajectory)
+            publish_dynamics_model(run, folder / "model", model, "kan_dqdot", trajectory)
+        yield uri, model, parameters
+
+
+@pytest.fixture(scope="module")
+def asked():
+    """Rows to predict, and what they were."""
+    trajectory = random_trajectory(2, 60)
+    model = DynamicsModel(make_specification("kan", "dqdot"))
+    return trajectory, example_rows(model, trajectory, N_MEASURED, HORIZON)
+
+
+def expected(published, trajectory):
+    _, model, parameters = published
+    predictor = LearnedPredictor(model, parameters)
+    return predictor.predict(trajectory, np.array([N_MEASURED - 1]), HORIZON)[0]
+
+
+def test_a_version_has_signature_and_example_and_predicts_as_the_folder_does(published, asked):
+    trajectory, rows = asked
+    mlflow.set_tracking_uri(published[0])
+    loaded = mlflow.pyfunc.load_model("models:/kan_dqdot/2")
+    assert loaded.metadata.signature.inputs.input_names() == list(rows.columns)
+    assert loaded.metadata.signature.outputs.input_names() == ["q_lift", "q_slide"]
+    example = loaded.input_example
+    assert len(loaded.predict(example)) == example["q_lift"].isna().sum() > 0
+    predicted = loaded.predict(rows)
+    np.testing.assert_array_equal(predicted.to_numpy(), expected(published, trajectory))
+    assert predicted.index.tolist() == list(range(N_MEASURED, N_MEASURED + HORIZON))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda rows: rows.drop(columns="a_slide"), "a_slide"),
+        (
+            lambda rows: rows.iloc[N_MEASURED - LAGS - 1 :],
+            f"{LAGS + 1} rows are measured; this model needs {LAGS + 2}",
+        ),
+        (lambda rows: rows.assign(a_lift=np.nan), "a command, is missing"),
+        (lambda rows: rows.iloc[::-1], "must follow the measured ones"),
+    ],
+)
+def test_rows_that_cannot_be_predicted_are_refused(published, asked, change, words):
+    mlflow.set_tracking_uri(published[0])
+    loaded = mlflow.pyfunc.load_model("models:/kan_dqdot/1")
+    with pytest.raises(Exception, match=words):
+        loaded.predict(change(asked[1]))
+
+
+def test_nothing_is_published_without_tracking(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    model = DynamicsModel(make_specification("mlp", "dq"))
+    with track("identify", TrackingConfiguration(False, "", None, ""), {}, "") as run:
+        publish_dynamics_model(run, tmp_path / "model", model, "mlp_dq", random_trajectory(1, 60))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_loads_in_a_fresh_environment(published, asked, tmp_path):
+    """A virtual environment with what the model says that it needs, and nothing else; another folder."""
+    trajectory, rows = asked
+    uri = published[0]
+    mlflow.set_tracking_uri(uri)
+    requirements = mlflow.pyfunc.get_model_dependencies("models:/kan_dqdot/2")
+    made = subprocess.run([UV, "venv", "--quiet", tmp_path / "venv"], capture_output=True, text=True)
+    install = [UV, "pip", "install", "--quiet", "--python", tmp_path / "venv/bin/python", "-r", requirements]
+    if made.returncode == 0:
+        made = subprocess.run(install, capture_output=True, text=True)
+    if made.returncode != 0 and "fetch" in made.stderr + made.stdout:
+        pytest.skip("no package index can be reached and uv's cache lacks the packages")
+    assert made.returncode == 0, made.stderr
+    rows.to_csv(tmp_path / "rows.csv", index=False)
+    script = (
+        "import mlflow, pandas\n"
+        f"mlflow.set_tracking_uri('{uri}')\n"
+        "predicted = mlflow.pyfunc.load_model('models:/kan_dqdot/2').predict(pandas.read_csv('rows.csv'))\n"
+        "predicted.to_csv('predicted.csv', index=False)\n"
+    )
+    subprocess.run(
+        [tmp_path / "venv/bin/python", "-c", script], cwd=tmp_path, check=True, capture_output=True, text=True
+    )
+    predicted = pandas.read_csv(tmp_path / "predicted.csv").to_numpy()
+    np.testing.assert_allclose(predicted, expected(published, trajectory), rtol=0, atol=1e-6)
