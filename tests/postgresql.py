@@ -69,7 +69,7 @@ def find_initdb() -> Path | None:
     """Debian keeps the server's programs out of PATH."""
     on_path = shutil.which("initdb")
     if on_path is not None:
-        return Path(on_path)
+        return Path(on_path).resolve()  # the server's other programs lie beside it
     installed = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
     return installed[-1] if installed else None
 
