@@ -24,6 +24,7 @@ JOINT_COLUMNS = (
     ("starts", "n_starts", "{:.0f}", 1.0),
     ("moved alone [s]", "alone_s", "{:.0f}", 1.0),
     ("command to motion [s]", "apparent_delay_s", "{:.2f}", 1.0),
+    ("encoder frozen", "frozen", "{:.0f}", 1.0),
 )
 STREAM_COLUMNS = (
     ("messages", "n", "{:.0f}", 1.0),
@@ -31,6 +32,12 @@ STREAM_COLUMNS = (
     ("jitter [ms]", "jitter_s", "{:.2f}", 1000.0),
     ("longest gap [ms]", "longest_gap_s", "{:.0f}", 1000.0),
     ("gaps that split", "n_gaps", "{:.0f}", 1.0),
+)
+CLOCK_COLUMNS = (
+    ("log time after stamp [ms]", "offset_s", "{:.2f}", 1000.0),
+    ("1 % below [ms]", "offset_p01_s", "{:.2f}", 1000.0),
+    ("1 % above [ms]", "offset_p99_s", "{:.2f}", 1000.0),
+    ("drift [ppm]", "drift_ppm", "{:.1f}", 1.0),
 )
 STREAMS = ("joint_states", "commands")
 
@@ -79,6 +86,7 @@ def _log_section(
     metrics = report.metrics
     tables = [
         _table("Messages", STREAM_COLUMNS, metrics, STREAMS),
+        _table("Header stamps and log time of joint samples", CLOCK_COLUMNS, metrics, ("clock",)),
         _table("Joints and their commands", JOINT_COLUMNS, metrics, machine.joint_names),
     ]
     if report.notes:
@@ -96,10 +104,12 @@ def _log_section(
             )
         )
     clock = "log time" if metrics["clock/uses_log_time"] else "header stamps"
+    n_trajectories = metrics["n_trajectories"]
     return Section(
         report.name,
-        f"{metrics['duration_s']:.0f} s, {metrics['n_rows']} rows in {metrics['n_trajectories']} trajectories; "
-        f"time is that of the {clock}.",
+        f"{metrics['duration_s']:.0f} s, {metrics['n_rows']} rows in "
+        f"{n_trajectories} {'trajectory' if n_trajectories == 1 else 'trajectories'}; "
+        f"joint samples are timed by {clock}, commands by log time.",
         figures,
         tables,
         [f"Later stages will miss: {finding}" for finding in report.findings],
