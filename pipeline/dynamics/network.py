@@ -1,14 +1,14 @@
 """The two parameterizations of f_θ as pure functions: multilayer perceptron and Kolmogorov-Arnold network.
 
-Both are the same chain: a fixed expansion of each input, then a matrix. For the MLP the expansion is the
-identity before the first layer and SiLU before the others; for the KAN it is the Legendre basis of tanh(x)
-before every layer. So the first layer is a sum over its inputs, which `rollout.py` uses: what does not
-change within a rollout enters once.
+Both are the same chain: a fixed expansion of each input, then a matrix and a bias. For the MLP the expansion
+is the identity before the first layer and SiLU before the others; for the KAN it is the Legendre basis of
+tanh(x) before every layer. So the first layer is a sum over its inputs, and the gradient of every matrix is
+one product of what went in and what came back: `rollout.py` uses both.
 """
 
 import enum
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -25,8 +25,20 @@ class Parameterization(enum.StrEnum):
     kan = "kan"
 
 
+class Layer(NamedTuple):
+    """What expanded inputs are multiplied by, and what is added.
+
+    Attributes:
+        kernel: (n_in * expansion, n_out), input-major.
+        bias: (n_out,).
+    """
+
+    kernel: jax.Array
+    bias: jax.Array
+
+
 class Network(Protocol):
-    """A network whose first layer is a sum of contributions of its inputs. Any leading batch axes."""
+    """A chain of expansions and layers. Any leading batch axes."""
 
     @property
     def expansion(self) -> int:
@@ -35,19 +47,23 @@ class Network(Protocol):
     def initialise(self, key: jax.Array) -> Parameters:
         """Draw parameters; `key` is consumed."""
 
+    def layers(self, parameters: Parameters) -> list[Layer]:
+        """The parameters as matrices."""
+
     def expand(self, x: jax.Array) -> jax.Array:
         """Expand inputs (..., m) of the first layer to (..., m * expansion), input-major."""
 
-    def first_kernel(self, parameters: Parameters) -> jax.Array:
-        """Matrix (n_in * expansion, width) that expanded inputs are multiplied by."""
-
-    def remaining(self, parameters: Parameters, first: jax.Array) -> jax.Array:
-        """Output (..., n_out) from the expanded inputs times `first_kernel`, (..., width)."""
+    def activate(self, y: jax.Array) -> jax.Array:
+        """Expand the output (..., m) of a layer to what the next layer's kernel multiplies."""
 
 
 def apply(network: Network, parameters: Parameters, x: jax.Array) -> jax.Array:
     """Evaluate the network: (..., n_in) -> (..., n_out)."""
-    return network.remaining(parameters, network.expand(x) @ network.first_kernel(parameters))
+    first, *others = network.layers(parameters)
+    y = network.expand(x) @ first.kernel + first.bias
+    for layer in others:
+        y = network.activate(y) @ layer.kernel + layer.bias
+    return y
 
 
 class MultilayerPerceptron:
@@ -65,21 +81,17 @@ class MultilayerPerceptron:
         layers = [nnx.Linear(n_in, n_out, rngs=nnx.Rngs(key)) for n_in, n_out, key in pairs]
         return _parameters(layers)
 
+    def layers(self, parameters: Parameters) -> list[Layer]:
+        """Kernels as Flax holds them."""
+        return [Layer(layer["kernel"], layer["bias"]) for layer in _in_order(parameters)]
+
     def expand(self, x: jax.Array) -> jax.Array:
         """The inputs themselves."""
         return x
 
-    def first_kernel(self, parameters: Parameters) -> jax.Array:
-        """Kernel of layer 0."""
-        return parameters["layer_0"]["kernel"]
-
-    def remaining(self, parameters: Parameters, first: jax.Array) -> jax.Array:
-        """Bias of layer 0, then SiLU and the further layers."""
-        y = first + parameters["layer_0"]["bias"]
-        for index in range(1, len(self._widths) - 1):
-            layer = parameters[f"layer_{index}"]
-            y = jax.nn.silu(y) @ layer["kernel"] + layer["bias"]
-        return y
+    def activate(self, y: jax.Array) -> jax.Array:
+        """SiLU."""
+        return jax.nn.silu(y)
 
 
 class KolmogorovArnoldNetwork:
@@ -103,6 +115,13 @@ class KolmogorovArnoldNetwork:
         pairs = zip(self._widths[:-1], self._widths[1:], keys, strict=True)
         return _parameters([LegendreLayer(n_in, n_out, self._degree, seed=key) for n_in, n_out, key in pairs])
 
+    def layers(self, parameters: Parameters) -> list[Layer]:
+        """Coefficients (n_out, n_in, D) of jaxKAN as matrices (n_in * D, n_out)."""
+        return [
+            Layer(layer["c_basis"].reshape(len(layer["bias"]), -1).T, layer["bias"])
+            for layer in _in_order(parameters)
+        ]
+
     def expand(self, x: jax.Array) -> jax.Array:
         """P_1 … P_D of tanh(x), by Bonnet's recursion (n+1) P_{n+1} = (2n+1) x P_n - n P_{n-1}."""
         z = jnp.tanh(x)
@@ -111,17 +130,9 @@ class KolmogorovArnoldNetwork:
             basis.append(((2 * n + 1) * z * basis[n] - n * basis[n - 1]) / (n + 1))
         return jnp.stack(basis[1:], axis=-1).reshape(*x.shape[:-1], -1)
 
-    def first_kernel(self, parameters: Parameters) -> jax.Array:
-        """Coefficients of layer 0."""
-        return _coefficients(parameters["layer_0"])
-
-    def remaining(self, parameters: Parameters, first: jax.Array) -> jax.Array:
-        """Bias of layer 0, then the further layers."""
-        y = first + parameters["layer_0"]["bias"]
-        for index in range(1, len(self._widths) - 1):
-            layer = parameters[f"layer_{index}"]
-            y = self.expand(y) @ _coefficients(layer) + layer["bias"]
-        return y
+    def activate(self, y: jax.Array) -> jax.Array:
+        """As `expand`: all layers are alike."""
+        return self.expand(y)
 
 
 def _parameters(layers: Sequence[nnx.Module]) -> Parameters:
@@ -130,7 +141,5 @@ def _parameters(layers: Sequence[nnx.Module]) -> Parameters:
     }
 
 
-def _coefficients(layer: dict[str, Any]) -> jax.Array:
-    """(n_out, n_in, D) of jaxKAN as the matrix (n_in * D, n_out)."""
-    coefficients = layer["c_basis"]
-    return coefficients.reshape(coefficients.shape[0], -1).T
+def _in_order(parameters: Parameters) -> list[dict[str, Any]]:
+    return [parameters[f"layer_{index}"] for index in range(len(parameters))]
