@@ -24,9 +24,10 @@ from pipeline.dynamics.model import Target
 from pipeline.dynamics.network import Parameterization
 from pipeline.dynamics.search_space import Choose
 from pipeline.dynamics.settings import TrainingConfig
+from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, write_tuples
 from pipeline.machine.specification import JointSpecification, MachineSpecification
-from pipeline.stages.search import Trainer
+from pipeline.stages.search import SearchStage, Trainer, learning_part
 from pipeline.study.settings import Pruner
 from pipeline.study.storage import open_storage
 from pipeline.study.trials import Outcome
@@ -38,6 +39,7 @@ from ..study_worker import settings as study_settings
 from .test_commands import ROOT, bobcat
 
 START_UP_TIMEOUT_S = 120
+SEARCHED = "artifacts/search/mlp_dqdot/trials.csv"
 SMALL = (
     "profile=smoke",
     "tuples=tuples",
@@ -139,10 +141,13 @@ def is_training(attempt: optuna.trial.FrozenTrial, worker: subprocess.Popen) -> 
     )
 
 
-@pytest.mark.slow
-def test_a_killed_search_resumes_to_the_table_that_it_would_have_written(folder: Path) -> None:
-    run("search", *SMALL, "n_trials=5", "storage=whole.journal", "output=whole", folder=folder)
-    killed = (*SMALL, "n_trials=5", "storage=killed.journal", "output=killed")
+@pytest.fixture(scope="module")
+def resumed(tuples: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a search that was killed within its third trial and started again, and one that was not."""
+    folder = tmp_path_factory.mktemp("resumed")
+    (folder / "tuples").symlink_to(tuples)
+    run("search", *SMALL, "n_trials=4", "storage=whole.journal", "output=whole", folder=folder)
+    killed = (*SMALL, "n_trials=4", "storage=killed.journal", "tracking=sqlite")
     worker = start("search", *killed, folder=folder)
     wait_until((folder / "killed.journal").exists, [worker])
 
@@ -153,9 +158,15 @@ def test_a_killed_search_resumes_to_the_table_that_it_would_have_written(folder:
     wait_until(is_within_third_trial, [worker])
     worker.kill()
     worker.communicate()
-    before = attempts(open_storage(str(folder / "killed.journal")))
+    (folder / "before.journal").write_bytes((folder / "killed.journal").read_bytes())
     run("search", *killed, folder=folder)
-    after = attempts(open_storage(str(folder / "killed.journal")))
+    return folder
+
+
+@pytest.mark.slow
+def test_a_killed_search_resumes_to_the_table_that_it_would_have_written(resumed: Path) -> None:
+    before = attempts(open_storage(str(resumed / "before.journal")))
+    after = attempts(open_storage(str(resumed / "killed.journal")))
     for old, new in zip(before, after, strict=False):  # nothing finished was touched again
         if old.state.is_finished():
             assert (new.state, new.value, new.datetime_complete) == (
@@ -163,22 +174,57 @@ def test_a_killed_search_resumes_to_the_table_that_it_would_have_written(folder:
                 old.value,
                 old.datetime_complete,
             )
-    assert Counter(attempt.state for attempt in after) == {TrialState.COMPLETE: 5, TrialState.FAIL: 1}
-    assert sum(int(row["attempts"]) for row in table(folder / "killed/trials.csv")) == 6
+    assert Counter(attempt.state for attempt in after) == {TrialState.COMPLETE: 4, TrialState.FAIL: 1}
+    assert sum(int(row["attempts"]) for row in table(resumed / SEARCHED)) == 5
 
-    def results(name: str) -> list[dict[str, str]]:
-        rows = table(folder / name / "trials.csv")
+    def results(path: Path) -> list[dict[str, str]]:
         return [
-            {key: cell for key, cell in row.items() if key not in ("seconds", "attempts")} for row in rows
+            {key: cell for key, cell in row.items() if key not in ("seconds", "attempts")}
+            for row in table(path)
         ]
 
-    assert results("killed") == results("whole")
-    assert not list((folder / "checkpoints").rglob("trial_*"))
+    assert results(resumed / SEARCHED) == results(resumed / "whole/trials.csv")
+    assert not list((resumed / "checkpoints").rglob("trial_*"))
+
+
+@pytest.mark.slow
+def test_of_all_workers_one_reports_the_study(resumed: Path) -> None:
+    from mlflow import MlflowClient
+
+    client = MlflowClient(f"sqlite:///{resumed}/mlflow.db")
+    runs = client.search_runs([experiment.experiment_id for experiment in client.search_experiments()])
+    tables = [client.list_artifacts(run.info.run_id, "search") for run in runs]
+    assert len(runs) == 2  # the killed process, and the one that finished
+    ((reporting, files),) = ((run, files) for run, files in zip(runs, tables, strict=True) if files)
+    assert {file.path for file in files} == {"search/meta.json", "search/trials.csv"}
+    smallest = min(float(row["evaluation_loss"]) for row in table(resumed / SEARCHED))
+    assert reporting.data.metrics["trials"] == 4
+    assert reporting.data.metrics["smallest_evaluation_loss"] == smallest
+
+
+@pytest.mark.slow
+def test_a_search_ends_in_a_model_that_identify_trains_to_the_same_result(resumed: Path) -> None:
+    rows = table(resumed / SEARCHED)
+    output = run("select", "profile=smoke", "search.selection.margin=0", folder=resumed)
+    smallest = min(rows, key=lambda row: float(row["evaluation_loss"]))
+    selection = json.loads((resumed / "artifacts/select/mlp_dqdot.json").read_text())
+    assert selection["selected"]["trial"] == int(smallest["trial"])
+    assert selection["selected"]["step_time"]["median_s"] > 0
+    assert "MLP(512, 128)" in output and "5.675e-03" in output  # the paper's beside ours
+    for name in ("selected_models.md", "selected_models.csv", "selected_models.tex"):
+        assert (resumed / "artifacts/select" / name).stat().st_size > 0
+    selected = yaml.safe_load((resumed / "artifacts/select/selected.yaml").read_text())["selected"]
+    overrides = [f"identify.selected.mlp_dqdot.{key}={value}" for key, value in selected["mlp_dqdot"].items()]
+    identified = [override for override in SMALL if not override.startswith("search")]
+    run("identify", *identified, *overrides, "output=model", folder=resumed)
+    metrics = json.loads((resumed / "model/metrics.json").read_text())
+    assert metrics["evaluation_loss"] == float(smallest["evaluation_loss"])
+    assert metrics["n_parameters"] == int(smallest["n_parameters"])
 
 
 @pytest.mark.slow
 def test_four_workers_share_a_postgresql_though_one_is_killed(folder: Path) -> None:
-    n_trials = 8
+    n_trials = 6
     with postgresql_server() as environment:
         command = (*SMALL, f"n_trials={n_trials}", "storage=postgresql:///postgres")
         workers = [start("search", *command, folder=folder, environment=environment) for _ in range(4)]
@@ -208,65 +254,42 @@ def test_four_workers_share_a_postgresql_though_one_is_killed(folder: Path) -> N
     assert died[0].user_attrs["worker"].startswith(f"{victim[0].pid}-")
     assert any(attempt.params == died[0].params for attempt in complete)
     assert len({attempt.user_attrs["worker"] for attempt in complete}) >= 2
-    rows = table(folder / "artifacts/search/mlp_dqdot/trials.csv")
+    rows = table(folder / SEARCHED)
     assert [int(row["trial"]) for row in rows] == list(range(n_trials))
     assert min(float(row["evaluation_loss"]) for row in rows) == min(attempt.value for attempt in complete)
 
 
-@pytest.mark.slow
-def test_a_search_ends_in_a_model_that_identify_takes(folder: Path) -> None:
-    run("search", *SMALL, "n_trials=4", "tracking=sqlite", folder=folder)
-    rows = table(folder / "artifacts/search/mlp_dqdot/trials.csv")
-    output = run("select", "profile=smoke", "search.selection.margin=0", folder=folder)
-    smallest = min(rows, key=lambda row: float(row["evaluation_loss"]))
-    selection = json.loads((folder / "artifacts/select/mlp_dqdot.json").read_text())
-    assert selection["selected"]["trial"] == int(smallest["trial"])
-    assert selection["selected"]["step_time"]["median_s"] > 0
-    assert "MLP(512, 128)" in output and "5.675e-03" in output  # the paper's beside ours
-    for name in ("selected_models.md", "selected_models.csv", "selected_models.tex"):
-        assert (folder / "artifacts/select" / name).stat().st_size > 0
-    selected = yaml.safe_load((folder / "artifacts/select/selected.yaml").read_text())["selected"]
-    overrides = [f"identify.selected.mlp_dqdot.{key}={value}" for key, value in selected["mlp_dqdot"].items()]
-    identified = [override for override in SMALL if not override.startswith("search")]
-    run("identify", *identified, *overrides, "output=model", folder=folder)
-    metrics = json.loads((folder / "model/metrics.json").read_text())
-    assert metrics["evaluation_loss"] == float(smallest["evaluation_loss"])
-    assert metrics["n_parameters"] == int(smallest["n_parameters"])
-    assert runs_of_search(folder) == [{"trials": 4.0, "smallest_evaluation_loss": metrics["evaluation_loss"]}]
-
-
-def runs_of_search(folder: Path) -> list[dict[str, float]]:
-    """Final metrics of the tracked runs that carry a table of trials."""
-    from mlflow import MlflowClient
-
-    client = MlflowClient(f"sqlite:///{folder}/mlflow.db")
-    experiments = [experiment.experiment_id for experiment in client.search_experiments()]
-    runs = client.search_runs(experiments)
-    assert [client.list_artifacts(run.info.run_id, "search")[0].path for run in runs] != []
-    return [
-        {key: value for key, value in run.data.metrics.items() if key != "evaluation_loss"} for run in runs
-    ]
-
-
-@pytest.mark.parametrize(
-    ("stage", "override", "said"),
-    [
-        ("search", "n_trials=0", "n_trials is 0; it must be at least 1"),
-        ("search", "hold_out=[mine]", "hold_out=['mine']: no such trajectory in tuples; it has log"),
-        (
-            "search",
-            "storage=postgresql://me:secret@host/db",
-            "storage=postgresql://me:***@host/db: this would be",
-        ),
-        ("select", "searched=nowhere", "searched=nowhere: no folder KIND/trials.csv"),
-    ],
-)
-def test_a_mistake_is_one_line(folder: Path, stage: str, override: str, said: str) -> None:
-    common = [] if stage == "select" else ["tuples=tuples"]
-    process = start(stage, "profile=smoke", *common, override, folder=folder)
+def test_a_password_goes_nowhere(folder: Path) -> None:
+    process = start("search", "storage=postgresql://me:secret@host/db", "tracking=sqlite", folder=folder)
     _, errors = process.communicate(timeout=120)
     assert process.returncode == 2
-    assert len(errors.splitlines()) == 1 and errors.startswith(f"error: {stage}: {said}")
+    (line,) = errors.splitlines()
+    assert line.startswith("error: search: storage=postgresql://me:***@host/db: this would be")
+    assert not (folder / "mlflow.db").exists()
+
+
+def test_nothing_to_select_from_is_one_line(folder: Path) -> None:
+    process = start("select", "profile=smoke", "searched=nowhere", folder=folder)
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 2
+    (line,) = errors.splitlines()
+    assert line.startswith("error: select: searched=nowhere: no folder KIND/trials.csv")
+
+
+def test_what_is_held_out_is_not_searched_on(tuples: Path) -> None:
+    def learning(hold_out: list[str]) -> list[Trajectory]:
+        return learning_part(SimpleNamespace(tuples=str(tuples), hold_out=hold_out, machine=bobcat()))
+
+    assert [trajectory.name for trajectory in learning([])] == ["log"]
+    with pytest.raises(InputError, match="no such trajectory"):
+        learning(["mine"])
+    with pytest.raises(InputError, match="nothing is left"):
+        learning(["log"])
+
+
+def test_a_total_below_one_is_refused() -> None:
+    with pytest.raises(InputError, match="n_trials is 0"):
+        SearchStage(n_trials=0, storage="a.journal")
 
 
 def small_search(**changes: Any) -> SimpleNamespace:
