@@ -16,6 +16,7 @@ import numpy as np
 import optuna
 import pytest
 import yaml
+from omegaconf import OmegaConf
 from optuna.storages import BaseStorage
 from optuna.trial import TrialState
 
@@ -36,8 +37,8 @@ from pipeline.study.worker import DivergedError, Study
 from ..dynamics.conftest import lag_trajectory, make_identify, make_training
 from ..postgresql import postgresql_server
 from ..study_worker import settings as study_settings
-from .test_commands import ROOT, bobcat
 
+ROOT = Path(__file__).parents[2]
 START_UP_TIMEOUT_S = 120
 SEARCHED = "artifacts/search/mlp_dqdot/trials.csv"
 SMALL = (
@@ -51,6 +52,11 @@ SMALL = (
     "search.spaces.mlp={lags: [2, 3], learning_rate: [1e-3, 1e-2], batch_size: [32, 64], horizon: [3], "
     "layers: [1], units: [4, 8], maximum_epochs: 12}",
 )
+
+
+def bobcat() -> MachineSpecification:
+    content = OmegaConf.load(ROOT / "conf/machine/bobcat_e10.yaml")
+    return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(MachineSpecification), content))
 
 
 @pytest.fixture(scope="module")
