@@ -24,8 +24,8 @@ from pathlib import Path
 
 import numpy as np
 import polars
-from omegaconf import OmegaConf
 
+from pipeline.configuration import load_machine, load_section
 from pipeline.logs.bounded_decompression import decompress
 from pipeline.logs.command_rules import HeldCommands
 from pipeline.logs.discover import find_logs
@@ -36,13 +36,15 @@ from pipeline.logs.resample import resample
 from pipeline.logs.samples import Samples
 from pipeline.machine.specification import MachineSpecification
 from tests.logs import foreign_bags as foreign
-from tests.logs.conftest import load_machine, make_session
+from tests.logs.conftest import make_session
 
 SESSION_MINUTES = (21, 23, 32)
 LONG_BAG_MINUTES = 30
 REPEATS = 3
-PROFILE = OmegaConf.load(Path(__file__).parents[1] / "conf/profile/paper.yaml")
-CONFIG, TRACKER = IngestConfig(**PROFILE.ingest), LoopTrackerConfig(**PROFILE.control.loop_tracker)
+CONFIG, TRACKER = (
+    load_section("ingest", IngestConfig),
+    load_section("control.loop_tracker", LoopTrackerConfig),
+)
 
 
 def write_bags(folder: Path, minutes: tuple[int, ...], kind: str, machine: MachineSpecification) -> None:

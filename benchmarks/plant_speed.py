@@ -1,39 +1,26 @@
 """How many times real time the simulated machine runs on one core.
 
-    python benchmarks/plant_speed.py
+    python -m benchmarks.plant_speed
 
 Prints simulated time over processor time of this process: for one long command sequence (`run`), for control
 periods one by one (`step`), and for a whole session with its operator.
 """
 
 import time
-from pathlib import Path
 
 import numpy as np
-import yaml
 
-from pipeline.machine.specification import JointSpecification, MachineSpecification, WorkspaceSpecification
+from pipeline.configuration import load_machine
 from pipeline.plant.bobcat_e10 import bobcat_e10
 from pipeline.plant.operator import draw_style
 from pipeline.plant.session import record_session
 from pipeline.plant.simulator import Plant
 
-MACHINE_FILE = Path(__file__).parents[1] / "conf" / "machine" / "bobcat_e10.yaml"
 START = np.array([0.0, 0.75, -1.4, -0.9])
 
 
-def load_machine() -> MachineSpecification:
-    values = yaml.safe_load(MACHINE_FILE.read_text())
-    return MachineSpecification(
-        name=values["name"],
-        rate_hz=values["rate_hz"],
-        joints=[JointSpecification(**joint) for joint in values["joints"]],
-        workspace=WorkspaceSpecification(**values["workspace"]),
-    )
-
-
 def main() -> None:
-    parameters, machine = bobcat_e10(), load_machine()
+    parameters, machine = bobcat_e10(), load_machine("bobcat_e10")
     commands = np.repeat(np.random.default_rng(0).integers(-1, 2, (1200, 4)), 10, axis=0)
     plant = Plant(parameters, 0, START)
 

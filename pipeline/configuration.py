@@ -16,6 +16,7 @@ import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import MISSING, DictConfig, MissingMandatoryValue, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig
@@ -54,6 +55,38 @@ class PipelineConfiguration:
     reward: Any = MISSING
     ppo: Any = MISSING
     search: Any = MISSING
+
+
+def load_machine(name: str) -> MachineSpecification:
+    """Read `conf/machine/<name>.yaml` as every stage does, for use from Python.
+
+    Raises:
+        InputError: There is no such machine, or its description is not valid.
+    """
+    path = MACHINE_DIRECTORY / f"{name}.yaml"
+    if not path.exists():
+        known = ", ".join(sorted(file.stem for file in MACHINE_DIRECTORY.glob("*.yaml")))
+        raise InputError(f"{path}: no such machine; use one of {known}, or describe it there")
+    return _typed(MachineSpecification, OmegaConf.load(path), path)
+
+
+def load_section(section: str, schema: type, profile: str = "paper") -> Any:
+    """Read a section of a profile, over the paper's values, as every stage does, for use from Python.
+
+    Raises:
+        InputError: A value is not valid.
+    """
+    folder = CONFIGURATION_DIRECTORY / "profile"
+    contents = [OmegaConf.load(folder / f"{name}.yaml") for name in dict.fromkeys(("paper", profile))]
+    merged = OmegaConf.merge(*(OmegaConf.select(content, section) or {} for content in contents))
+    return _typed(schema, merged, folder / f"{profile}.yaml")
+
+
+def _typed(schema: type, content: Any, place: Path) -> Any:
+    try:
+        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), content))
+    except OmegaConfBaseException as error:
+        raise InputError(f"{place}: {str(error).splitlines()[0]}") from error
 
 
 def stage(

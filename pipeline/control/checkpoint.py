@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import jax
 import numpy as np
 from flax import serialization
 
+from pipeline.atomic_files import write_whole
 from pipeline.control.curve import CurvePoint
 from pipeline.control.policy import Policy, policy_from_content, policy_to_content
 from pipeline.errors import InputError
@@ -56,8 +56,6 @@ def save_checkpoint(directory: Path, training: str, checkpoint: Checkpoint) -> N
         training: `identity` of the training.
         checkpoint: its state.
     """
-    directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
     kept = checkpoint.kept
     content = {
         "training": training,
@@ -66,9 +64,7 @@ def save_checkpoint(directory: Path, training: str, checkpoint: Checkpoint) -> N
         "curve": json.dumps([asdict(point) for point in checkpoint.curve]),
         "kept": None if kept is None else {"policy": policy_to_content(kept[0]), "steps": kept[1]},
     }
-    unfinished = directory / f"{_CHECKPOINT_FILE}.{os.getpid()}"
-    unfinished.write_bytes(serialization.msgpack_serialize(content))
-    unfinished.replace(directory / _CHECKPOINT_FILE)
+    write_whole(Path(directory) / _CHECKPOINT_FILE, serialization.msgpack_serialize(content))
 
 
 def load_checkpoint(directory: Path, training: str, template: Any) -> Checkpoint | None:

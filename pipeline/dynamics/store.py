@@ -5,7 +5,6 @@ import dataclasses
 import hashlib
 import io
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import jax
 import numpy as np
 from flax import serialization
 
+from pipeline.atomic_files import write_whole
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.network import Parameters
 from pipeline.errors import InputError
@@ -39,19 +39,18 @@ def save_model(
         metrics: Flat figures for `metrics.json`.
         curves: Columns of equal length for `curves.csv`.
     """
-    directory.mkdir(parents=True, exist_ok=True)
     # Through a tree map, which orders the keys: equal parameters give equal bytes.
     content = serialization.msgpack_serialize(jax.tree.map(np.asarray, parameters))
-    _write(directory / "parameters.msgpack", content)
-    _write(directory / "metrics.json", _json(dict(metrics)))
-    _write(directory / "curves.csv", _csv(curves))
+    write_whole(directory / "parameters.msgpack", content)
+    write_whole(directory / "metrics.json", _json(dict(metrics)))
+    write_whole(directory / "curves.csv", _csv(curves))
     meta = {
         "schema_version": SCHEMA_VERSION,
         "specification": dataclasses.asdict(model.specification),
         "parameters_sha256": hashlib.sha256(content).hexdigest(),
         "metadata": dict(metadata),
     }
-    _write(directory / "meta.json", _json(meta))
+    write_whole(directory / "meta.json", _json(meta))
 
 
 def load_model(directory: Path) -> tuple[DynamicsModel, Parameters]:
@@ -126,9 +125,3 @@ def _csv(columns: Mapping[str, Sequence[float]]) -> bytes:
     writer.writerow(columns)
     writer.writerows(zip(*columns.values(), strict=True))
     return text.getvalue().encode()
-
-
-def _write(path: Path, content: bytes) -> None:
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    partial.write_bytes(content)
-    os.replace(partial, path)

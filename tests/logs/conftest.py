@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
+from pipeline.configuration import load_machine, load_section
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.raw_log import TargetPoses
@@ -15,13 +15,6 @@ from pipeline.machine.specification import MachineSpecification
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SHARED = REPOSITORY.parent / "shared"
-
-
-def load_machine(name: str) -> MachineSpecification:
-    structured = OmegaConf.structured(MachineSpecification)
-    return OmegaConf.to_object(
-        OmegaConf.merge(structured, OmegaConf.load(REPOSITORY / f"conf/machine/{name}.yaml"))
-    )
 
 
 def shared_folder(*parts: str) -> Path:
@@ -98,15 +91,10 @@ def session(machine: MachineSpecification) -> Session:
 
 
 @pytest.fixture(scope="session")
-def profile():
-    return OmegaConf.load(REPOSITORY / "conf/profile/paper.yaml")
+def config() -> IngestConfig:
+    return load_section("ingest", IngestConfig)
 
 
 @pytest.fixture(scope="session")
-def config(profile) -> IngestConfig:
-    return IngestConfig(**profile.ingest)
-
-
-@pytest.fixture(scope="session")
-def loop_tracker(profile) -> LoopTrackerConfig:
-    return LoopTrackerConfig(**profile.control.loop_tracker)
+def loop_tracker() -> LoopTrackerConfig:
+    return load_section("control.loop_tracker", LoopTrackerConfig)

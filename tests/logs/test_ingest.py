@@ -160,14 +160,12 @@ PEAK_OF_INGEST = """
 import sys
 from pathlib import Path
 from pipeline.logs.ingest import ingest
-from tests.logs.conftest import REPOSITORY, load_machine
-from omegaconf import OmegaConf
+from pipeline.configuration import load_machine, load_section
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 
-profile = OmegaConf.load(REPOSITORY / "conf/profile/paper.yaml")
-tracker = LoopTrackerConfig(**profile.control.loop_tracker)
-ingest(load_machine("bobcat_e10"), Path(sys.argv[1]), Path(sys.argv[2]), IngestConfig(**profile.ingest), tracker)
+config, tracker = load_section("ingest", IngestConfig), load_section("control.loop_tracker", LoopTrackerConfig)
+ingest(load_machine("bobcat_e10"), Path(sys.argv[1]), Path(sys.argv[2]), config, tracker)
 print(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])
 """
 

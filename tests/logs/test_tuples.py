@@ -12,7 +12,9 @@ def make(name, machine, n=20, seed=0):
     q, qd = rng.normal(size=(2, n, machine.n_joint))
     a = rng.integers(-1, 2, (n, machine.n_joint)).astype(float)
     stamp = 1_700_000_000_000_000_001 + np.arange(n) * 50_000_000
-    return Trajectory(name, np.arange(n) * 0.05, stamp, q, qd, a, np.arange(n) >= first_validation_row(n, 0.1))
+    return Trajectory(
+        name, np.arange(n) * 0.05, stamp, q, qd, a, np.arange(n) >= first_validation_row(n, 0.1)
+    )
 
 
 def test_round_trip_keeps_every_bit(tmp_path, machine):

@@ -4,20 +4,10 @@ from pathlib import Path
 
 import jax
 import pytest
-from omegaconf import OmegaConf
 
+from pipeline.configuration import MACHINE_DIRECTORY, load_machine
 from pipeline.machine.kinematics import Arm, load_arm
 from pipeline.machine.specification import MachineSpecification
-
-MACHINE_DIRECTORY = Path(__file__).parents[2] / "conf" / "machine"
-
-
-def load_machine(path: Path) -> MachineSpecification:
-    """The specification as Hydra would build it from the file."""
-    node = OmegaConf.merge(OmegaConf.structured(MachineSpecification), OmegaConf.load(path))
-    machine = OmegaConf.to_object(node)
-    assert isinstance(machine, MachineSpecification)
-    return machine
 
 
 @pytest.fixture(scope="session")
@@ -27,7 +17,7 @@ def machine_directory() -> Path:
 
 @pytest.fixture(scope="session")
 def bobcat() -> MachineSpecification:
-    return load_machine(MACHINE_DIRECTORY / "bobcat_e10.yaml")
+    return load_machine("bobcat_e10")
 
 
 @pytest.fixture(scope="session")

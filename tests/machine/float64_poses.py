@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from pipeline.configuration import load_machine
 from pipeline.machine.kinematics import load_arm
-from tests.machine.conftest import load_machine
 
 if __name__ == "__main__":
     machine_directory, folder = Path(sys.argv[1]), Path(sys.argv[2])
-    arm = load_arm(load_machine(machine_directory / "bobcat_e10.yaml"), machine_directory)
+    arm = load_arm(load_machine("bobcat_e10"), machine_directory)
     pose = jax.jit(arm.forward)(jnp.asarray(np.load(folder / "q.npy")))
     np.savez(folder / "poses.npz", position=pose.position, quaternion=pose.quaternion)

@@ -1,14 +1,10 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
-import yaml
 
-from pipeline.machine.specification import JointSpecification, MachineSpecification, WorkspaceSpecification
+from pipeline.configuration import load_machine
+from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.bobcat_e10 import bobcat_e10
 from pipeline.plant.parameters import Parameters
-
-MACHINE_FILE = Path(__file__).parents[2] / "conf" / "machine" / "bobcat_e10.yaml"
 
 
 @pytest.fixture(scope="session")
@@ -18,13 +14,7 @@ def nominal() -> Parameters:
 
 @pytest.fixture(scope="session")
 def machine() -> MachineSpecification:
-    values = yaml.safe_load(MACHINE_FILE.read_text())
-    return MachineSpecification(
-        name=values["name"],
-        rate_hz=values["rate_hz"],
-        joints=[JointSpecification(**joint) for joint in values["joints"]],
-        workspace=WorkspaceSpecification(**values["workspace"]),
-    )
+    return load_machine("bobcat_e10")
 
 
 def random_commands(seed: int, n_hold: int, hold: int, n_joint: int = 4) -> np.ndarray:

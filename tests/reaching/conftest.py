@@ -2,13 +2,11 @@
 
 import contextlib
 import dataclasses
-from pathlib import Path
-from typing import Any
 
 import jax
 import pytest
-from omegaconf import OmegaConf
 
+from pipeline.configuration import MACHINE_DIRECTORY, load_machine, load_section
 from pipeline.machine.kinematics import Arm, load_arm
 from pipeline.machine.poses import PoseTable
 from pipeline.machine.specification import MachineSpecification
@@ -17,14 +15,6 @@ from pipeline.reaching.episodes import EpisodesConfig, learning_poses
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
 from tests.reaching.lag import lag_dynamics
-
-CONFIGURATION = Path(__file__).parents[2] / "conf"
-
-
-def section(name: str, schema: type) -> Any:
-    """A section of profile `paper`, typed as Hydra would type it."""
-    content = OmegaConf.load(CONFIGURATION / "profile" / "paper.yaml")[name]
-    return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), content))
 
 
 @contextlib.contextmanager
@@ -44,26 +34,22 @@ def quick_compilation():
 
 @pytest.fixture(scope="session")
 def bobcat() -> MachineSpecification:
-    path = CONFIGURATION / "machine" / "bobcat_e10.yaml"
-    node = OmegaConf.merge(OmegaConf.structured(MachineSpecification), OmegaConf.load(path))
-    machine = OmegaConf.to_object(node)
-    assert isinstance(machine, MachineSpecification)
-    return machine
+    return load_machine("bobcat_e10")
 
 
 @pytest.fixture(scope="session")
 def arm(bobcat: MachineSpecification) -> Arm:
-    return load_arm(bobcat, CONFIGURATION / "machine")
+    return load_arm(bobcat, MACHINE_DIRECTORY)
 
 
 @pytest.fixture(scope="session")
 def paper_reward() -> RewardConfig:
-    return section("reward", RewardConfig)
+    return load_section("reward", RewardConfig)
 
 
 @pytest.fixture(scope="session")
 def paper_episodes() -> EpisodesConfig:
-    return section("episodes", EpisodesConfig)
+    return load_section("episodes", EpisodesConfig)
 
 
 @pytest.fixture(scope="session")

@@ -14,8 +14,8 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf, open_dict
 
+from pipeline.configuration import load_machine
 from pipeline.logs.writer import write_bag
-from pipeline.machine.specification import MachineSpecification
 
 ROOT = Path(__file__).parents[2]
 STAGES = sorted(path.stem for path in (ROOT / "pipeline/stages").glob("[a-z]*.py"))
@@ -28,11 +28,6 @@ def run(stage: str, *overrides: str, folder: Path) -> subprocess.CompletedProces
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
 
 
-def bobcat() -> MachineSpecification:
-    content = OmegaConf.load(ROOT / "conf/machine/bobcat_e10.yaml")
-    return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(MachineSpecification), content))
-
-
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with one bag of ten seconds."""
@@ -41,10 +36,10 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     stamps = 1_700_000_000_000_000_000 + np.arange(500, dtype=np.int64) * 20_000_000
     write_bag(
         folder / "morning",
-        bobcat(),
+        load_machine("bobcat_e10"),
         joint_state_header_stamp_ns=stamps,
         joint_state_log_time_ns=stamps + 1_000_000,
-        joint_names=bobcat().joint_names,
+        joint_names=load_machine("bobcat_e10").joint_names,
         positions=np.array([0.0, 0.5, -1.0, -1.0]) + np.cumsum(random.normal(0, 1e-3, (500, 4)), axis=0),
         command_log_time_ns=stamps[::5],
         commands=random.integers(-1, 2, (100, 4)).astype(np.int8),
