@@ -55,6 +55,7 @@ class PipelineConfiguration:
     reward: Any = MISSING
     ppo: Any = MISSING
     search: Any = MISSING
+    judge: Any = MISSING
 
 
 def load_machine(name: str) -> MachineSpecification:

@@ -1,7 +1,6 @@
 """Stage `identify`: a dynamics model is trained by back-propagation through time and judged beside a linear ARX."""
 
 import shutil
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -15,11 +14,12 @@ from pipeline.dynamics.judgement import judge, long_prediction
 from pipeline.dynamics.model import Target
 from pipeline.dynamics.network import Parameterization
 from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.dynamics.purposes import VALIDATION, split_by_purpose
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.dynamics.store import save_model
 from pipeline.dynamics.windows import FIRST_JUDGED_ROW
 from pipeline.errors import InputError
-from pipeline.logs.tuples import Trajectory, read_tuples, validation_part
+from pipeline.registry.publish import publish_dynamics_model
 from pipeline.tracking import StageRun, flatten_metrics, progress_bar
 
 LONG_PREDICTION_STEPS = 1000  # paper, Fig. "Open-loop predictions"
@@ -47,7 +47,10 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
     if kind not in settings.selected:
         raise InputError(f"identify.selected has no {kind}; it has {', '.join(settings.selected)}")
     training = settings.selected[kind]
-    learning, judged, judged_on = split_by_purpose(configuration)
+    held_out = Path(configuration.held_out) if configuration.held_out is not None else None
+    rows = split_by_purpose(Path(configuration.tuples), held_out, configuration.hold_out, machine)
+    if rows.judged_on == VALIDATION:
+        print("identify: no held-out recording; judged on the validation rows, which early stopping saw")
     run.inputs(configuration.tuples, *([configuration.held_out] if configuration.held_out else []))
     with progress_bar(f"identify {kind}", training.maximum_epochs, "epoch") as bar:
 
@@ -59,7 +62,7 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
             run.metrics({"training_loss": training_loss, "evaluation_loss": evaluation_loss}, step=epoch)
 
         result = fit(
-            learning,
+            rows.learning,
             machine,
             configuration.model,
             configuration.target,
@@ -70,50 +73,21 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
             Path(configuration.checkpoints) if configuration.checkpoints else None,
         )
     predictor = LearnedPredictor(result.model, result.parameters)
-    arx = fit_arx(learning, configuration.target, training.lags, machine.dt_s, settings.arx_ridge)
-    metrics = result.metrics | judge({"model": predictor, "arx": arx}, judged, machine)
+    arx = fit_arx(rows.learning, configuration.target, training.lags, machine.dt_s, settings.arx_ridge)
+    metrics = result.metrics | judge({"model": predictor, "arx": arx}, rows.judged, machine)
     lineage = {
-        "judged_on": judged_on,
-        "trajectories": [trajectory.name for trajectory in learning],
+        "judged_on": rows.judged_on,
+        "trajectories": [trajectory.name for trajectory in rows.learning],
         "machine": machine.name,
     }
     save_model(output, result.model, result.parameters, lineage, metrics, result.curves)
-    prediction = long_prediction(predictor, judged, FIRST_JUDGED_ROW, LONG_PREDICTION_STEPS)
+    prediction = long_prediction(predictor, rows.judged, FIRST_JUDGED_ROW, LONG_PREDICTION_STEPS)
     np.savez(output / "open_loop.npz", **asdict(prediction))
     run.metrics(flatten_metrics(metrics))
     run.artifact(output, "model")
+    publish_dynamics_model(run, output, result.model, f"{machine.name}-{kind}", rows.learning[0])
     if configuration.checkpoints:  # a finished run must not be taken up again by changed code
         shutil.rmtree(configuration.checkpoints, ignore_errors=True)
-
-
-def split_by_purpose(configuration: IdentifyStage) -> tuple[list[Trajectory], Sequence[Trajectory], str]:
-    """Trajectories to learn from, those to judge on, and what the latter are."""
-    machine = configuration.machine
-    learning = read_tuples(Path(configuration.tuples), machine)
-    names = [trajectory.name for trajectory in learning]
-    unknown = [name for name in configuration.hold_out if name not in names]
-    if unknown:
-        raise InputError(
-            f"hold_out={unknown}: no such trajectory in {configuration.tuples}; it has {', '.join(names)}"
-        )
-    judged = [trajectory for trajectory in learning if trajectory.name in configuration.hold_out]
-    learning = [trajectory for trajectory in learning if trajectory.name not in configuration.hold_out]
-    if not learning:
-        raise InputError(
-            f"hold_out={configuration.hold_out}: nothing is left to learn from; hold out fewer trajectories"
-        )
-    if configuration.held_out is not None and not Path(configuration.held_out).is_dir():
-        raise InputError(
-            f"held_out={configuration.held_out}: no such folder; run the stage ingest with this output"
-        )
-    if configuration.held_out is not None and any(Path(configuration.held_out).glob("*.parquet")):
-        judged += read_tuples(Path(configuration.held_out), machine)
-    if judged:
-        return learning, judged, "held_out"
-    print(
-        "identify: no held-out recording; the model is judged on the validation rows, which early stopping saw"
-    )
-    return learning, [validation_part(trajectory) for trajectory in learning], "validation"
 
 
 if __name__ == "__main__":

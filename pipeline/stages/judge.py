@@ -12,10 +12,10 @@ from pipeline.configuration import PipelineConfiguration, stage
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.judgement import JudgeConfig, Judgement, check_unseen, flat_metrics, judge_fully
 from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.dynamics.purposes import VALIDATION, split_by_purpose
 from pipeline.dynamics.references import References, fit_references
 from pipeline.dynamics.store import load_model
 from pipeline.errors import InputError
-from pipeline.logs.tuples import read_tuples
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.judgement_tables import (
     Comparison,
@@ -47,19 +47,21 @@ def main(configuration: JudgeStage, run: StageRun) -> None:
     """Fit the references, judge everything on the held-out recording, write figures, tables and metrics."""
     machine, config, output = configuration.machine, configuration.judge, Path(configuration.output)
     models = load_models(configuration.models, machine)
-    learning = read_tuples(Path(configuration.tuples), machine)
-    held_out = read_tuples(Path(configuration.held_out), machine)
-    check_unseen(learning, held_out)
+    rows = split_by_purpose(Path(configuration.tuples), Path(configuration.held_out), [], machine)
+    if rows.judged_on == VALIDATION:
+        print("judge: no held-out recording; judged on the validation rows, which early stopping saw")
+    else:
+        check_unseen(rows.learning, rows.judged)
     run.inputs(
         configuration.tuples,
         configuration.held_out,
         *(f"{path}/parameters.msgpack" for path in configuration.models),
     )
-    fitted = fit_references(learning, machine, config.arx, config.narx, config.grey_box)
+    fitted = fit_references(rows.learning, machine, config.arx, config.narx, config.grey_box)
     references: dict[str, Predictor] = dict(vars(fitted))
     with progress_bar("judge", total=len(models) + len(references), unit="predictor") as bar:
         judgements = judge_fully(
-            models | references, learning, held_out, machine, config, lambda name: bar.update()
+            models | references, rows.learning, rows.judged, machine, config, lambda name: bar.update()
         )
     comparisons = {
         "errors": error_comparison(judgements, list(references), machine),
