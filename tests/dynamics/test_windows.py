@@ -1,9 +1,12 @@
 """Windows never cross trajectories or splits, and hold the rows that they should."""
 
+import functools
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.dynamics.model import DynamicsModel
@@ -40,14 +43,27 @@ def test_starts_are_all_windows_within_one_trajectory_and_one_split(log, lags, h
     assert starts.tolist() == expected
 
 
-def test_windows_hold_their_rows_and_no_others():
-    lags, horizon = 2, 4
-    trajectories = numbered([(12, 0), (9, 0), (15, 0)])
-    model = DynamicsModel(make_specification("mlp", "dq", lags=lags))
-    starts = window_starts(trajectories, False, lags + 1, horizon)
-    window = gather_windows(model, stack_rows(trajectories), jnp.asarray(starts), horizon)
+N_ROWS = 64
+
+
+@settings(deadline=None)  # compiles once per lags and horizon
+@given(
+    st.lists(st.integers(1, N_ROWS - 1), max_size=4, unique=True),
+    st.lists(st.integers(0, 15), min_size=5, max_size=5),
+    st.sampled_from([(0, 1), (2, 4), (5, 8)]),
+    st.booleans(),
+)
+def test_windows_hold_their_rows_and_never_those_of_another_trajectory(cuts, n_validation, sizes, validation):
+    """64 rows cut into up to five trajectories at any places."""
+    lags, horizon = sizes
+    lengths = np.diff([0, *sorted(cuts), N_ROWS])
+    trajectories = numbered(zip(lengths.tolist(), n_validation, strict=False))
+    starts = window_starts(trajectories, validation, lags + 1, horizon)
+    padded = jnp.concatenate([jnp.asarray(starts), jnp.full(N_ROWS - len(starts), lags + 1)])
+    window = jax.tree.map(np.asarray, cut_windows(lags, horizon)(stack_rows(trajectories), padded))
     for index in range(len(starts)):
-        number, row = np.asarray(window.history.q[index]).astype(int)
+        number, row = window.history.q[index].astype(int)
+        assert np.sum(lengths[:number]) + row == starts[index]
         for rows, expected in (
             (window.history.motion[index], range(row - lags, row + 1)),
             (window.history.commands[index], range(row - lags - 1, row)),
@@ -56,6 +72,12 @@ def test_windows_hold_their_rows_and_no_others():
         ):
             np.testing.assert_array_equal(rows[:, 0], number)
             np.testing.assert_array_equal(rows[:, 1], expected)
+
+
+@functools.cache
+def cut_windows(lags, horizon):
+    model = DynamicsModel(make_specification("mlp", "dq", lags=lags))
+    return jax.jit(lambda rows, starts: gather_windows(model, rows, starts, horizon))
 
 
 def test_evaluation_windows_are_fixed_by_the_seed():
