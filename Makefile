@@ -33,6 +33,11 @@ demo: env ## run the same graph on the smoke profile in build/demo: a first look
 	cd build/demo && git init --quiet && PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
 	@echo "Open build/demo/artifacts/report/index.html"
 
+.PHONY: search
+search: env ## search hyper-parameters for all four model kinds, then select (needs the tuples that `make repro` makes)
+	$(BIN)/python -m pipeline.stages.search -m model=mlp,kan target=dq,dqdot $(SEARCH)
+	$(BIN)/python -m pipeline.stages.select
+
 .PHONY: test
 test: env ## check style, types and layers, and run the tests (at most 10 minutes)
 	$(BIN)/ruff check .
