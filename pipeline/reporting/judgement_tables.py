@@ -1,7 +1,9 @@
 """Tables of the judgement: every figure of every model and reference, the best marked, and who wins in words."""
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from pipeline.dynamics.extrapolation import SPEED_STEPS, Extrapolation, Extrapol
 from pipeline.dynamics.grey_box import GreyBoxPredictor
 from pipeline.dynamics.judgement import Judgement
 from pipeline.dynamics.narx import NarxPredictor
+from pipeline.dynamics.purposes import HELD_OUT, VALIDATION
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.paper import KIND_NAMES
 from pipeline.reporting.tables import Table
@@ -18,6 +21,10 @@ REFERENCE_NAMES = {
     "arx_dqdot": "ARX Δq̇",
     "narx": "NARX (FROLS)",
     "grey_box": "grey box",
+}
+JUDGED_ON = {
+    HELD_OUT: "On a recording that neither training nor selection saw.",
+    VALIDATION: "On the validation rows, which early stopping saw: nothing was held out.",
 }
 GROWTH_HORIZONS_S = (0.05, 0.5, 1.0, 2.0, 4.0, 10.0, 20.0, 50.0)
 EXTRAPOLATION_LABELS = {  # what is measured, and in which unit; shares and ratios have none
@@ -125,6 +132,10 @@ class Comparison:
         """The sentence, and the table below it."""
         return f"{self.sentence()}\n\n{self.table().markdown()}"
 
+    def content(self) -> dict[str, Any]:
+        """Sentence and table, for the report."""
+        return {"sentence": self.sentence(), **json.loads(self.table().json())}
+
     def tidy(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows for CSV: one row per predictor, quantity and joint."""
         rows = [
@@ -136,7 +147,10 @@ class Comparison:
 
 
 def error_comparison(
-    judgements: Mapping[str, Judgement], references: Sequence[str], machine: MachineSpecification
+    judgements: Mapping[str, Judgement],
+    references: Sequence[str],
+    machine: MachineSpecification,
+    judged_on: str,
 ) -> Comparison:
     """One-step and open-loop errors (contract, section 3)."""
     any_ = next(iter(judgements.values())).errors
@@ -152,7 +166,7 @@ def error_comparison(
     title = (
         f"Root mean square errors over {any_.n_steps} single steps and {any_.n_windows} windows of 80 steps"
     )
-    return Comparison(title, rows, references, ["On a recording that neither training nor selection saw."])
+    return Comparison(title, rows, references, [JUDGED_ON[judged_on]])
 
 
 def growth_comparison(

@@ -30,6 +30,15 @@ class ModelResult:
 
 
 @dataclass(frozen=True)
+class JudgementResult:
+    """A model beside the references: content of `artifacts/judge/<kind>`."""
+
+    kind: str
+    comparisons: dict[str, dict[str, Any]]  # errors, error_growth, extrapolation: sentence and table
+    figures: dict[str, bytes]  # SVG by name
+
+
+@dataclass(frozen=True)
 class ControllerResult:
     """One controller of one seed: `artifacts/ppo/<kind>/seed_<n>` and its evaluation."""
 
@@ -47,6 +56,7 @@ class PipelineResults:
 
     quality: dict[str, Any]
     models: list[ModelResult]
+    judgements: list[JudgementResult]
     controllers: list[ControllerResult]
 
     def controllers_of(self, kind: str) -> list[ControllerResult]:
@@ -69,7 +79,8 @@ def read_results(artifacts: Path, kinds: Sequence[str], seeds: Sequence[int]) ->
     controllers = [
         _controller(artifacts / "ppo" / kind / f"seed_{seed}", artifacts) for kind in kinds for seed in seeds
     ]
-    return PipelineResults(_json(artifacts / "ingest/sessions/quality.json"), models, controllers)
+    judgements = [_judgement(artifacts / "judge" / kind) for kind in kinds]
+    return PipelineResults(_json(artifacts / "ingest/sessions/quality.json"), models, judgements, controllers)
 
 
 def _model(folder: Path) -> ModelResult:
@@ -79,6 +90,11 @@ def _model(folder: Path) -> ModelResult:
     return ModelResult(
         folder.name, meta["specification"], meta["metadata"], _json(folder / "metrics.json"), open_loop
     )
+
+
+def _judgement(folder: Path) -> JudgementResult:
+    figures = {path.stem: path.read_bytes() for path in sorted((folder / "figures").glob("*.svg"))}
+    return JudgementResult(folder.name, _json(folder / "comparisons.json"), figures)
 
 
 def _controller(folder: Path, artifacts: Path) -> ControllerResult:

@@ -17,7 +17,12 @@ from pipeline.reporting.figures import (
 )
 from pipeline.reporting.page import Figure, KeyFigure, Section
 from pipeline.reporting.paper import BRAX_EVALUATION_COLUMNS, KIND_NAMES, PPO_BRAX_EVALUATION, SELECTED_MODELS
-from pipeline.reporting.results import ControllerResult, ModelResult, PipelineResults
+from pipeline.reporting.results import (
+    ControllerResult,
+    JudgementResult,
+    ModelResult,
+    PipelineResults,
+)
 from pipeline.reporting.tables import Table, mean_and_deviation
 from pipeline.reporting.workspace_figures import cloud_figure
 
@@ -86,6 +91,40 @@ def model_section(machine: MachineSpecification, models: Sequence[ModelResult], 
         f"{errors[worst]:.3f} {unit} (root mean square, {judged_on(models[0])}).",
         [figure],
         tables,
+    )
+
+
+def judgement_section(judgement: JudgementResult) -> Section:
+    """A model beside the references that a control engineer would try first."""
+    figures = [
+        Figure(
+            "Error over the horizon",
+            "Root mean square error after each horizon, with 95 % bands (block bootstrap).",
+            content,
+            SVG,
+        )
+        for name, content in judgement.figures.items()
+        if name == "error_growth"
+    ]
+    tables = [
+        Table(
+            content["title"],
+            list(content["rows"][0]),
+            [list(row.values()) for row in content["rows"]],
+            content["notes"],
+        )
+        for content in judgement.comparisons.values()
+    ]
+    sentences = {name: content["sentence"] for name, content in judgement.comparisons.items()}
+    return Section(
+        f"{KIND_NAMES[judgement.kind]} beside a control engineer's references",
+        f"Prediction: {sentences['errors']}",
+        figures,
+        tables,
+        [
+            f"Over the horizon: {sentences['error_growth']}",
+            f"Outside the training distribution, where a policy exploits what is wrong: {sentences['extrapolation']}",
+        ],
     )
 
 

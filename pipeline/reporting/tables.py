@@ -62,7 +62,7 @@ class Table:
         """The table as an HTML fragment."""
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in self.columns)
         body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows
+            "<tr>" + "".join(f"<td>{_html(cell)}</td>" for cell in row) + "</tr>" for row in self.rows
         )
         notes = "".join(f"<p class='note'>{html.escape(note)}</p>" for note in self.notes)
         caption = html.escape(self.title)
@@ -92,6 +92,12 @@ def mean_and_deviation(values: Sequence[float], digits: int = 2) -> str:
 
 def _bar(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
+
+
+def _html(cell: str) -> str:
+    """A cell as HTML; `**…**` is bold."""
+    bold = cell.removeprefix("**").removesuffix("**")
+    return html.escape(cell) if bold == cell else f"<b>{html.escape(bold)}</b>"
 
 
 def _latex(text: str) -> str:

@@ -64,7 +64,7 @@ def main(configuration: JudgeStage, run: StageRun) -> None:
             models | references, rows.learning, rows.judged, machine, config, lambda name: bar.update()
         )
     comparisons = {
-        "errors": error_comparison(judgements, list(references), machine),
+        "errors": error_comparison(judgements, list(references), machine, rows.judged_on),
         "error_growth": growth_comparison(judgements, list(references), machine, config.growth.confidence),
         "extrapolation": extrapolation_comparison(
             judgements, list(references), machine, config.extrapolation
@@ -79,6 +79,8 @@ def main(configuration: JudgeStage, run: StageRun) -> None:
     (output / "judgement.json").write_text(
         json.dumps(metrics, indent=1, sort_keys=True, allow_nan=False) + "\n"
     )
+    content = {name: comparison.content() for name, comparison in comparisons.items()}
+    (output / "comparisons.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     for name, comparison in comparisons.items():
         print(f"{name}: {comparison.sentence()}")
     run.metrics(metrics)

@@ -21,6 +21,7 @@ from pipeline.reporting.summary import (
     data_section,
     error_table,
     evaluated,
+    judgement_section,
     key_figures,
     model_section,
     selected_models_table,
@@ -57,6 +58,7 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     sections = [
         data_section(machine, arm, read_tuples(Path(configuration.sessions), machine)),
         model_section(machine, results.models, origin),
+        *map(judgement_section, results.judgements),
     ]
     tables = {"selected_models": selected_models_table(results.models, origin)}
     tables |= {f"prediction_error_{model.kind}": error_table(machine, model) for model in results.models}
