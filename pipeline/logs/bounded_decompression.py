@@ -56,15 +56,38 @@ def _zstd(data: bytes, limit: int, cut: bool) -> tuple[bytes, str | None]:
     try:
         if not cut:
             stated = zstandard.frame_content_size(data)
-            if 0 <= stated < limit:
+            if stated >= limit:
+                return b"", f"zstd: the frame declares {stated} bytes"
+            if stated >= 0:
                 return zstandard.ZstdDecompressor().decompress(data), None
-        return _in_pieces(zstandard.ZstdDecompressor().stream_reader(data).read, limit, zstandard.ZstdError)
     except zstandard.ZstdError as error:
         return b"", f"zstd: {error}"
+    decompressor, position = zstandard.ZstdDecompressor().decompressobj(), 0
+
+    def read(_: int) -> bytes:
+        nonlocal position
+        result = b""
+        while not result and not decompressor.eof and position < len(data):
+            result = decompressor.decompress(data[position : position + ZSTD_PIECE_BYTES])
+            position += ZSTD_PIECE_BYTES
+        return result
+
+    result, fault = _in_pieces(read, limit, zstandard.ZstdError)
+    return result, fault or (
+        None if decompressor.eof or len(result) >= limit else "zstd: the frame has no end"
+    )
 
 
 def _lz4(data: bytes, limit: int, cut: bool) -> tuple[bytes, str | None]:
     decompressor = lz4.frame.LZ4FrameDecompressor()
+    if not cut:
+        try:
+            result = decompressor.decompress(data, max_length=min(limit, len(data) * LZ4_MOST_PER_BYTE))
+            if decompressor.eof:
+                return result, None
+        except RuntimeError:
+            pass  # in pieces, so that what came before the fault is kept
+        decompressor.reset()
     waiting = data
 
     def read(n_bytes: int) -> bytes:
@@ -116,4 +139,6 @@ def _in_pieces(
 
 
 PIECE_BYTES = 1 << 16
+ZSTD_PIECE_BYTES = 1 << 10  # of compressed bytes; one can become 32 KiB, so that a piece is at most 32 MiB
+LZ4_MOST_PER_BYTE = 255  # what one compressed byte can become; nothing is allocated that cannot be filled
 _STREAMS = {"zstd": _zstd, "lz4": _lz4, "bz2": _bz2}

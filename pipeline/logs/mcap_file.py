@@ -9,15 +9,17 @@ import struct
 import zlib
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
-from pipeline.logs.indexed_chunk import ENTRY, find_messages
+from pipeline.logs.indexed_chunk import gather_records, told
+from pipeline.logs.mcap_index import ENTRY_WORDS, find_messages
 from pipeline.logs.message_blocks import BlockColumns, MessageBlock, ReadingLedger, Topic
+from pipeline.logs.message_compression import plain_messages
 from pipeline.logs.message_definitions import full_type_name
+from pipeline.logs.opened_file import OpenedFile, opened_file
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, DATA_END = 2, 3, 4, 5, 6, 7, 8, 15
@@ -29,6 +31,7 @@ CHUNK_HEADER = struct.Struct(
     "<QQQII"
 )  # start, end, uncompressed size, checksum, length of the compression's name
 INDEX_HEADER = struct.Struct("<HI")  # channel, length of its entries in bytes
+ENTRY_BYTES = 8 * ENTRY_WORDS
 CHUNK_INDEX_START = struct.Struct("<QQQ")  # start and end of its messages, offset of the chunk
 FOOTER_FIELDS = struct.Struct("<QQI")  # start of the summary, start of its offsets, checksum
 UNCHUNKED_BATCH_BYTES = 1 << 22
@@ -40,24 +43,20 @@ def read_mcap(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Ite
     Raises:
         InputError: The file cannot be opened or is not an MCAP file.
     """
-    try:
-        with path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                raise InputError(f"{path}: not an MCAP file (its first bytes are not MCAP's); remove it")
-            yield from _Scan(file, path.stat().st_size, ledger, wanted).blocks()
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror or error}); check the file's permissions"
-        ) from error
+    with opened_file(path, ledger) as opened:
+        if opened.file.read(len(MAGIC)) != MAGIC:
+            raise InputError(f"{path}: not an MCAP file (its first bytes are not MCAP's); remove it")
+        for block in _Scan(opened, wanted).blocks():
+            yield from plain_messages(block, opened.ledger)
 
 
 class _Scan:
     """One pass over the data section."""
 
-    def __init__(self, file: BinaryIO, size: int, ledger: ReadingLedger, wanted: Collection[str]) -> None:
-        self.file = file
-        self.size = size
-        self.ledger = ledger
+    def __init__(self, opened: OpenedFile, wanted: Collection[str]) -> None:
+        self.file = opened.file
+        self.size = opened.size
+        self.ledger = opened.ledger
         self.wanted = wanted
         self.schemas: dict[int, tuple[str, str, str]] = {}
         self.topics: dict[int, Topic] = {}
@@ -186,28 +185,26 @@ class _Scan:
             if len(body) < INDEX_HEADER.size:
                 break
             channel, n_bytes = INDEX_HEADER.unpack_from(body)
-            if channel in indexes or n_bytes % ENTRY.itemsize or INDEX_HEADER.size + n_bytes > len(body):
+            if channel in indexes or n_bytes % ENTRY_BYTES or INDEX_HEADER.size + n_bytes > len(body):
                 return {}
             if n_bytes:
-                indexes[channel] = np.frombuffer(body, ENTRY, n_bytes // ENTRY.itemsize, INDEX_HEADER.size)
+                words = np.frombuffer(body, "<u8", n_bytes // ENTRY_BYTES * ENTRY_WORDS, INDEX_HEADER.size)
+                indexes[channel] = words.reshape(-1, ENTRY_WORDS)
         return indexes
 
     def records(
         self, data: bytes, place: str, offset: int, indexes: dict[int, np.ndarray]
     ) -> Iterator[MessageBlock]:
         """Find message, schema and channel records and yield one block per wanted channel."""
+
+        def walk(begin: int, end: int, columns: BlockColumns) -> int:
+            return self.walk(data, begin, end, columns, offset)
+
         buffer = np.frombuffer(data, np.uint8)
-        columns = BlockColumns(buffer)
-        stretches = [(0, len(data))]
-        if (indexed := find_messages(buffer, indexes)) is not None:
-            found, stretches = indexed
-            for messages in found:
-                columns.add_many(messages.channel, messages.log_time_ns, messages.start, messages.length)
-        for begin, end in stretches:
-            reached = self.walk(data, begin, end, columns, offset)
-            if reached < end:
-                lost = f"{place}, {end - reached} bytes from its byte {reached} on are lost"
-                self.ledger.damage(offset, lost)
+        indexed = find_messages(buffer, indexes)
+        columns, lost = gather_records(BlockColumns(buffer), len(data), indexed, walk, self.ledger)
+        if lost:
+            self.ledger.damage(offset, f"{place}, {told(lost, len(data))}")
         if not columns.channels <= self.topics.keys():
             self.read_summary()
         yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)

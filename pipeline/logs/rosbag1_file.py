@@ -7,29 +7,34 @@ recorder left (`.bag.active`) are read as far as they go.
 import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
+from pipeline.logs.indexed_chunk import gather_records, told
 from pipeline.logs.message_blocks import BlockColumns, MessageBlock, ReadingLedger, Topic
 from pipeline.logs.message_definitions import full_type_name
-from pipeline.logs.raw_log import NANOSECONDS
+from pipeline.logs.opened_file import OpenedFile, opened_file
+from pipeline.logs.rosbag1_index import find_messages, index_entries
+from pipeline.logs.rosbag1_record import (
+    BAG_HEADER,
+    CHUNK,
+    CHUNK_INFO,
+    CONNECTION,
+    INDEX,
+    MESSAGE,
+    WORD,
+    MessageHeaderReader,
+    RecordError,
+    fields_of,
+)
 
 MAGIC = b"#ROSBAG V"
 VERSION = b"#ROSBAG V2.0\n"
-MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
-KNOWN_OPCODES = (MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION)
 MAXIMUM_HEADER_BYTES = 1 << 20
-WORD = struct.Struct("<I")
-TIME = struct.Struct("<II")
 POSITION = struct.Struct("<Q")
 UNCHUNKED_BATCH_BYTES = 1 << 22
-
-
-class _RecordError(Exception):
-    """Bytes that are no record."""
 
 
 def read_rosbag1(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Iterator[MessageBlock]:
@@ -38,31 +43,22 @@ def read_rosbag1(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> 
     Raises:
         InputError: The file cannot be opened or is not a ROS 1 bag of version 2.0.
     """
-    try:
-        with path.open("rb") as file:
-            magic = file.read(len(VERSION))
-            if magic.startswith(MAGIC) and magic != VERSION:
-                raise InputError(
-                    f"{path}: a ROS bag of another version than 2.0; convert it with `rosbag fix`"
-                )
-            if magic != VERSION:
-                raise InputError(
-                    f"{path}: not a ROS 1 bag (its first bytes are not `#ROSBAG V2.0`); remove it"
-                )
-            yield from _Scan(file, path.stat().st_size, ledger, wanted).blocks()
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror or error}); check its permissions"
-        ) from error
+    with opened_file(path, ledger) as opened:
+        magic = opened.file.read(len(VERSION))
+        if magic.startswith(MAGIC) and magic != VERSION:
+            raise InputError(f"{path}: a ROS bag of another version than 2.0; convert it with `rosbag fix`")
+        if magic != VERSION:
+            raise InputError(f"{path}: not a ROS 1 bag (its first bytes are not `#ROSBAG V2.0`); remove it")
+        yield from _Scan(opened, wanted).blocks()
 
 
 class _Scan:
     """One pass over the file."""
 
-    def __init__(self, file: BinaryIO, size: int, ledger: ReadingLedger, wanted: Collection[str]) -> None:
-        self.file = file
-        self.size = size
-        self.ledger = ledger
+    def __init__(self, opened: OpenedFile, wanted: Collection[str]) -> None:
+        self.file = opened.file
+        self.size = opened.size
+        self.ledger = opened.ledger
         self.wanted = wanted
         self.topics: dict[int, Topic] = {}
         self.chunk_starts: list[int] = []
@@ -75,7 +71,7 @@ class _Scan:
         while offset < self.size:
             try:
                 header, data_start, data_length = self.record(offset)
-            except _RecordError as reason:
+            except RecordError as reason:
                 following = self.next_indexed_chunk(offset)
                 self.ledger.damage(offset, f"{reason}; {following - offset} bytes are lost")
                 offset = following
@@ -116,7 +112,7 @@ class _Scan:
                 if header["op"][0] == CONNECTION:
                     self.file.seek(data_start)
                     self.connect(header, self.file.read(min(data_length, MAXIMUM_HEADER_BYTES)))
-            except _RecordError:
+            except RecordError:
                 break
             if header["op"][0] == CHUNK_INFO and len(header.get("chunk_pos", b"")) == POSITION.size:
                 self.chunk_starts.append(POSITION.unpack(header["chunk_pos"])[0])
@@ -127,14 +123,14 @@ class _Scan:
         self.file.seek(offset)
         word = self.file.read(WORD.size)
         if len(word) < WORD.size:
-            raise _RecordError("the file ends within a record")
+            raise RecordError("the file ends within a record")
         (length,) = WORD.unpack(word)
         if length > MAXIMUM_HEADER_BYTES:
-            raise _RecordError("no record of a ROS bag stands here")
+            raise RecordError("no record of a ROS bag stands here")
         body = self.file.read(length + WORD.size)
         if len(body) < length + WORD.size:
-            raise _RecordError("the file ends within a record's header")
-        header = _fields(body[:length])
+            raise RecordError("the file ends within a record's header")
+        header = fields_of(body[:length])
         return header, offset + WORD.size + length + WORD.size, WORD.unpack_from(body, length)[0]
 
     def chunk(
@@ -160,53 +156,91 @@ class _Scan:
         if cut:
             whole = "" if size is None else f" of its {size}"
             self.ledger.damage(offset, f"the file ends within this chunk; {len(data)}{whole} bytes were read")
-        yield from self.records(data, offset)
+        yield from self.records(data, offset, [] if cut else self.indexes(data_start + length))
 
     def flush(self, offset: int) -> Iterator[MessageBlock]:
         """Yield the messages that stood outside of chunks."""
         if self.unchunked:
             data, self.unchunked = bytes(self.unchunked), bytearray()
-            yield from self.records(data, offset)
+            yield from self.records(data, offset, [])
 
-    def records(self, data: bytes, offset: int) -> Iterator[MessageBlock]:
-        """Walk message and connection records and yield one block per wanted connection."""
+    def indexes(self, offset: int) -> list[tuple[int, np.ndarray]]:
+        """Read the index records that follow a chunk."""
+        found: list[tuple[int, np.ndarray]] = []
+        while offset < self.size:
+            try:
+                header, data_start, length = self.record(offset)
+            except RecordError:
+                break
+            if header["op"][0] != INDEX or length > self.size - data_start:
+                break
+            entries = index_entries(header, self.file.read(length))
+            if entries is not None:
+                found.append(entries)
+            offset = data_start + length
+        return found
+
+    def records(
+        self, data: bytes, offset: int, indexes: list[tuple[int, np.ndarray]]
+    ) -> Iterator[MessageBlock]:
+        """Find message and connection records and yield one block per wanted connection."""
+        reasons: list[str] = []
+        header_of = MessageHeaderReader()
+
+        def walk(begin: int, end: int, columns: BlockColumns) -> int:
+            return self.walk(data, begin, end, columns, header_of, reasons)
+
         columns = BlockColumns(np.frombuffer(data, np.uint8))
-        position, end = 0, len(data)
-        header_of = _MessageHeaderReader()
-        word = WORD.unpack_from
-        try:
-            while position < end:
-                if position + WORD.size > end:
-                    raise _RecordError("a record ends early")
-                (header_length,) = word(data, position)
-                header_end = position + WORD.size + header_length
-                start = header_end + WORD.size
-                if start > end:
-                    raise _RecordError("a record's header ends early")
-                (length,) = word(data, header_end)
-                following = start + length
-                if following > end:
-                    raise _RecordError("a record ends early")
-                found = header_of(data, position + WORD.size, header_length)
-                if found is not None:
-                    columns.add(found[0], found[1], start, length)
-                else:
-                    header = _fields(data[position + WORD.size : header_end])
-                    if header["op"][0] == CONNECTION:
-                        self.connect(header, data[start:following])
-                position = following
-        except _RecordError as reason:
-            lost = f"in the chunk that starts here, {reason}; {end - position} of its {end} bytes are lost"
-            self.ledger.damage(offset, lost)
+        indexed = find_messages(data, indexes)
+        columns, lost = gather_records(columns, len(data), indexed, walk, self.ledger)
+        if lost:
+            place = f"in the chunk that starts here, {reasons[-len(lost)]}"
+            self.ledger.damage(offset, f"{place}; {told(lost, len(data))}")
         if not columns.channels <= self.topics.keys():
             self.read_index()
         yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
 
+    def walk(
+        self,
+        data: bytes,
+        position: int,
+        end: int,
+        columns: BlockColumns,
+        header_of: MessageHeaderReader,
+        reasons: list[str],
+    ) -> int:
+        """Walk the records of a stretch of a chunk; return where they end, or where one is damaged, and say why."""
+        word = WORD.unpack_from
+        try:
+            while position < end:
+                if position + WORD.size > end:
+                    raise RecordError("a record ends early")
+                (header_length,) = word(data, position)
+                header_end = position + WORD.size + header_length
+                start = header_end + WORD.size
+                if start > end:
+                    raise RecordError("a record's header ends early")
+                (length,) = word(data, header_end)
+                following = start + length
+                if following > end:
+                    raise RecordError("a record ends early")
+                found = header_of(data, position + WORD.size, header_length)
+                if found is not None:
+                    columns.add(found[0], found[1], start, length)
+                else:
+                    header = fields_of(data[position + WORD.size : header_end])
+                    if header["op"][0] == CONNECTION:
+                        self.connect(header, data[start:following])
+                position = following
+        except RecordError as reason:
+            reasons.append(str(reason))
+        return position
+
     def connect(self, header: dict[str, bytes], data: bytes) -> None:
         """Take in a connection record."""
-        description = {**header, **_fields(data, needs_opcode=False)}
+        description = {**header, **fields_of(data, needs_opcode=False)}
         if len(header.get("conn", b"")) != WORD.size or "type" not in description:
-            raise _RecordError("a connection's description is damaged")
+            raise RecordError("a connection's description is damaged")
         topic = Topic(
             name=header.get("topic", description.get("topic", b"")).decode(errors="replace"),
             type_name=full_type_name(description["type"].decode(errors="replace")),
@@ -216,66 +250,3 @@ class _Scan:
         )
         self.topics[WORD.unpack(header["conn"])[0]] = topic
         self.ledger.add_topic(topic)
-
-
-class _MessageHeaderReader:
-    """Reads connection and time from message headers; the field order is that of the first header met."""
-
-    def __init__(self) -> None:
-        self.length = -1
-        self.marks: list[tuple[int, int, bytes]] = []
-        self.connection_offset = self.time_offset = 0
-
-    def __call__(self, data: bytes, start: int, length: int) -> tuple[int, int] | None:
-        """Return connection and log time, or None if the record is not a message."""
-        if length == self.length:
-            for begin, end, mark in self.marks:
-                if data[start + begin : start + end] != mark:
-                    break
-            else:
-                seconds, nanoseconds = TIME.unpack_from(data, start + self.time_offset)
-                (connection,) = WORD.unpack_from(data, start + self.connection_offset)
-                return connection, seconds * NANOSECONDS + nanoseconds
-        raw = data[start : start + length]
-        header = _fields(raw)
-        if header["op"][0] != MESSAGE:
-            return None
-        if len(header.get("conn", b"")) != WORD.size or len(header.get("time", b"")) != TIME.size:
-            raise _RecordError("a message's header is damaged")
-        self._learn(raw, header)
-        seconds, nanoseconds = TIME.unpack(header["time"])
-        return WORD.unpack(header["conn"])[0], seconds * NANOSECONDS + nanoseconds
-
-    def _learn(self, raw: bytes, header: dict[str, bytes]) -> None:
-        """Remember where the values stand in headers of this length; all other bytes must be alike."""
-        self.length, self.marks, begin, position = len(raw), [], 0, 0
-        for name, value in header.items():
-            value_start = position + WORD.size + len(name) + 1
-            if name in ("conn", "time"):
-                self.marks.append((begin, value_start, raw[begin:value_start]))
-                begin = value_start + len(value)
-                if name == "conn":
-                    self.connection_offset = value_start
-                else:
-                    self.time_offset = value_start
-            position = value_start + len(value)
-        self.marks.append((begin, len(raw), raw[begin:]))
-
-
-def _fields(body: bytes, needs_opcode: bool = True) -> dict[str, bytes]:
-    """Read `name=value` fields in their order."""
-    fields: dict[str, bytes] = {}
-    position = 0
-    while position < len(body):
-        if position + WORD.size > len(body):
-            raise _RecordError("no record of a ROS bag stands here")
-        (length,) = WORD.unpack_from(body, position)
-        position += WORD.size
-        name, separator, value = body[position : position + length].partition(b"=")
-        if not separator or position + length > len(body):
-            raise _RecordError("no record of a ROS bag stands here")
-        fields[name.decode(errors="replace")] = value
-        position += length
-    if needs_opcode and (len(fields.get("op", b"")) != 1 or fields["op"][0] not in KNOWN_OPCODES):
-        raise _RecordError("no record of a ROS bag stands here")
-    return fields

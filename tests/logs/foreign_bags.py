@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as Rosbag1Writer
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -72,9 +72,15 @@ def write_rosbag1(path: Path, entries, compression: str = "none", chunk_bytes: i
 
 
 def write_rosbag2(
-    path: Path, entries, storage: StoragePlugin = StoragePlugin.SQLITE3, version: int = 8
+    path: Path,
+    entries,
+    storage: StoragePlugin = StoragePlugin.SQLITE3,
+    version: int = 8,
+    compression: CompressionMode = CompressionMode.NONE,
 ) -> Path:
-    with Rosbag2Writer(path, version=version, storage_plugin=storage) as writer:
+    writer = Rosbag2Writer(path, version=version, storage_plugin=storage)
+    writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
         connections = {}
         for time_ns, topic, message in entries:
             if topic not in connections:
@@ -84,13 +90,24 @@ def write_rosbag2(
 
 
 def write_mcap(
-    path: Path, entries, compression: str = "zstd", chunked: bool = True, finish: bool = True
+    path: Path,
+    entries,
+    compression: str = "zstd",
+    chunked: bool = True,
+    finish: bool = True,
+    enable_crcs: bool = True,
 ) -> Path:
     """With the `mcap` library; `finish=False` leaves the file as a crash would: no index, no end."""
     kinds = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
     path.parent.mkdir(exist_ok=True)
     with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=1 << 14, compression=kinds[compression], use_chunking=chunked)
+        writer = Writer(
+            stream,
+            chunk_size=1 << 14,
+            compression=kinds[compression],
+            use_chunking=chunked,
+            enable_crcs=enable_crcs,
+        )
         writer.start(profile="ros2", library="test")
         channels = {}
         for time_ns, topic, message in entries:
