@@ -8,7 +8,7 @@ import shutil
 import sqlite3
 import tempfile
 from collections.abc import Collection, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +16,27 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.logs.bounded_decompression import MAXIMUM_CHUNK_BYTES
 from pipeline.logs.message_blocks import MAXIMUM_TIME_NS, MessageBlock, ReadingLedger, Topic
+from pipeline.logs.message_compression import plain_messages
 from pipeline.logs.message_definitions import full_type_name
+from pipeline.logs.opened_file import OpenedFile, opened_file
 from pipeline.logs.raw_log import Note, NoteKind
+from pipeline.logs.sqlite3_pages import PageRows, UnusualError, rows_in_pages
 
 MAGIC = b"SQLite format 3\x00"
 SIDE_FILES = ("-journal", "-wal", "-shm")
 BATCH_ROWS = 4096
 BATCH_BYTES = 1 << 23
 ATTEMPTS_PAST_DAMAGE = 24
+BEFORE_ALL_ROWS = -1 << 62
 FAULTS = (sqlite3.Error, UnicodeDecodeError)  # the latter where SQLite's own message quotes damaged text
-Row = tuple[int, int, int, bytes]  # row number, topic, time, message
+# Of a message that is not wanted only the length is read, for which SQLite needs none of its further pages.
+QUERY = """
+    SELECT rowid, topic_id, timestamp, CASE
+        WHEN typeof(data) <> 'blob' THEN NULL
+        WHEN topic_id IN ({wanted}) THEN data
+        ELSE length(data) END
+    FROM messages WHERE rowid > ? ORDER BY rowid"""
+Row = tuple[int, int, int, bytes | int]  # row number, topic, time, message or its length
 
 
 def read_sqlite3(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Iterator[MessageBlock]:
@@ -34,38 +45,36 @@ def read_sqlite3(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> 
     Raises:
         InputError: The file cannot be opened or is not a ROS 2 bag.
     """
-    try:
-        with path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                raise InputError(f"{path}: not an SQLite file (its first bytes are not SQLite's); remove it")
-        with _database(path, ledger) as connection:
-            topics = _topics(connection, path)
-            for topic in topics.values():
-                ledger.add_topic(topic)
-            for rows in _batches(connection, ledger, path.stat().st_size):
-                yield from _blocks(rows, topics, ledger, wanted)
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror or error}); check its permissions"
-        ) from error
-    except FAULTS as error:
-        raise InputError(f"{path}: SQLite cannot read it ({error}); it is damaged from its start") from error
+    with opened_file(path, ledger) as opened:
+        if opened.file.read(len(MAGIC)) != MAGIC:
+            raise InputError(f"{path}: not an SQLite file (its first bytes are not SQLite's); remove it")
+        try:
+            with _database(opened) as (connection, has_journal):
+                topics = _topics(connection, path)
+                for topic in topics.values():
+                    ledger.add_topic(topic)
+                yield from _Messages(connection, topics, opened, wanted).blocks(has_journal)
+        except FAULTS as error:
+            raise InputError(
+                f"{path}: SQLite cannot read it ({error}); it is damaged from its start"
+            ) from error
 
 
 @contextmanager
-def _database(path: Path, ledger: ReadingLedger) -> Iterator[sqlite3.Connection]:
-    """Open the file so that nothing is written beside it."""
+def _database(opened: OpenedFile) -> Iterator[tuple[sqlite3.Connection, bool]]:
+    """Open the file so that nothing is written beside it, and say whether a crash left a journal of it."""
+    path = opened.path
     side_files = [path.with_name(path.name + suffix) for suffix in SIDE_FILES]
     left = [side for side in side_files if side.exists() and side.stat().st_size]
     with tempfile.TemporaryDirectory() as folder:
         if left:
-            opened = Path(folder) / path.name
+            copy = Path(folder) / path.name
             for source in (path, *left):
-                shutil.copyfile(source, opened.with_name(source.name))
+                shutil.copyfile(source, copy.with_name(source.name))
             names = ", ".join(side.name for side in left)
             text = f"{path.name}: a crash left {names}; SQLite rolled a copy back"
-            ledger.notes.append(Note(NoteKind.attention, text))
-            address = opened.as_uri()
+            opened.ledger.notes.append(Note(NoteKind.attention, text))
+            address = copy.as_uri()
         else:
             address = f"{path.resolve().as_uri()}?immutable=1"
         with closing(sqlite3.connect(address, uri=True)) as connection:
@@ -73,7 +82,9 @@ def _database(path: Path, ledger: ReadingLedger) -> Iterator[sqlite3.Connection]
             connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAXIMUM_CHUNK_BYTES)
             connection.execute("PRAGMA trusted_schema = OFF")
             connection.execute("PRAGMA cell_size_check = ON")
-            yield connection
+            # A file that was cut off has fewer pages than it says; else SQLite would read none of them.
+            connection.execute("PRAGMA writable_schema = ON")
+            yield connection, bool(left)
 
 
 def _topics(connection: sqlite3.Connection, path: Path) -> dict[int, Topic]:
@@ -91,62 +102,100 @@ def _topics(connection: sqlite3.Connection, path: Path) -> dict[int, Topic]:
     for number, name, type_name, encoding in connection.execute(
         "SELECT id, name, type, serialization_format FROM topics"
     ):
+        if not isinstance(number, int):
+            continue
         text, text_format = definitions.get(str(type_name), ("", "ros2msg"))
         topics[number] = Topic(str(name), full_type_name(str(type_name)), str(encoding), text, text_format)
     return topics
 
 
-def _batches(connection: sqlite3.Connection, ledger: ReadingLedger, file_size: int) -> Iterator[list[Row]]:
-    """Yield rows in the order of recording; where a page is damaged, go on behind it."""
-    batch: list[Row] = []
-    last, n_bytes, total = -1 << 62, 0, 0
-    step = 1
-    for _ in range(ATTEMPTS_PAST_DAMAGE):
-        try:
-            cursor = connection.execute(
-                "SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? ORDER BY rowid",
-                (last,),
-            )
-            for row in cursor:
-                number, topic, time, message = row
-                whole = isinstance(message, bytes) and isinstance(time, int) and isinstance(topic, int)
-                if not whole or not 0 <= time <= MAXIMUM_TIME_NS:
-                    ledger.damage(None, f"row {number} of table messages holds no message; it is lost")
-                    continue
-                total += len(message)
-                if number <= last or total > file_size:
-                    raise sqlite3.DatabaseError("rows repeat")
-                last, step = number, 1
-                batch.append(row)
-                n_bytes += len(message)
-                if len(batch) >= BATCH_ROWS or n_bytes >= BATCH_BYTES:
-                    yield batch
-                    batch, n_bytes = [], 0
-            break
-        except FAULTS as error:
-            if step == 1:
-                place = "from the first row on" if last < 0 else f"after row {last}"
-                ledger.damage(None, f"table messages is damaged {place} ({error}); rows there are lost")
-            if total > file_size:
+class _Messages:
+    """One pass over table messages."""
+
+    def __init__(
+        self,
+        connection: sqlite3.Connection,
+        topics: dict[int, Topic],
+        opened: OpenedFile,
+        wanted: Collection[str],
+    ) -> None:
+        self.connection = connection
+        self.topics = topics
+        self.opened = opened
+        self.ledger = opened.ledger
+        self.wanted = {number for number, topic in topics.items() if topic.name in wanted}
+        self.last = BEFORE_ALL_ROWS  # the row that was read last
+        self.n_bytes = 0  # of all messages met
+
+    def blocks(self, has_journal: bool) -> Iterator[MessageBlock]:
+        """Yield blocks in the order of recording: from the pages as far as they are as expected, then row by row."""
+        if not has_journal:
+            with suppress(UnusualError):
+                for rows in rows_in_pages(self.opened.file, self.opened.size, self.connection, self.wanted):
+                    self.last, self.n_bytes = int(rows.number[-1]), self.n_bytes + int(rows.length.sum())
+                    yield from self.by_topic(rows)
+                return
+        for batch in self.batches():
+            yield from self.by_topic(_joined(batch))
+
+    def batches(self) -> Iterator[list[Row]]:
+        """Yield rows in the order of recording; where a page is damaged, go on behind it."""
+        numbers = ", ".join(map(str, sorted(self.wanted))) or "NULL"
+        query = QUERY.format(wanted=numbers)
+        batch: list[Row] = []
+        n_batch_bytes, step = 0, 1
+        for _ in range(ATTEMPTS_PAST_DAMAGE):
+            try:
+                for row in self.connection.execute(query, (self.last,)):
+                    number, topic, time, content = row
+                    whole = (
+                        isinstance(content, bytes | int) and isinstance(time, int) and isinstance(topic, int)
+                    )
+                    if not whole or not 0 <= time <= MAXIMUM_TIME_NS:
+                        lost = f"row {number} of table messages holds no message; it is lost"
+                        self.ledger.damage(None, lost)
+                        continue
+                    n_row_bytes = content if isinstance(content, int) else len(content)
+                    self.n_bytes += n_row_bytes
+                    if number <= self.last or self.n_bytes > self.opened.size:
+                        raise sqlite3.DatabaseError("rows repeat")
+                    self.last, step = number, 1
+                    batch.append(row)
+                    n_batch_bytes += n_row_bytes if isinstance(content, bytes) else 0
+                    if len(batch) >= BATCH_ROWS or n_batch_bytes >= BATCH_BYTES:
+                        yield batch
+                        batch, n_batch_bytes = [], 0
                 break
-            last, step = max(last, 0) + step, step * 2
-    yield batch
+            except FAULTS as error:
+                if step == 1:
+                    place = "from the first row on" if self.last < 0 else f"after row {self.last}"
+                    lost = f"table messages is damaged {place} ({error}); rows there are lost"
+                    self.ledger.damage(None, lost)
+                if self.n_bytes > self.opened.size:
+                    break
+                self.last, step = max(self.last, 0) + step, step * 2
+        yield batch
+
+    def by_topic(self, rows: PageRows) -> Iterator[MessageBlock]:
+        """Count the messages of all topics and yield a block for each of the wanted ones."""
+        for number in sorted({*rows.topic.tolist()}):
+            own = rows.topic == number
+            n_own = int(own.sum())
+            topic = self.topics.get(number)
+            if topic is None:
+                lost = f"{n_own} messages belong to a topic that is not described"
+                self.ledger.damage(None, lost, n_own)
+                continue
+            self.ledger.count(topic, n_own)
+            if number in self.wanted:
+                block = MessageBlock(topic, rows.time_ns[own], rows.data, rows.start[own], rows.length[own])
+                yield from plain_messages(block, self.ledger)
 
 
-def _blocks(
-    rows: list[Row], topics: dict[int, Topic], ledger: ReadingLedger, wanted: Collection[str]
-) -> Iterator[MessageBlock]:
-    by_topic: dict[int, list[Row]] = {}
-    for row in rows:
-        by_topic.setdefault(row[1], []).append(row)
-    for number, own in by_topic.items():
-        topic = topics.get(number)
-        if topic is None:
-            ledger.damage(None, f"{len(own)} messages belong to a topic that is not described", len(own))
-            continue
-        ledger.count(topic, len(own))
-        if topic.name in wanted:
-            length = np.array([len(row[3]) for row in own], dtype=np.int64)
-            data = np.frombuffer(b"".join(row[3] for row in own), np.uint8)
-            time_ns = np.array([row[2] for row in own], dtype=np.int64)
-            yield MessageBlock(topic, time_ns, data, np.cumsum(length) - length, length)
+def _joined(batch: list[Row]) -> PageRows:
+    """Put rows into the arrays that pages are decoded into."""
+    number, topic, time_ns = (np.array([row[i] for row in batch], np.int64) for i in range(3))
+    contents = [row[3] if isinstance(row[3], bytes) else b"" for row in batch]
+    length = np.array([len(content) for content in contents], np.int64)
+    data = np.frombuffer(b"".join(contents), np.uint8)
+    return PageRows(data, number, topic, time_ns, np.cumsum(length) - length, length)
