@@ -9,6 +9,8 @@ from pathlib import Path
 import yaml
 
 from pipeline.errors import InputError
+from pipeline.logs.compressed_file import COMPRESSED_SUFFIXES
+from pipeline.logs.opened_file import why_no_file
 
 METADATA = "metadata.yaml"
 YamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same, ten times faster where it was built
@@ -26,6 +28,8 @@ class LogFormat(enum.StrEnum):
     parquet = "parquet"
 
 
+BAG_SUFFIXES = (".mcap", ".db3")  # of ROS 2
+COMPRESSION_FORMATS = ("", "zstd")
 FORMATS = {
     ".mcap": LogFormat.mcap,
     ".bag": LogFormat.rosbag1,
@@ -61,7 +65,8 @@ def find_logs(directory: Path) -> list[LogEntry]:
     """Find all logs in a folder and its subfolders, ordered by path; a bag's own path is allowed too.
 
     A folder with `metadata.yaml` is one ROS 2 bag. Split files of a folder without it (`NAME_0.mcap`,
-    `NAME_1.mcap` in the folder NAME) are one bag too. Names that begin with a dot are passed over.
+    `NAME_1.mcap` in the folder NAME) are one bag too. Each may be compressed as a file (`NAME_0.mcap.zstd`). Names
+    that begin with a dot are passed over.
 
     Raises:
         InputError: The folder does not exist, cannot be read, or holds no log.
@@ -72,7 +77,7 @@ def find_logs(directory: Path) -> list[LogEntry]:
         _entries(directory) if directory.is_dir() else [e for e in [_file_entry(directory)] if e is not None]
     )
     if not entries:
-        expected = "ROS 1 .bag, ROS 2 folders or .db3, .mcap, .csv, .parquet"
+        expected = "ROS 1 .bag, ROS 2 folders or .db3, .mcap, these with .zstd, .csv, .parquet"
         raise InputError(f"{directory}: holds no logs ({expected}); name a folder of logs")
     return _with_unique_names(entries, directory)
 
@@ -85,7 +90,8 @@ def _entries(directory: Path) -> list[LogEntry]:
         return [_broken(directory, text)]
     if any(child.name == METADATA for child in children):
         return [_bag_folder(directory)]
-    files = [directory / child.name for child in children if child.name[0] != "." and child.is_file()]
+    files = [directory / child.name for child in children if child.name[0] != "." and not child.is_dir()]
+    files = _without_copies(files)
     folders = [
         directory / child.name
         for child in children
@@ -97,7 +103,7 @@ def _entries(directory: Path) -> list[LogEntry]:
     taken = {path for entry in entries for path in entry.files}
     entries += [entry for path in files if path not in taken and (entry := _file_entry(path)) is not None]
     for folder in folders:
-        entries += _entries(folder)
+        entries += _entries(folder) or _folder_named_as_log(folder)
     return sorted(entries, key=lambda entry: entry.path)
 
 
@@ -106,20 +112,49 @@ def _is_loop(folder: Path) -> bool:
     return folder.is_symlink() and folder.absolute().is_relative_to(folder.resolve())
 
 
+def _folder_named_as_log(folder: Path) -> list[LogEntry]:
+    reason = f"{folder}: a folder without logs, named as a log is; remove it or name it otherwise"
+    return [_broken(folder, reason)] if _format_of(folder) else []
+
+
+def _plain(path: Path) -> Path:
+    """Return the path without the suffix of a compressed file."""
+    return path.with_suffix("") if path.suffix in COMPRESSED_SUFFIXES else path
+
+
+def _without_copies(files: list[Path]) -> list[Path]:
+    """Leave out compressed files that are there plain too; where a crash interrupted the compression, that is whole."""
+    plain = {path for path in files if path == _plain(path)}
+    return [path for path in files if path in plain or _plain(path) not in plain]
+
+
+def _format_of(path: Path) -> LogFormat | None:
+    """Return what reads a file, by its name; tables are not read compressed."""
+    found = FORMATS.get(_plain(path).suffix)
+    return None if path != _plain(path) and found in (LogFormat.csv, LogFormat.parquet) else found
+
+
 def _file_entry(path: Path) -> LogEntry | None:
-    if path.suffix not in FORMATS:
+    log_format = _format_of(path)
+    if log_format is None:
         return None
-    name = path.name.removesuffix(".active").removesuffix(path.suffix).removesuffix(".bag")
-    return LogEntry(name, path, FORMATS[path.suffix], (path,))
+    plain = _plain(path)
+    name = plain.name.removesuffix(".active").removesuffix(plain.suffix).removesuffix(".bag")
+    try:
+        reason = why_no_file(path)
+    except OSError as error:
+        reason = f"{path}: cannot be read ({error.strerror}); check where it points to"
+    return LogEntry(name, path, log_format, () if reason else (path,), error=reason or "")
 
 
 def _split_bag(directory: Path, files: list[Path]) -> list[LogEntry]:
     """Files NAME_0, NAME_1, … in a folder NAME that lost its metadata."""
-    for suffix in (".mcap", ".db3"):
+    for suffix in BAG_SUFFIXES:
         parts = []
         for path in files:
-            match = SPLIT_NAME.fullmatch(path.stem)
-            if path.suffix == suffix and match and match["stem"] == directory.name:
+            plain = _plain(path)
+            match = SPLIT_NAME.fullmatch(plain.stem)
+            if plain.suffix == suffix and match and match["stem"] == directory.name:
                 parts.append((int(match["number"]), path))
         if parts:
             return [
@@ -132,29 +167,50 @@ def _bag_folder(directory: Path) -> LogEntry:
     """A ROS 2 bag folder, as its metadata describes it."""
     place = directory / METADATA
     try:
+        if (reason := why_no_file(place)) is not None:
+            return _broken(directory, reason)
         with place.open(encoding="utf-8") as file:
             information = yaml.load(file.read(MAXIMUM_METADATA_CHARACTERS), Loader=YamlLoader)[
                 "rosbag2_bagfile_information"
             ]
         listed = [str(name) for name in information["relative_file_paths"]]
+        is_compressed = str(information.get("compression_mode") or "none").lower() != "none"
+        compression = str(information.get("compression_format")) if is_compressed else ""
     except OSError as error:
         return _broken(directory, f"{place}: cannot be read ({error.strerror}); check its permissions")
     except (yaml.YAMLError, ValueError, KeyError, TypeError, RecursionError):
-        listed = []  # damaged metadata: the files themselves say what they hold
-    paths = [directory / Path(name).name for name in listed]  # older releases list them with the folder
+        listed, compression = [], ""  # damaged metadata: the files themselves say what they hold
+    if compression not in COMPRESSION_FORMATS:
+        text = f"{place}: the bag is compressed as {compression}, which is not read; convert it with `ros2 bag convert`"
+        return _broken(directory, text)
+    # Older releases list files with the folder.
+    paths = [_as_it_is(directory / Path(name).name) for name in listed]
     present = [path for path in paths if path.exists()]
     if not present:
-        present = sorted(path for path in directory.iterdir() if path.suffix in (".mcap", ".db3"))
+        found = [path for path in directory.iterdir() if _plain(path).suffix in BAG_SUFFIXES]
+        present = sorted(_without_copies(found), key=_part_number)
     if not present:
         listing = ", ".join(listed) or "none"
         return _broken(directory, f"{directory}: a bag folder without its files; {METADATA} lists {listing}")
-    formats = {FORMATS[path.suffix] for path in present if path.suffix in FORMATS}
+    formats = {kind for path in present if (kind := _format_of(path)) is not None}
     if len(formats) != 1:
         return _broken(
             directory, f"{place}: lists files that are neither .mcap nor .db3: {', '.join(listed)}"
         )
     missing = tuple(path.name for path in paths if not path.exists())
     return LogEntry(directory.name, directory, formats.pop(), tuple(present), missing)
+
+
+def _as_it_is(path: Path) -> Path:
+    """Return a listed file as it is there: it may have been compressed or decompressed since."""
+    plain = _plain(path)
+    others = [plain, *(plain.with_name(plain.name + suffix) for suffix in COMPRESSED_SUFFIXES)]
+    return next((other for other in [path, *others] if other.exists()), path)
+
+
+def _part_number(path: Path) -> tuple[int, str]:
+    match = SPLIT_NAME.fullmatch(_plain(path).stem)
+    return (int(match["number"]) if match else 0, path.name)
 
 
 def _broken(path: Path, reason: str) -> LogEntry:
@@ -170,7 +226,12 @@ def _with_unique_names(entries: list[LogEntry], directory: Path) -> list[LogEntr
         if names.count(name) > 1:
             parents = entry.path.relative_to(directory).parts[:-1]
             name = "_".join((*parents, name)) + (
-                "" if entry.path.is_dir() else entry.path.suffix.replace(".", "_")
+                "" if entry.path.is_dir() else "".join(_suffixes(entry.path)).replace(".", "_")
             )
         unique.append(replace(entry, name=name.replace("#", "_")))
     return unique
+
+
+def _suffixes(path: Path) -> tuple[str, ...]:
+    plain = _plain(path)
+    return (plain.suffix,) if plain == path else (plain.suffix, path.suffix)
