@@ -9,12 +9,15 @@ import functools
 from dataclasses import dataclass
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+from pipeline.logs.idl_text import prepared_idl
 
 MAXIMUM_FIELDS = (
     10_000  # of a type with empty sequences; definitions can be written that multiply without end
 )
 MAXIMUM_DEFINITION_CHARACTERS = 1 << 18  # the largest of ROS's own has some 20 thousand
+DEFINITION_FORMATS = ("ros1msg", "ros2msg", "ros2idl", "")
 IDL_SEPARATOR = "=" * 80 + "\n"
 
 
@@ -74,18 +77,29 @@ def parse_definition(type_name: str, definition: str, definition_format: str) ->
         return standard_definitions(definition_format, type_name)
     if len(definition) > MAXIMUM_DEFINITION_CHARACTERS:
         raise DefinitionError(f"definition of {type_name} has {len(definition)} characters")
+    if definition_format not in DEFINITION_FORMATS:
+        raise DefinitionError(
+            f"definition of {type_name} is written in `{definition_format}`, which is not read"
+        )
+    lines = definition.replace("\r\n", "\n")
     try:
-        if definition_format == "ros2idl":
-            parsed = {}
-            for part in definition.split(IDL_SEPARATOR):
-                text = part.split("\n", 1)[1] if part.startswith("IDL: ") else part
-                if text.strip():
-                    parsed.update(get_types_from_idl(text))
-        else:
-            parsed = get_types_from_msg(definition, type_name)
-    except (TypesysError, ValueError, RecursionError, KeyError, IndexError) as error:
-        raise DefinitionError(f"definition of {type_name} cannot be parsed") from error
+        parsed = (
+            _types_of_idl(lines) if definition_format == "ros2idl" else get_types_from_msg(lines, type_name)
+        )
+    except Exception as error:  # whatever the parser meets with in a text that it was not made for
+        reason = str(error).partition("\n")[0] if isinstance(error, ValueError) else type(error).__name__
+        raise DefinitionError(f"definition of {type_name} cannot be parsed ({reason})") from error
     return _complete(type_name, parsed)
+
+
+def _types_of_idl(definition: str) -> dict:
+    """Parse the files that a definition in IDL is made of, each behind a separator and its type's name."""
+    parsed: dict = {}
+    for part in definition.split(IDL_SEPARATOR):
+        text = part.partition("\n")[2] if part.startswith("IDL: ") else part
+        if prepared := prepared_idl(text):
+            parsed.update(get_types_from_idl(prepared))
+    return parsed
 
 
 def standard_definitions(definition_format: str, type_name: str) -> Definitions:

@@ -1,0 +1,74 @@
+"""Prepares IDL for `rosbags`, whose parser needs exponential time where expressions or sequences are nested.
+
+What the serialisation does not depend on (comments, includes, annotations) is taken out; what `rosidl` never writes and
+what would cost that time (operators, parentheses, deep nesting) is refused.
+"""
+
+import re
+from collections.abc import Iterator
+
+TOKEN = re.compile(
+    r"""(?P<left_out> \s+ | //[^\n]* | /\*.*?\*/ | \#[^\n]* )
+      | (?P<string> "(?:\\.|[^"\\])*" )
+      | (?P<annotation> @\s*[A-Za-z_]\w*(?:::[A-Za-z_]\w*)* )
+      | (?P<name> (?:::)?[A-Za-z_]\w*(?:::[A-Za-z_]\w*)* )
+      | (?P<number> [-+]?(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) )
+      | (?P<mark> [{}()<>\[\];,=:'] )""",
+    re.VERBOSE | re.DOTALL,
+)
+MAXIMUM_ANGLES = 2  # a sequence of bounded strings
+MAXIMUM_BRACES = 8
+MAXIMUM_NUMBER_CHARACTERS = 32
+
+
+def prepared_idl(text: str) -> str:
+    """Return a definition without comments, includes and annotations, one space between its tokens.
+
+    Raises:
+        ValueError: It holds what is not read.
+    """
+    tokens = list(_tokens(text))
+    kept: list[str] = []
+    position = depth = braces = 0
+    while position < len(tokens):
+        kind, token = tokens[position]
+        position += 1
+        if kind == "annotation":
+            position = _behind_parentheses(tokens, position)
+            continue
+        if token in "()":
+            raise ValueError("IDL with expressions in parentheses is not read")
+        depth += (token == "<") - (token == ">")
+        braces += (token == "{") - (token == "}")
+        if not 0 <= depth <= MAXIMUM_ANGLES or not 0 <= braces <= MAXIMUM_BRACES:
+            raise ValueError("IDL is nested more deeply than is read")
+        kept.append(token)
+    return " ".join(kept)
+
+
+def _tokens(text: str) -> Iterator[tuple[str, str]]:
+    """Yield kind and text of each token that is not left out."""
+    position = 0
+    while position < len(text):
+        match = TOKEN.match(text, position)
+        if match is None:
+            raise ValueError(f"IDL with `{text[position]}` is not read")
+        position = match.end()
+        kind = str(match.lastgroup)
+        if kind == "number" and len(match[0]) > MAXIMUM_NUMBER_CHARACTERS:
+            raise ValueError("a number in IDL is too long")
+        if kind != "left_out":
+            yield kind, match[0]
+
+
+def _behind_parentheses(tokens: list[tuple[str, str]], position: int) -> int:
+    """Return where the parameters of an annotation end, if it has any."""
+    depth = 0
+    while position < len(tokens):
+        kind, token = tokens[position]
+        depth += kind == "mark" and token == "("
+        depth -= kind == "mark" and token == ")"
+        if depth == 0:
+            return position + (token == ")" and kind == "mark")
+        position += 1
+    raise ValueError("an annotation in IDL has no end")
