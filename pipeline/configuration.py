@@ -25,6 +25,7 @@ from pipeline.tracking import StageRun, TrackingConfiguration, track
 
 CONFIGURATION_DIRECTORY = Path(__file__).resolve().parent.parent / "conf"
 MACHINE_DIRECTORY = CONFIGURATION_DIRECTORY / "machine"
+CONFIGURATION_FILE = "configuration.yaml"  # in Hydra's run folder: what was run, resolved
 INPUT_ERROR_STATUS = 2
 
 
@@ -109,7 +110,10 @@ def stage(
                 _check_machine_name(composed)
                 typed: Any = OmegaConf.to_object(composed)
                 resolved: Any = OmegaConf.to_container(composed, resolve=True)
-                with track(name, typed.tracking, resolved, OmegaConf.to_yaml(composed, resolve=True)) as run:
+                text = OmegaConf.to_yaml(composed, resolve=True)
+                run_folder = Path(HydraConfig.get().runtime.output_dir)
+                (run_folder / CONFIGURATION_FILE).write_text(text, encoding="utf-8")
+                with track(name, typed.tracking, resolved, text) as run:
                     function(typed, run)
             except MissingMandatoryValue as error:
                 _exit(f"{name}: `{error.full_key}` is missing; add {error.full_key}=VALUE to the command", 2)
