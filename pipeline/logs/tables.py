@@ -91,7 +91,7 @@ def _batches(
         raise InputError(
             f"{path}: column {', '.join(missing)} is missing; map it in {place}; columns seen: {', '.join(seen)}"
         )
-    yield from table.select(dict.fromkeys(wanted)).collect_batches(
+    yield from table.select(list(dict.fromkeys(wanted))).collect_batches(
         chunk_size=SECTION_ROWS, maintain_order=True, lazy=True
     )
 
