@@ -173,8 +173,20 @@ class _Messages:
                     self.ledger.damage(None, lost)
                 if self.n_bytes > self.opened.size:
                     break
-                self.last, step = max(self.last, 0) + step, step * 2
+                damaged = max(self.last, 0)
+                self.last, step = self.first_readable(query, damaged, damaged + step), step * 2
         yield batch
+
+    def first_readable(self, query: str, damaged: int, beyond: int) -> int:
+        """Return the lowest row behind which SQLite reads on, between a damaged one and one that may be beyond it."""
+        while beyond - damaged > 1:
+            middle = (damaged + beyond) // 2
+            try:
+                self.connection.execute(query, (middle,)).fetchone()
+                beyond = middle
+            except FAULTS:
+                damaged = middle
+        return beyond
 
     def by_topic(self, rows: PageRows) -> Iterator[MessageBlock]:
         """Count the messages of all topics and yield a block for each of the wanted ones."""
