@@ -1,8 +1,9 @@
 """A byte-level fuzzer for the readers: `python -m tests.logs.fuzz --seconds 60 --seed 0`.
 
 Small bags of every format, written by other people's tools, are cut, flipped, overwritten, repeated and spliced at
-random. Reading must end in a log or in an `InputError` of one line, within a time and a memory limit. Inputs that
-do otherwise are kept and their traceback is printed; the exit status is their number.
+random; what is compressed as a whole is damaged before or after. Reading must end in a log or in an `InputError` of one
+line, within a time and a memory limit. Inputs that do otherwise are kept and their traceback is printed; the exit
+status is their number.
 """
 
 import argparse
@@ -16,12 +17,14 @@ import time
 import traceback
 from pathlib import Path
 
-from rosbags.rosbag2 import StoragePlugin
+import zstandard
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from pipeline.errors import InputError
 from pipeline.logs.bags import read_log
 from pipeline.logs.discover import find_logs
 from tests.logs import foreign_bags as foreign
+from tests.logs import test_definitions as definitions
 from tests.logs.conftest import load_machine, make_session
 
 SECONDS_PER_INPUT = 10
@@ -50,6 +53,11 @@ def corpus(folder: Path, machine) -> dict[str, bytes]:
     files.append(foreign.write_mcap(folder / "unchunked.mcap", ros2, chunked=False))
     files += foreign.write_rosbag2(folder / "nocrc", ros2, StoragePlugin.MCAP).glob("*.mcap")
     files += foreign.write_rosbag2(folder / "sqlite", ros2).glob("*.db3")
+    for storage in (StoragePlugin.SQLITE3, StoragePlugin.MCAP):
+        for mode in (CompressionMode.FILE, CompressionMode.MESSAGE):
+            name = f"by_{mode.name.lower()}_{storage.name.lower()}"
+            files += foreign.write_rosbag2(folder / name, ros2, storage, compression=mode).glob(f"{name}.*")
+    files.append(definitions.write(folder / "idl.mcap", ros2, foreign.ROS2, definitions.idl))
     header = "t," + ",".join(f"{p}_{j}" for p in "qa" for j in machine.joint_names)
     rows = [f"{0.05 * i:.3f},0.1,0.2,-1,-1,0,1,0,-1" for i in range(60)]
     (folder / "table.csv").write_text("\n".join([header, *rows]))
@@ -89,6 +97,14 @@ def mutate(data: bytes, rng: random.Random) -> bytes:
     return bytes(damaged)
 
 
+def damage(name: str, data: bytes, rng: random.Random) -> bytes:
+    """Damage a file; of a compressed one its bytes, or half of the time what they hold."""
+    if name.endswith(".zstd") and rng.randrange(2):
+        plain = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+        return zstandard.compress(mutate(plain, rng), level=1)
+    return mutate(data, rng)
+
+
 def try_reading(path: Path, machine) -> str:
     """Read one input and say how it ended."""
     try:
@@ -119,7 +135,7 @@ def main() -> int:
             original = rng.choice(sorted(seeds))
             path = Path(name) / "input" / original
             path.parent.mkdir(exist_ok=True)
-            path.write_bytes(mutate(seeds[original], rng))
+            path.write_bytes(damage(original, seeds[original], rng))
             signal.alarm(SECONDS_PER_INPUT)
             try:
                 outcomes[original, try_reading(path, machine)] += 1
@@ -134,7 +150,7 @@ def main() -> int:
             path.unlink(missing_ok=True)
             number += 1
     for (original, outcome), count in sorted(outcomes.items()):
-        print(f"{original:16} {outcome:22} {count}")
+        print(f"{original:24} {outcome:22} {count}")
     print(f"{number} inputs, {faults} faults, seed {arguments.seed}")
     return min(faults, 100)
 
