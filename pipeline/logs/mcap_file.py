@@ -104,7 +104,7 @@ class _Scan:
     def next_indexed_chunk(self, offset: int) -> int:
         """Return where the next chunk starts by the file's own index, or the file's size if it has none."""
         self.read_summary()
-        return min((start for start in self.chunk_starts if start > offset), default=self.size)
+        return min((start for start in self.chunk_starts if offset < start < self.size), default=self.size)
 
     def read_summary(self) -> None:
         """Take in the summary at the file's end, once: where chunks start, and the channels' repeated descriptions.

@@ -178,8 +178,9 @@ def idl(type_name: str, first_is_named: bool = True, end: str = "\n") -> str:
 
 
 def write(path, entries, store, definition_of, definition_format="ros2idl"):
+    """Without compression and checksums, so that the fuzzer reaches the definitions."""
     with path.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
+        writer = Writer(stream, 1 << 14, CompressionType.NONE, enable_crcs=False)
         writer.start(profile="ros2", library="test")
         channels = {}
         for time_ns, topic, message in entries:

@@ -205,3 +205,28 @@ def test_flip_in_a_chunk_without_checksum_costs_one_message(tmp_path, machine, k
     np.testing.assert_array_equal(raw.joint_log_time_ns, np.delete(session.log_time_ns, 250))
     (note,) = raw.notes
     assert note.kind is NoteKind.damage and "are lost" in note.text
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_index_at_the_end_that_points_beyond_the_file(bags, tmp_path, machine, name):
+    """Looked up behind damage, its places are no places that a file can be read at."""
+    content = bytearray((bags / name).read_bytes())
+    if name == "a.mcap":
+        with (bags / name).open("rb") as stream:
+            starts = [chunk.chunk_start_offset for chunk in make_reader(stream).get_summary().chunk_indexes]
+        marks = [struct.pack("<Q", start) for start in starts]
+    else:
+        marks = [
+            content[at - 4 : at + 18] for at in range(len(content)) if content.startswith(b"chunk_pos=", at)
+        ]
+        starts = [struct.unpack("<Q", mark[14:])[0] for mark in marks]
+    for mark in marks:
+        at = content.rindex(mark) + len(mark) - 8
+        content[at : at + 8] = struct.pack("<Q", (1 << 63) + 5)
+    content[starts[2] : starts[2] + 9] = b"\xee" * 9
+    (tmp_path / name).write_bytes(content)
+    raw = read(tmp_path / name, machine)
+    whole = read(bags / name, machine)
+    assert 0 < len(raw.q) < len(whole.q)
+    np.testing.assert_array_equal(raw.q, whole.q[: len(raw.q)])
+    assert f"byte {starts[2]}: " in raw.notes[0].text and "bytes are lost" in raw.notes[0].text
