@@ -10,8 +10,8 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from omegaconf import OmegaConf
 
+from pipeline.configuration import load_machine
 from pipeline.dynamics.errors import prediction_errors
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.predictor import LearnedPredictor
@@ -34,11 +34,6 @@ SMALL = [
     "judge.extrapolation.steps=80",
     "judge.extrapolation.all_combinations_up_to_joints=0",
 ]
-
-
-def excavator() -> MachineSpecification:
-    content = OmegaConf.load(ROOT / "conf/machine/rc_excavator.yaml")
-    return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(MachineSpecification), content))
 
 
 def log(machine: MachineSpecification, name: str, seed: int, n_rows: int, day: int) -> Trajectory:
@@ -65,7 +60,7 @@ def judge(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Tuples to learn from and to judge on, and an untrained model."""
-    folder, machine = tmp_path_factory.mktemp("judge"), excavator()
+    folder, machine = tmp_path_factory.mktemp("judge"), load_machine("rc_excavator")
     write_tuples(folder / "sessions/monday.parquet", machine, [log(machine, "monday", 0, 1500, day=1)])
     write_tuples(folder / "held_out/tuesday.parquet", machine, [log(machine, "tuesday", 1, 700, day=2)])
     specification = ModelSpecification(
@@ -104,9 +99,9 @@ def judged(folder: Path) -> Path:
 def test_metrics_are_flat_and_those_of_the_library(folder: Path, judged: Path) -> None:
     metrics = json.loads((judged / "judgement.json").read_text())
     assert all(isinstance(value, int | float) for value in metrics.values())
-    held_out = read_tuples(folder / "held_out", excavator())
+    held_out = read_tuples(folder / "held_out", load_machine("rc_excavator"))
     errors = prediction_errors(LearnedPredictor(*load_model(folder / "mlp_dqdot")), held_out)
-    for j, joint in enumerate(excavator().joint_names):
+    for j, joint in enumerate(load_machine("rc_excavator").joint_names):
         expected = errors.open_loop_rmse_80[j]
         assert metrics[f"mlp_dqdot.open_loop_rmse_80.{joint}"] == pytest.approx(expected, rel=1e-5)
         assert metrics[f"arx_dq.open_loop_rmse_80.{joint}"] < 0.01 * expected  # the data are linear
@@ -139,9 +134,9 @@ def test_figures_are_there(judged: Path) -> None:
 def test_models_that_cannot_be_judged_are_refused(folder: Path) -> None:
     model = str(folder / "mlp_dqdot")
     with pytest.raises(InputError, match="another predictor is called mlp_dqdot already"):
-        load_models([model, model], excavator())
+        load_models([model, model], load_machine("rc_excavator"))
     other = MachineSpecification("one", 20.0, [JointSpecification("only", 0.0, 1.0)])
     with pytest.raises(InputError, match=r"machine one has only at 20 Hz; give the model's machine=NAME"):
         load_models([model], other)
     with pytest.raises(InputError, match=r"models=\[PATH\]"):
-        load_models([], excavator())
+        load_models([], load_machine("rc_excavator"))

@@ -16,10 +16,10 @@ import numpy as np
 import optuna
 import pytest
 import yaml
-from omegaconf import OmegaConf
 from optuna.storages import BaseStorage
 from optuna.trial import TrialState
 
+from pipeline.configuration import load_machine
 from pipeline.dynamics import fit as fit_module
 from pipeline.dynamics.model import Target
 from pipeline.dynamics.network import Parameterization
@@ -54,17 +54,12 @@ SMALL = (
 )
 
 
-def bobcat() -> MachineSpecification:
-    content = OmegaConf.load(ROOT / "conf/machine/bobcat_e10.yaml")
-    return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(MachineSpecification), content))
-
-
 @pytest.fixture(scope="module")
 def tuples(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short log of joints that follow their commands."""
     folder = tmp_path_factory.mktemp("tuples")
     random, n_rows = np.random.default_rng(0), 500
-    machine = bobcat()
+    machine = load_machine("bobcat_e10")
     a = np.repeat(random.integers(-1, 2, (n_rows // 10, 4)), 10, axis=0).astype(float)
     qd = np.zeros((n_rows, 4))
     for t in range(n_rows - 1):
@@ -284,7 +279,9 @@ def test_nothing_to_select_from_is_one_line(folder: Path) -> None:
 
 def test_what_is_held_out_is_not_searched_on(tuples: Path) -> None:
     def learning(hold_out: list[str]) -> list[Trajectory]:
-        return learning_part(SimpleNamespace(tuples=str(tuples), hold_out=hold_out, machine=bobcat()))
+        return learning_part(
+            SimpleNamespace(tuples=str(tuples), hold_out=hold_out, machine=load_machine("bobcat_e10"))
+        )
 
     assert [trajectory.name for trajectory in learning([])] == ["log"]
     with pytest.raises(InputError, match="no such trajectory"):
