@@ -20,7 +20,7 @@ from pipeline.logs.message_compression import plain_messages
 from pipeline.logs.message_definitions import full_type_name
 from pipeline.logs.opened_file import OpenedFile, opened_file
 from pipeline.logs.raw_log import Note, NoteKind
-from pipeline.logs.sqlite3_pages import PageRows, UnusualError, rows_in_pages
+from pipeline.logs.sqlite3_pages import PageRows, UnusualError, cut_rows, rows_in_pages
 
 MAGIC = b"SQLite format 3\x00"
 SIDE_FILES = ("-journal", "-wal", "-shm")
@@ -35,7 +35,8 @@ QUERY = """
         WHEN typeof(data) <> 'blob' THEN NULL
         WHEN topic_id IN ({wanted}) THEN data
         ELSE length(data) END
-    FROM messages WHERE rowid > ? ORDER BY rowid"""
+    FROM messages WHERE rowid > ? AND rowid NOT IN ({cut}) ORDER BY rowid LIMIT ?"""
+WITHOUT_LIMIT = -1
 Row = tuple[int, int, int, bytes | int]  # row number, topic, time, message or its length
 
 
@@ -140,49 +141,74 @@ class _Messages:
 
     def batches(self) -> Iterator[list[Row]]:
         """Yield rows in the order of recording; where a page is damaged, go on behind it."""
-        numbers = ", ".join(map(str, sorted(self.wanted))) or "NULL"
-        query = QUERY.format(wanted=numbers)
+        query = QUERY.format(
+            wanted=_listed(self.wanted),
+            cut=_listed(cut_rows(self.opened.file, self.opened.size)),
+        )
         batch: list[Row] = []
-        n_batch_bytes, step = 0, 1
-        for _ in range(ATTEMPTS_PAST_DAMAGE):
+        n_batch_bytes = attempts = 0
+        step = 1
+        while attempts < ATTEMPTS_PAST_DAMAGE:
+            before = self.last
             try:
-                for row in self.connection.execute(query, (self.last,)):
-                    number, topic, time, content = row
-                    whole = (
-                        isinstance(content, bytes | int) and isinstance(time, int) and isinstance(topic, int)
-                    )
-                    if not whole or not 0 <= time <= MAXIMUM_TIME_NS:
-                        lost = f"row {number} of table messages holds no message; it is lost"
-                        self.ledger.damage(None, lost)
-                        continue
-                    n_row_bytes = content if isinstance(content, int) else len(content)
-                    self.n_bytes += n_row_bytes
-                    if number <= self.last or self.n_bytes > self.opened.size:
-                        raise sqlite3.DatabaseError("rows repeat")
-                    self.last, step = number, 1
-                    batch.append(row)
-                    n_batch_bytes += n_row_bytes if isinstance(content, bytes) else 0
+                for row in self.connection.execute(query, (self.last, WITHOUT_LIMIT)):
+                    self.take(row, batch)
+                    n_batch_bytes += len(row[3]) if isinstance(row[3], bytes) else 0
                     if len(batch) >= BATCH_ROWS or n_batch_bytes >= BATCH_BYTES:
                         yield batch
                         batch, n_batch_bytes = [], 0
                 break
             except FAULTS as error:
-                if step == 1:
-                    place = "from the first row on" if self.last < 0 else f"after row {self.last}"
-                    lost = f"table messages is damaged {place} ({error}); rows there are lost"
-                    self.ledger.damage(None, lost)
-                if self.n_bytes > self.opened.size:
-                    break
-                damaged = max(self.last, 0)
-                self.last, step = self.first_readable(query, damaged, damaged + step), step * 2
+                fault = error
+            step = 1 if self.last > before else step
+            if self.n_bytes <= self.opened.size and self.take_next(query, batch):
+                step = 1
+                continue
+            attempts += 1
+            if step == 1:
+                place = "from the first row on" if self.last < 0 else f"after row {self.last}"
+                self.ledger.damage(None, f"table messages is damaged {place} ({fault}); rows there are lost")
+            if self.n_bytes > self.opened.size:
+                break
+            damaged = max(self.last, 0)
+            self.last, step = self.first_readable(query, damaged, damaged + step), step * 2
         yield batch
+
+    def take_next(self, query: str, batch: list[Row]) -> bool:
+        """Take one row alone: Python's cursor reads a row ahead, and loses the one before a damaged row."""
+        with suppress(*FAULTS):
+            row = self.connection.execute(query, (self.last, 1)).fetchone()
+            if row is not None:
+                self.take(row, batch)
+                return True
+        return False
+
+    def take(self, row: Row, batch: list[Row]) -> None:
+        """Append a row that holds a message to the batch, or note that it holds none.
+
+        Raises:
+            sqlite3.DatabaseError: Rows repeat, as they do where pages refer to each other in a circle.
+        """
+        number, topic, time, content = row
+        whole = isinstance(content, bytes | int) and isinstance(time, int) and isinstance(topic, int)
+        if whole:
+            self.n_bytes += content if isinstance(content, int) else len(content)
+            if self.n_bytes > self.opened.size:
+                raise sqlite3.DatabaseError("rows repeat")
+        if number <= self.last:
+            raise sqlite3.DatabaseError("rows repeat")
+        self.last = number
+        if whole and 0 <= time <= MAXIMUM_TIME_NS:
+            batch.append(row)
+        else:
+            self.ledger.damage(None, f"row {number} of table messages holds no message; it is lost")
 
     def first_readable(self, query: str, damaged: int, beyond: int) -> int:
         """Return the lowest row behind which SQLite reads on, between a damaged one and one that may be beyond it."""
         while beyond - damaged > 1:
             middle = (damaged + beyond) // 2
             try:
-                self.connection.execute(query, (middle,)).fetchone()
+                self.connection.execute(query, (middle, 1)).fetchone()
                 beyond = middle
             except FAULTS:
                 damaged = middle
@@ -202,6 +228,10 @@ class _Messages:
             if number in self.wanted:
                 block = MessageBlock(topic, rows.time_ns[own], rows.data, rows.start[own], rows.length[own])
                 yield from plain_messages(block, self.ledger)
+
+
+def _listed(numbers: set[int]) -> str:
+    return ", ".join(map(str, sorted(numbers)))
 
 
 def _joined(batch: list[Row]) -> PageRows:

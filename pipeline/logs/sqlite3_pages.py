@@ -23,6 +23,7 @@ MAXIMUM_PAGE_BYTES = 1 << 16
 INTERIOR, LEAF = 5, 13
 INTERIOR_HEADER, LEAF_HEADER = 12, 8
 MAXIMUM_DEPTH = 8  # a tree of interior pages with hundreds of children each
+LEAST_CELL_BYTES = 16  # of a row: lengths, four serial types, a time
 BATCH_BYTES = 1 << 22
 PADDING = 64  # so that reading a few bytes behind a cell stays within the buffer
 MARGIN = 8  # and before it
@@ -82,6 +83,37 @@ def rows_in_pages(
                 raise UnusualError("rows repeat")
             last = int(rows.number[-1])
             yield rows
+
+
+def cut_rows(file: BufferedReader, size: int) -> set[int]:
+    """Return the rows that a file was cut off within.
+
+    SQLite completes the page that the file ends in with zeros, and would give such rows as if they were whole.
+    """
+    try:
+        pages = _Pages(file, size)
+    except UnusualError:
+        return set()
+    available = size % pages.size
+    if available < LEAF_HEADER:
+        return set()
+    file.seek(size - available)
+    page = np.zeros(pages.size + PADDING, np.uint8)
+    page[:available] = np.frombuffer(file.read(available), np.uint8)
+    n_cells = int(page[3]) << 8 | int(page[4])
+    end = LEAF_HEADER + 2 * n_cells
+    if page[0] != LEAF or end > available:
+        return set()
+    cell = page[LEAF_HEADER:end].view(">u2").astype(np.int64)
+    cell = cell[(cell >= end) & (cell < available)]
+    try:
+        payload_length, n_bytes = _varint(page, cell, 9)
+        number, n_more = _varint(page, cell + n_bytes, 9)
+    except UnusualError:
+        return set()
+    cell_end = cell + n_bytes + n_more + _local_bytes(payload_length, pages.usable)
+    is_cut = (cell_end > available) | (cell + LEAST_CELL_BYTES > available)
+    return set(number[is_cut].tolist())
 
 
 def _root(connection: sqlite3.Connection) -> int:

@@ -132,7 +132,7 @@ def test_other_columns_are_read_by_sqlite(tmp_path):
     )
 
 
-@pytest.mark.parametrize("share", [0.5, 0.9])
+@pytest.mark.parametrize("share", [0.5, 0.613, 0.7, 0.777, 0.9, 0.943])
 def test_file_that_was_cut_off(tmp_path, share):
     """A copy that was interrupted: SQLite itself would refuse it as a whole."""
     rows = [(number, number % 2, 10 * number, b"%d" % number * 20) for number in range(1, 3000)]
@@ -142,6 +142,9 @@ def test_file_that_was_cut_off(tmp_path, share):
     messages, counts, notes = found(path)
     for number, topic in enumerate(TOPICS[:2]):
         own = [(topic, row[2], row[3]) for row in rows if row[1] == number]
-        assert messages[topic] == own[: len(messages[topic])]
+        # In the half page at its end, later rows stand before earlier ones: some may be whole behind lost ones.
+        places = [own.index(message) for message in messages[topic]]
+        n_before_gap = sum(place == index for index, place in enumerate(places))
+        assert places == sorted(set(places)) and len(places) - n_before_gap < 40
         assert 0.7 * share * len(own) < len(messages[topic]) == counts[topic] < len(own)
     assert "after row" in notes[0].text and "lost" in notes[0].text
