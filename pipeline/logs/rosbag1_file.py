@@ -32,6 +32,9 @@ from pipeline.logs.rosbag1_record import (
 
 MAGIC = b"#ROSBAG V"
 VERSION = b"#ROSBAG V2.0\n"
+RECORDS_START = (
+    len(VERSION) + 4096
+)  # the bag's header is padded to this length, so that it can be written last
 MAXIMUM_HEADER_BYTES = 1 << 20
 POSITION = struct.Struct("<Q")
 UNCHUNKED_BATCH_BYTES = 1 << 22
@@ -64,6 +67,7 @@ class _Scan:
         self.chunk_starts: list[int] = []
         self.index_start = 0
         self.unchunked = bytearray()  # records of a chunk that the recorder did not live to close
+        self.unchunked_start: int | None = None  # where that chunk, or the first of them, stands
 
     def blocks(self) -> Iterator[MessageBlock]:
         """Yield blocks until the file or its readable part ends."""
@@ -72,7 +76,7 @@ class _Scan:
             try:
                 header, data_start, data_length = self.record(offset)
             except RecordError as reason:
-                following = self.next_indexed_chunk(offset)
+                following = self.next_place(offset)
                 self.ledger.damage(offset, f"{reason}; {following - offset} bytes are lost")
                 offset = following
                 continue
@@ -85,18 +89,23 @@ class _Scan:
                 length = self.size - data_start if crashed else data_length
                 yield from self.chunk(offset, header, data_start, length, crashed)
                 end = self.size if crashed else end
+                if data_length == 0:
+                    self.unchunked_start = offset
             elif opcode in (CONNECTION, MESSAGE):
                 self.file.seek(offset)
+                self.unchunked_start = offset if self.unchunked_start is None else self.unchunked_start
                 self.unchunked += self.file.read(min(end, self.size) - offset)
                 if len(self.unchunked) >= UNCHUNKED_BATCH_BYTES:
-                    yield from self.flush(offset)
+                    yield from self.flush()
             elif end > self.size:
                 self.ledger.damage(offset, "the file ends within this record")
             offset = end
-        yield from self.flush(offset)
+        yield from self.flush()
 
-    def next_indexed_chunk(self, offset: int) -> int:
-        """Return where the next chunk starts by the file's own index, or the file's size if it has none."""
+    def next_place(self, offset: int) -> int:
+        """Return where to go on behind damage: where the next chunk starts by the file's own index, or its end."""
+        if offset == len(VERSION) < RECORDS_START < self.size:
+            return RECORDS_START
         self.read_index()
         return min((start for start in self.chunk_starts if offset < start < self.size), default=self.size)
 
@@ -158,10 +167,11 @@ class _Scan:
             self.ledger.damage(offset, f"the file ends within this chunk; {len(data)}{whole} bytes were read")
         yield from self.records(data, offset, [] if cut else self.indexes(data_start + length))
 
-    def flush(self, offset: int) -> Iterator[MessageBlock]:
+    def flush(self) -> Iterator[MessageBlock]:
         """Yield the messages that stood outside of chunks."""
         if self.unchunked:
             data, self.unchunked = bytes(self.unchunked), bytearray()
+            offset, self.unchunked_start = self.unchunked_start or 0, None
             yield from self.records(data, offset, [])
 
     def indexes(self, offset: int) -> list[tuple[int, np.ndarray]]:
