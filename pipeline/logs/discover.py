@@ -74,7 +74,9 @@ def find_logs(directory: Path) -> list[LogEntry]:
     if not directory.exists():
         raise InputError(f"{directory}: no such folder; name a folder of logs")
     entries = (
-        _entries(directory) if directory.is_dir() else [e for e in [_file_entry(directory)] if e is not None]
+        _entries(directory, set())
+        if directory.is_dir()
+        else [e for e in [_file_entry(directory)] if e is not None]
     )
     if not entries:
         expected = "ROS 1 .bag, ROS 2 folders or .db3, .mcap, these with .zstd, .csv, .parquet"
@@ -82,7 +84,9 @@ def find_logs(directory: Path) -> list[LogEntry]:
     return _with_unique_names(entries, directory)
 
 
-def _entries(directory: Path) -> list[LogEntry]:
+def _entries(directory: Path, met: set[Path]) -> list[LogEntry]:
+    """Find the logs of a folder; `met` are the folders that need not be searched again, for links may lead to them."""
+    met.add(directory.resolve())
     try:
         children = sorted(os.scandir(directory), key=lambda child: child.name)
     except OSError as error:
@@ -90,26 +94,34 @@ def _entries(directory: Path) -> list[LogEntry]:
         return [_broken(directory, text)]
     if any(child.name == METADATA for child in children):
         return [_bag_folder(directory)]
-    files = [directory / child.name for child in children if child.name[0] != "." and not child.is_dir()]
-    files = _without_copies(files)
-    folders = [
-        directory / child.name
-        for child in children
-        if child.name[0] != "."
-        and child.is_dir(follow_symlinks=True)
-        and not _is_loop(directory / child.name)
-    ]
+    visible = [child for child in children if child.name[0] != "."]
+    folders = [directory / child.name for child in visible if _is_folder(child)]
+    files = _without_copies([directory / child.name for child in visible if not _is_folder(child)])
     entries = _split_bag(directory, files)
     taken = {path for entry in entries for path in entry.files}
     entries += [entry for path in files if path not in taken and (entry := _file_entry(path)) is not None]
-    for folder in folders:
-        entries += _entries(folder) or _folder_named_as_log(folder)
+    # Folders before links to them, so that a log is found where it lies.
+    for folder in sorted(folders, key=lambda one: (one.is_symlink(), one)):
+        if folder.resolve() not in met:
+            entries += _entries(folder, met) or _folder_named_as_log(folder)
     return sorted(entries, key=lambda entry: entry.path)
 
 
-def _is_loop(folder: Path) -> bool:
-    """Whether a symbolic link leads to a folder that holds it."""
-    return folder.is_symlink() and folder.absolute().is_relative_to(folder.resolve())
+def _is_folder(child: os.DirEntry[str]) -> bool:
+    try:
+        return child.is_dir()
+    except OSError:  # a link that leads nowhere
+        return False
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is a file and not a pipe, which would be waited at; what cannot be told, its reader tells."""
+    try:
+        return why_no_file(path) is None
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
 
 
 def _folder_named_as_log(folder: Path) -> list[LogEntry]:
@@ -154,7 +166,7 @@ def _split_bag(directory: Path, files: list[Path]) -> list[LogEntry]:
         for path in files:
             plain = _plain(path)
             match = SPLIT_NAME.fullmatch(plain.stem)
-            if plain.suffix == suffix and match and match["stem"] == directory.name:
+            if plain.suffix == suffix and match and match["stem"] == directory.name and _is_file(path):
                 parts.append((int(match["number"]), path))
         if parts:
             return [
@@ -185,9 +197,11 @@ def _bag_folder(directory: Path) -> LogEntry:
         return _broken(directory, text)
     # Older releases list files with the folder.
     paths = [_as_it_is(directory / Path(name).name) for name in listed]
-    present = [path for path in paths if path.exists()]
+    present = [path for path in paths if _is_file(path)]
     if not present:
-        found = [path for path in directory.iterdir() if _plain(path).suffix in BAG_SUFFIXES]
+        found = [
+            path for path in directory.iterdir() if _plain(path).suffix in BAG_SUFFIXES and path.is_file()
+        ]
         present = sorted(_without_copies(found), key=_part_number)
     if not present:
         listing = ", ".join(listed) or "none"
@@ -197,7 +211,7 @@ def _bag_folder(directory: Path) -> LogEntry:
         return _broken(
             directory, f"{place}: lists files that are neither .mcap nor .db3: {', '.join(listed)}"
         )
-    missing = tuple(path.name for path in paths if not path.exists())
+    missing = tuple(path.name for path in paths if path not in present)
     return LogEntry(directory.name, directory, formats.pop(), tuple(present), missing)
 
 

@@ -83,3 +83,25 @@ def test_file_that_vanishes(tmp_path, machine):
     path = Path(tmp_path / "a.mcap")
     with pytest.raises(InputError, match=r"No such file or directory.*check that it is still there"):
         read_log(LogEntry("a", path, LogFormat.mcap, (path,)), machine)
+
+
+def test_pipe_among_a_bags_files_costs_only_itself(tmp_path, machine, session):
+    entries = foreign.messages(foreign.ROS2, session, machine.joint_names)
+    foreign.write_mcap(tmp_path / "run" / "run_0.mcap", entries)
+    os.mkfifo(tmp_path / "run" / "run_1.mcap")
+    text = "rosbag2_bagfile_information: {relative_file_paths: [run_0.mcap, run_1.mcap]}"
+    (tmp_path / "run" / "metadata.yaml").write_text(text)
+    (entry,) = find_logs(tmp_path)
+    raw = read_log(entry, machine)
+    assert len(raw.q) == len(session.q) and "run_1.mcap" in raw.notes[0].text
+    (tmp_path / "run" / "metadata.yaml").unlink()
+    whole, pipe = find_logs(tmp_path)
+    assert len(read_log(whole, machine).q) == len(session.q) and "a named pipe" in pipe.error
+
+
+def test_links_lead_to_every_log_once(tmp_path, machine, session):
+    session.write(tmp_path / "b" / "good", machine)
+    for folder, target in (("a", "b"), ("b/back", "."), ("b/itself", "b/itself")):
+        (tmp_path / folder).symlink_to(tmp_path / target)
+    (entry,) = find_logs(tmp_path)
+    assert entry.path == tmp_path / "b" / "good"
