@@ -1,0 +1,53 @@
+"""What comes of damaged logs: the list of the tests' damage cases as a Markdown table.
+
+    python -m benchmarks.log_damage
+
+Each case is made anew, the ingest is run on it, and a line of the table says how many of the log's messages were
+recovered and what the user is told. A row of a table of samples counts as two messages, a joint sample and a command.
+"""
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from tests.logs.damage_cases import CASES, DamageCase, Damaged
+from tests.logs.damage_outcome import Outcome, outcomes
+from tests.logs.whole_logs import whole_log
+
+HEADINGS = ("damage", "format", "messages", "recovered", "the line given")
+MAXIMUM_LINE = 200
+
+
+def row(case: DamageCase, damaged: Damaged, outcome: Outcome, folder: Path) -> str:
+    """One line of the table: the first line that was given, and how many more there were."""
+    n_whole = damaged.n_whole or whole_log(case.kind).n_messages
+    first = outcome.lines[0] if outcome.lines else "none" if outcome.recovered == n_whole else "NONE"
+    told = "".join(letter if letter.isprintable() else "�" for letter in first.replace(f"{folder}/", ""))
+    told = told[:MAXIMUM_LINE] + ("…" if len(told) > MAXIMUM_LINE else "")
+    more = f" (and {len(outcome.lines) - 1} more)" if len(outcome.lines) > 1 else ""
+    cells = (case.name, case.kind, f"{n_whole}", f"{outcome.recovered}", told.replace("|", r"\|") + more)
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        built = []
+        for number, case in enumerate(CASES):
+            folder = Path(name) / str(number)
+            folder.mkdir()
+            built.append((case, case.build(folder), folder / "output"))
+        found = outcomes(built)
+        print(f"| {' | '.join(HEADINGS)} |\n|{'---|' * len(HEADINGS)}")
+        for (case, damaged, output), outcome in zip(built, found, strict=True):
+            print(row(case, damaged, outcome, output.parent))
+        tracebacks = sum(outcome.status not in (0, 2) for outcome in found)
+        print(f"{len(CASES)} cases, {tracebacks} tracebacks or deaths", file=sys.stderr)
+        for place, folders, _ in os.walk(name):
+            for folder_name in folders:
+                if not (Path(place) / folder_name).is_symlink():
+                    (Path(place) / folder_name).chmod(0o755)  # or nobody but root could remove it
+
+
+if __name__ == "__main__":
+    main()
