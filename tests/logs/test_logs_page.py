@@ -1,0 +1,97 @@
+"""What docs/logs.md says is so: snippets are machine configuration, values the profile's, the table the list's."""
+
+import re
+
+import pytest
+import yaml
+from omegaconf import OmegaConf
+
+from pipeline.configuration import load_machine, load_section
+from pipeline.logs.bags import read_log
+from pipeline.logs.command_sources import command_adapter, discretise
+from pipeline.logs.discover import FORMATS, find_logs
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.raw_log import NoteKind
+from pipeline.machine.specification import CommandSourceKind, MachineSpecification
+from tests.logs import foreign_bags as foreign
+from tests.logs.conftest import REPOSITORY, make_session
+from tests.logs.damage_cases import CASES
+
+PAGE = (REPOSITORY / "docs/logs.md").read_text(encoding="utf-8")
+SNIPPETS = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+
+
+def machine_with(snippet):
+    content = OmegaConf.load(REPOSITORY / "conf/machine/bobcat_e10.yaml")
+    merged = OmegaConf.merge(OmegaConf.structured(MachineSpecification), content, yaml.safe_load(snippet))
+    return OmegaConf.to_object(merged)
+
+
+@pytest.mark.parametrize("snippet", SNIPPETS)
+def test_snippet_is_machine_configuration(snippet):
+    machine, usual = machine_with(snippet), load_machine("bobcat_e10")
+    assert machine != usual or "source: array" in snippet
+    command_adapter(machine)
+
+
+def test_every_command_source_has_a_snippet():
+    sources = {machine_with(snippet).commands.source for snippet in SNIPPETS if "commands:" in snippet}
+    assert sources == set(CommandSourceKind)
+
+
+def test_joystick_snippet_reads_a_joystick(tmp_path):
+    (snippet,) = [snippet for snippet in SNIPPETS if "source: joy\n" in snippet]
+    machine, session = machine_with(snippet), make_session(load_machine("bobcat_e10"), seconds=3)
+    axes = [[0.4, -0.6, 9.0, 0.5, 1.0]] * len(session.command_ns)
+    entries = foreign.messages(foreign.ROS2, session, machine.joint_names)
+    entries = [entry for entry in entries if entry[1] == "/joint_states"] + [
+        (int(time), "/joy", foreign.joy(foreign.ROS2, int(time), values))
+        for time, values in zip(session.command_ns, axes, strict=True)
+    ]
+    foreign.write_mcap(tmp_path / "a.mcap", sorted(entries, key=lambda entry: entry[0]))
+    (entry,) = find_logs(tmp_path)
+    # Axes 0, 1, 4, 3 are 0.4, -0.6, 1.0, 0.5; the signs turn the second and third; 0.5 is not beyond 0.5.
+    assert read_log(entry, machine).command[0].tolist() == [0.0, 1.0, -1.0, 0.0]
+    assert discretise(session.command, 0.5).tolist() == session.command.tolist()
+
+
+def test_column_snippet_reads_a_table(tmp_path):
+    (snippet,) = [snippet for snippet in SNIPPETS if snippet.startswith("columns:")]
+    machine = machine_with(snippet)
+    names = [
+        "stamp",
+        *(f"{j}_rad" for j in machine.joint_names),
+        *(f"{j}_command" for j in machine.joint_names),
+    ]
+    rows = [f"{1_700_000_000_000_000_000 + i},0.1,0.2,-1.0,-1.0,0,1,0,-1" for i in range(3)]
+    (tmp_path / "a.csv").write_text("\n".join([",".join(names), *rows]))
+    (entry,) = find_logs(tmp_path)
+    raw = read_log(entry, machine)
+    assert raw.joint_log_time_ns.tolist() == [1_700_000_000_000_000_000 + i for i in range(3)]
+    assert raw.q[0].tolist() == [0.1, 0.2, -1.0, -1.0] and raw.command[0].tolist() == [0, 1, 0, -1]
+
+
+def test_values_are_those_of_the_profile():
+    config = load_section("ingest", IngestConfig)
+    for key, said in re.findall(r"`(\w+)` \(([\d.]+) s\)", PAGE):
+        assert float(said) == getattr(config, key)
+    assert "more than 1 % of them" in PAGE and config.maximum_invalid_command_fraction == 0.01
+    assert "for 2 s while its joint is commanded" in PAGE and config.frozen_after_s == 2.0
+    assert "three times its range per second" in PAGE and config.maximum_speed_ranges_per_s == 3.0
+
+
+def test_formats_and_kinds_of_notes_are_all_named():
+    for suffix in FORMATS:
+        assert f"{suffix}`" in PAGE
+    assert f"kind ({', '.join(f'`{kind}`' for kind in NoteKind)})" in PAGE
+
+
+def test_links_lead_somewhere():
+    for target in re.findall(r"\]\(([^)]+)\)", PAGE):
+        assert (REPOSITORY / "docs" / target).exists()
+
+
+def test_table_is_of_the_list():
+    """Anew: `python -m benchmarks.log_damage`."""
+    rows = [line.split(" | ") for line in PAGE.splitlines() if re.match(r"\| .* \| \d+ \| \d+ \| ", line)]
+    assert [(row[0].removeprefix("| "), row[1]) for row in rows] == [(case.name, case.kind) for case in CASES]
