@@ -1,12 +1,15 @@
 """Reads one log of any format into a `RawLog`."""
 
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
 from pipeline.errors import InputError
 from pipeline.logs.columns import ColumnStore, MemoryStore
 from pipeline.logs.command_sources import command_adapter
 from pipeline.logs.discover import LogEntry, LogFormat
 from pipeline.logs.joint_states import JointStateAdapter, TargetPoseAdapter
 from pipeline.logs.mcap_file import read_mcap
-from pipeline.logs.message_blocks import ReadingLedger, StorageReader
+from pipeline.logs.message_blocks import MessageBlock, ReadingLedger, StorageReader
 from pipeline.logs.raw_log import Note, NoteKind, RawLog, TargetPoses
 from pipeline.logs.rosbag1_file import read_rosbag1
 from pipeline.logs.sqlite3_file import read_sqlite3
@@ -42,6 +45,19 @@ def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore 
     return read_table(entry, machine, store)
 
 
+def _readable_blocks(
+    reader: StorageReader, path: Path, ledger: ReadingLedger, wanted: Collection[str], is_only: bool
+) -> Iterator[MessageBlock]:
+    """Yield a file's blocks; a file of a split bag that cannot be read costs itself and not the bag."""
+    try:
+        yield from reader(path, ledger, wanted)
+    except InputError as error:
+        if is_only:
+            raise
+        reason = str(error).replace(str(path), path.name)
+        ledger.notes.append(Note(NoteKind.damage, f"{ledger.path.name}: the file is lost: {reason}"))
+
+
 def _read_bag(
     entry: LogEntry, machine: MachineSpecification, reader: StorageReader, store: ColumnStore
 ) -> RawLog:
@@ -57,7 +73,7 @@ def _read_bag(
             Note(NoteKind.damage, f"{entry.path.name}: file {name} is listed in metadata.yaml and missing")
         )
     for path in entry.files:
-        for block in reader(path, ledger, wanted):
+        for block in _readable_blocks(reader, path, ledger, wanted, is_only=len(entry.files) == 1):
             for collector in collectors:
                 if collector.topic_name == block.topic.name:
                     collector.add(block)

@@ -18,6 +18,7 @@ from pipeline.logs.discover import LogEntry, find_logs
 from pipeline.logs.excitation import Excitation
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
+from pipeline.logs.opened_file import why_no_file
 from pipeline.logs.quality import QualityReport, measure
 from pipeline.logs.raw_log import Note, NoteKind
 from pipeline.logs.trajectories import grid_log, trajectory_sections
@@ -149,7 +150,7 @@ def _find(directory: Path, allow_empty: bool) -> list[LogEntry]:
 
 
 def _run(entries: list[LogEntry], settings: _Settings, n_processes: int) -> Iterator[tuple[str, _Outcome]]:
-    n_bytes = sum(path.stat().st_size for entry in entries for path in entry.files if path.exists())
+    n_bytes = sum(_size(path) for entry in entries for path in entry.files)
     n_processes = min(n_processes, len(entries))
     if n_processes <= 1 or n_bytes < WORTH_A_PROCESS_BYTES:
         for entry in entries:
@@ -168,6 +169,13 @@ def _run(entries: list[LogEntry], settings: _Settings, n_processes: int) -> Iter
                 )
 
 
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # told of when the log is read
+        return 0
+
+
 def _ingest_one(entry: LogEntry, settings: _Settings) -> _Outcome:
     """Read one log and write its tuples and its record, unless they are there."""
     record_path = settings.output / f"{entry.name}{RECORD_SUFFIX}"
@@ -179,10 +187,18 @@ def _ingest_one(entry: LogEntry, settings: _Settings) -> _Outcome:
             return known, True
         with DiskStore(settings.output / f".{entry.name}{SCRATCH_SUFFIX}") as store:
             report = _convert(entry, settings, store, tuples_path)
-        _write_record(record_path, fingerprint, tuples_path, report)
+        try:
+            _write_record(record_path, fingerprint, tuples_path, report)
+        except InputError:
+            tuples_path.unlink(missing_ok=True)  # no record would vouch for them
+            raise
         return report, False
     except InputError as error:
         return Failure(entry.name, str(error))
+    except OSError as error:
+        return Failure(
+            entry.name, f"{error.filename or entry.path}: {error.strerror or error}; check path and disk"
+        )
     except MemoryError:
         return Failure(entry.name, f"{entry.path}: does not fit into memory; split the bag")
 
@@ -215,6 +231,9 @@ def _fingerprint(entry: LogEntry, settings: _Settings) -> str:
     digest.update(json.dumps([*described, *sections]).encode())
     for path in entry.files:
         try:
+            if (reason := why_no_file(path)) is not None:
+                digest.update(reason.encode())  # to open a named pipe would wait without end
+                continue
             with path.open("rb") as file:
                 digest.update(f"{path.stat().st_size}:".encode())
                 while piece := file.read(HASH_PIECE_BYTES):

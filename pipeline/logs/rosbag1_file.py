@@ -66,12 +66,13 @@ class _Scan:
         self.topics: dict[int, Topic] = {}
         self.chunk_starts: list[int] = []
         self.index_start = 0
+        self.is_closed = True  # until the bag's header says otherwise
         self.unchunked = bytearray()  # records of a chunk that the recorder did not live to close
         self.unchunked_start: int | None = None  # where that chunk, or the first of them, stands
 
     def blocks(self) -> Iterator[MessageBlock]:
         """Yield blocks until the file or its readable part ends."""
-        offset = len(VERSION)
+        offset, n_notes = len(VERSION), len(self.ledger.notes)
         while offset < self.size:
             try:
                 header, data_start, data_length = self.record(offset)
@@ -82,6 +83,7 @@ class _Scan:
                 continue
             if header["op"][0] == BAG_HEADER and len(header.get("index_pos", b"")) == POSITION.size:
                 (self.index_start,) = POSITION.unpack(header["index_pos"])
+                self.is_closed = self.index_start != 0
             end = data_start + data_length
             opcode = header["op"][0]
             if opcode == CHUNK:
@@ -101,6 +103,10 @@ class _Scan:
                 self.ledger.damage(offset, "the file ends within this record")
             offset = end
         yield from self.flush()
+        if not self.is_closed and len(self.ledger.notes) == n_notes:
+            self.ledger.damage(
+                self.size, "the recorder did not close this bag; what it had not written is lost"
+            )
 
     def next_place(self, offset: int) -> int:
         """Return where to go on behind damage: where the next chunk starts by the file's own index, or its end."""

@@ -1,5 +1,6 @@
 """Reads CSV and Parquet logs with the machine's column map."""
 
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,9 @@ from pipeline.machine.specification import MachineSpecification
 NANOSECONDS_PER = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 SAMPLES, COMMANDS = "samples", "commands"  # tables of the store
 READING_FAULTS = (polars.exceptions.PolarsError, OSError, ValueError)
+PIECE_BYTES = 1 << 22  # no line of a table is as long
+SMALLEST_SLICE = 64  # rows; of a damaged table so many are tried at once in the end
+LISTED_COLUMNS, LISTED_CHARACTERS = 24, 40
 
 
 def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStore) -> RawLog:
@@ -36,9 +40,9 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
     commands = [columns.command.replace("{joint}", joint) for joint in machine.joint_names]
     path = entry.files[0]
     n_rows = n_unused = 0
-    damage = ""
+    damage: list[str] = []
     try:
-        for frame in _batches(path, entry.format, (columns.time, *positions, *commands), place):
+        for frame in _batches(path, entry.format, (columns.time, *positions, *commands), place, damage):
             n_rows += len(frame)
             time_ns, has_time = _time_ns(frame[columns.time], NANOSECONDS_PER[columns.time_unit])
             streams = {SAMPLES: _numbers(frame, positions), COMMANDS: _numbers(frame, commands)}
@@ -52,14 +56,12 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         if not n_rows:
             raise InputError(f"{path}: not a readable table ({reason}); repair or remove it") from error
-        damage = (
-            f"{path.name}: the table is damaged after row {n_rows} ({reason}); the rows before it were read"
-        )
+        damage.append(f"the table is damaged after row {n_rows} ({reason}); the rows before it were read")
     sampled, commanded = store.columns(SAMPLES), store.columns(COMMANDS)
     for what, found in (("positions", sampled), ("commands", commanded)):
         if not found or not len(found["time_ns"]):
             raise InputError(f"{path}: no row holds a time and {what}; check the column map in {place}")
-    notes = [Note(NoteKind.damage, damage)] if damage else []
+    notes = [Note(NoteKind.damage, f"{path.name}: {text}") for text in damage]
     if n_unused:
         text = f"{path.name}: {n_unused} rows left out: they hold no time, or neither positions nor commands"
         notes.append(Note(NoteKind.left_out, text, n_unused))
@@ -77,23 +79,91 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
 
 
 def _batches(
-    path: Path, table_format: LogFormat, wanted: tuple[str, ...], place: str
+    path: Path, table_format: LogFormat, wanted: tuple[str, ...], place: str, damage: list[str]
 ) -> Iterator[polars.DataFrame]:
-    """Yield the wanted columns, some ten thousand rows at a time."""
+    """Yield the wanted columns, some ten thousand rows at a time; what cannot be read goes into `damage`."""
     if table_format is LogFormat.parquet:
-        table = polars.scan_parquet(path)
-    else:
+        table = _selected(polars.scan_parquet(path), wanted, path, place)
+        n_rows = 0
+        try:
+            for frame in _collected(table):
+                n_rows += len(frame)
+                yield frame
+        except READING_FAULTS:
+            end = polars.scan_parquet(path).select(polars.len()).collect().item()
+            lost: list[tuple[int, int, str]] = []
+            yield from _readable_slices(table, n_rows, end, lost)
+            damage += [
+                f"rows {first} to {last} cannot be read ({reason}); they are lost"
+                for first, last, reason in lost
+            ]
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        end = _end_of_text(path)
+        if end is not None:
+            damage.append(f"byte {end}: no text stands here; the rows before it were read")
+            path = _front(path, end, Path(folder))
         # Everything as text: a stray word in a column then costs its row, not the file.
-        table = polars.scan_csv(path, infer_schema=False, truncate_ragged_lines=True, encoding="utf8-lossy")
+        text = polars.scan_csv(path, infer_schema=False, truncate_ragged_lines=True, encoding="utf8-lossy")
+        yield from _collected(_selected(text, wanted, path, place))
+
+
+def _selected(table: polars.LazyFrame, wanted: tuple[str, ...], path: Path, place: str) -> polars.LazyFrame:
     seen = table.collect_schema().names()
     missing = [name for name in wanted if name not in seen]
     if missing:
+        listed = ", ".join(name[:LISTED_CHARACTERS] for name in seen[:LISTED_COLUMNS])
+        more = f" and {len(seen) - LISTED_COLUMNS} more" if len(seen) > LISTED_COLUMNS else ""
         raise InputError(
-            f"{path}: column {', '.join(missing)} is missing; map it in {place}; columns seen: {', '.join(seen)}"
+            f"{path}: column {', '.join(missing)} is missing; map it in {place}; columns seen: {listed}{more}"
         )
-    yield from table.select(list(dict.fromkeys(wanted))).collect_batches(
-        chunk_size=SECTION_ROWS, maintain_order=True, lazy=True
-    )
+    return table.select(list(dict.fromkeys(wanted)))
+
+
+def _collected(table: polars.LazyFrame) -> Iterator[polars.DataFrame]:
+    yield from table.collect_batches(chunk_size=SECTION_ROWS, maintain_order=True, lazy=True)
+
+
+def _readable_slices(
+    table: polars.LazyFrame, begin: int, end: int, lost: list[tuple[int, int, str]]
+) -> Iterator[polars.DataFrame]:
+    """Yield what can be read of some rows, by halves down to `SMALLEST_SLICE`."""
+    try:
+        if end - begin > SECTION_ROWS:
+            raise ValueError("too much at a time")
+        yield table.slice(begin, end - begin).collect()
+    except READING_FAULTS as error:
+        if end - begin <= SMALLEST_SLICE:
+            joins = bool(lost) and lost[-1][1] == begin - 1
+            first, _, reason = lost.pop() if joins else (begin, 0, str(error).splitlines()[0])
+            lost.append((first, end - 1, reason))
+            return
+        middle = (begin + end) // 2
+        yield from _readable_slices(table, begin, middle, lost)
+        yield from _readable_slices(table, middle, end, lost)
+
+
+def _end_of_text(path: Path) -> int | None:
+    """Return where text ends in what should be text: at a zero byte, or in a line that does not end; else None."""
+    position = 0
+    with path.open("rb") as file:
+        while piece := file.read(PIECE_BYTES):
+            if (zero := piece.find(b"\0")) >= 0:
+                return position + zero
+            if len(piece) == PIECE_BYTES and b"\n" not in piece:
+                return position
+            position += len(piece)
+    return None
+
+
+def _front(path: Path, end: int, folder: Path) -> Path:
+    """Copy the bytes before a place."""
+    copy = folder / path.name
+    with path.open("rb") as source, copy.open("wb") as target:
+        while end > 0 and (piece := source.read(min(PIECE_BYTES, end))):
+            target.write(piece)
+            end -= len(piece)
+    return copy
 
 
 def _numbers(frame: polars.DataFrame, names: list[str]) -> np.ndarray:

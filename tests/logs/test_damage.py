@@ -48,24 +48,6 @@ MAXIMUM_LINE = 1000
 ELSEWHERE = (Where.fused, Where.unprivileged)
 
 # Cases that are not yet passed, with the reason. One that passes fails: its line here must go then.
-KNOWN_FAULTS = {
-    "bytes of a row group overwritten (Parquet)": "the other row groups are not read",
-    "random bytes (CSV)": "the line repeats unprintable column names of any length",
-    **{
-        f"{what} file of a split bag ({kind})": "one unreadable file fails the whole bag"
-        for what in ("empty last", "damaged")
-        for kind in ("MCAP, zstd", SQLITE)
-    },
-    **{
-        f"no permission to enter the folder ({kind})": "Path.exists raises PermissionError in ingest._run"
-        for kind in ("MCAP, zstd", SQLITE)
-    },
-}
-ENDLESS = {
-    "10 GB of zeros (CSV)": "polars takes the zeros for one cell",
-    "10 GB of zeros behind the log (CSV)": "polars takes the zeros for one cell",
-}
-
 
 # --- The list
 
@@ -79,7 +61,7 @@ def run_elsewhere(tmp_path_factory):
         if wanted not in found:
             built = []
             for case in CASES:
-                if case.where is not wanted.where or str(case) in ENDLESS:
+                if case.where is not wanted.where:
                     continue
                 folder = tmp_path_factory.mktemp("damaged")
                 built.append((case, case.build(folder), folder / "output"))
@@ -98,13 +80,7 @@ def run_elsewhere(tmp_path_factory):
                 folder.chmod(0o755)  # or nobody but root could remove it
 
 
-def marked(case):
-    reason = KNOWN_FAULTS.get(str(case)) or ENDLESS.get(str(case))
-    marks = [pytest.mark.xfail(reason=reason, strict=True, run=str(case) not in ENDLESS)] if reason else []
-    return pytest.param(case, id=str(case), marks=marks)
-
-
-@pytest.mark.parametrize("case", [marked(case) for case in CASES])
+@pytest.mark.parametrize("case", CASES, ids=str)
 def test_damage(case, tmp_path, run_elsewhere):
     if case.where in ELSEWHERE:
         damaged, outcome = run_elsewhere(case)
@@ -172,7 +148,6 @@ def test_every_kind_of_log_is_on_the_list():
     """A whole log of every kind is read without a word, so that what the list says is about the damage."""
     assert {case.kind for case in CASES} == {*BAGS, *TABLES}
     assert len({str(case) for case in CASES}) == len(CASES)
-    assert {*KNOWN_FAULTS, *ENDLESS} <= {str(case) for case in CASES}
 
 
 @pytest.mark.parametrize("kind", [*BAGS, *TABLES])
@@ -229,10 +204,12 @@ def test_bit_flip_costs_one_chunk(tmp_path, kind, share, bit):
     content[chunk.data + int(share * (chunk.end - chunk.data))] ^= 1 << bit
     path = log.write(tmp_path / "a", bytes(content))
     raw = read(path)
+    assert_recorded(path, 0)
+    if len(raw.q) + len(raw.command) == log.n_messages:
+        return  # a bit that the decompressor does not look at: the checksum holds
     assert len(raw.q) + len(raw.command) == log.n_messages - chunk.n_messages
     (note,) = [note for note in raw.notes if note.kind is NoteKind.damage]
     assert f"byte {chunk.start}" in note.text
-    assert_recorded(path, 0)
 
 
 @slow

@@ -301,6 +301,7 @@ def test_crashed_recordings(name, recorded, machine):
     assert all(sent[stamp] == q for stamp, q in known)
     stamps = [stamp for stamp, _ in known]
     assert stamps == sorted(sent)[sorted(sent).index(stamps[0]) :][: len(stamps)]  # without a hole
+    assert raw.notes  # that its recorder was killed is told
     assert all(
         note.kind == NoteKind.damage and f"{name}.bag.active, byte " in note.text for note in raw.notes
     )
