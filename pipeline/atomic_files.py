@@ -7,6 +7,8 @@ from pathlib import Path
 
 from pipeline.errors import InputError
 
+PARTIAL_SUFFIX = ".partial"  # of hidden files that a killed process may leave
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
@@ -17,7 +19,7 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         InputError: The file cannot be written: the disk is full, or there is no permission.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    partial = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL_SUFFIX}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield partial

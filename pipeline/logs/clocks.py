@@ -104,6 +104,17 @@ def drift_ppm(stamp: Column, log_time: Column) -> float:
     return float(np.polyfit(np.asarray(at) - at[0], np.asarray(offset) - offset[0], 1)[0] * 1e6)
 
 
+def extent_without_strays(time_ns: Column, gap_ns: int) -> tuple[int, int]:
+    """Return the first and the last of some times, a column of shape (N,), without those far from both neighbours."""
+    low, high = [], []
+    for part, begin, end in _with_neighbours(time_ns):
+        steady = part[begin:end][~isolated_stamps(part, gap_ns)[begin:end]]
+        if len(steady):
+            low.append(int(steady.min()))
+            high.append(int(steady.max()))
+    return min(low), max(high)
+
+
 def isolated_stamps(time_ns: np.ndarray, gap_ns: int) -> np.ndarray:
     """Return which samples' stamps lie far from both neighbours' while those agree, shape (N,), bool."""
     isolated = np.zeros(len(time_ns), dtype=bool)
@@ -128,10 +139,14 @@ def _elapsed_s(time_ns: Column, start_ns: int, begin: int, end: int) -> Iterator
 def _steps_back(time_ns: Column, gap_ns: int) -> tuple[int, int]:
     """Count steps back of more than `gap_ns`, and isolated stamps."""
     n_back = n_isolated = 0
-    for begin in range(0, len(time_ns), SECTION_ROWS):
-        end = begin + SECTION_ROWS
-        part = time_ns[max(begin - 1, 0) : end + 1]  # with its neighbours
-        n_back += int((np.diff(part[: end - max(begin - 1, 0)]) < -gap_ns).sum())
-        own = slice(begin - max(begin - 1, 0), end - max(begin - 1, 0))
-        n_isolated += int(isolated_stamps(part, gap_ns)[own].sum())
+    for part, begin, end in _with_neighbours(time_ns):
+        n_back += int((np.diff(part[:end]) < -gap_ns).sum())
+        n_isolated += int(isolated_stamps(part, gap_ns)[begin:end].sum())
     return n_back, n_isolated
+
+
+def _with_neighbours(time_ns: Column) -> Iterator[tuple[np.ndarray, int, int]]:
+    """Yield sections with the time before and after them, and where the sections themselves begin and end there."""
+    for row in range(0, len(time_ns), SECTION_ROWS):
+        first = max(row - 1, 0)
+        yield time_ns[first : row + SECTION_ROWS + 1], row - first, row - first + SECTION_ROWS

@@ -134,8 +134,13 @@ class _DiskColumn:
 
     def __getitem__(self, rows: slice) -> np.ndarray:
         begin, end, _ = rows.indices(self.n_rows)
-        self.file.seek(begin * self.row_bytes)
-        content = bytearray(self.file.read(max(end - begin, 0) * self.row_bytes))
+        try:
+            self.file.seek(begin * self.row_bytes)
+            content = bytearray(self.file.read(max(end - begin, 0) * self.row_bytes))
+        except OSError as error:
+            raise InputError(
+                f"{self.file.name}: cannot be read ({error.strerror}); check the disk"
+            ) from error
         return np.frombuffer(content, self.dtype).reshape(-1, *self.row_shape)
 
 

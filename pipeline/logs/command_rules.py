@@ -64,7 +64,8 @@ class HeldCommands:
         self.stream = iter(stream)
         self.ahead: Samples | None = None  # read and not yet reached
         self.known: Samples | None = None  # of the present era, from the one in force on
-        self.era = -1
+        self.era = -1  # that the joint samples ask for
+        self.newest_era = -1  # of the commands themselves
         self.era_ended = False
         self.first_ns: int | None = None
 
@@ -87,10 +88,9 @@ class HeldCommands:
 
     def finish(self) -> int:
         """Read to the end; return the number of eras."""
-        last = self.ahead.era if self.ahead is not None else self.era
         for section in self.stream:
-            last = max(last, section.era)
-        return last + 1
+            self.newest_era = section.era
+        return self.newest_era + 1
 
     def _read(self) -> None:
         """Take in the next section of the present era."""
@@ -99,6 +99,7 @@ class HeldCommands:
             if self.ahead is None:
                 self.era_ended = True
                 return
+            self.newest_era = self.ahead.era
         if self.ahead.era > self.era:
             self.era_ended = True
             return

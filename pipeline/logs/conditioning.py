@@ -12,8 +12,8 @@ Rules for joint samples, in this order:
   lasting jump splits the log there.
 
 Rules for commands: those outside the machine's set are unknown from their time to the next command, so that no tuples
-are made there; if they are many, the configuration is wrong and the log is refused. They are put in order as joint
-samples are.
+are made there; if they are many, the configuration is wrong and the log is refused. Stray times are left out, and
+commands are put in order, as joint samples are.
 """
 
 from collections.abc import Iterator
@@ -64,7 +64,7 @@ class ConditionedLog:
         gap_ns = round(config.maximum_gap_s * NANOSECONDS)
         notes, name = self.notes, self.clock.used
         samples = (Samples(at_ns, q) for at_ns, q in sections((time_ns, raw.q), n_rows=section_rows))
-        stream: Iterator[Samples] = without_strays(samples, gap_ns, name, notes)
+        stream: Iterator[Samples] = without_strays(samples, gap_ns, "joint samples", name, notes)
         stream = unwrapped(only_numbers(stream, machine, notes), machine, notes)
         stream = split_at_steps_back(within_limits_or_noted(stream, machine, notes), gap_ns)
         stream = in_order(self._counted(stream), gap_ns, "joint samples", name, notes)
@@ -73,10 +73,11 @@ class ConditionedLog:
         stream = without_spikes(stream, machine, config, notes)
         self.joints = split_at_jumps(stream, machine, config, notes)
         self.n_eras = 0
-        issued = (
+        issued: Iterator[Samples] = (
             Samples(at_ns, command)
             for at_ns, command in sections((raw.command_log_time_ns, raw.command), n_rows=section_rows)
         )
+        issued = without_strays(issued, gap_ns, "commands", LOG_TIME, notes)
         possible = only_possible(
             issued, machine, config.maximum_invalid_command_fraction, raw.path, self.notes
         )

@@ -17,7 +17,7 @@ SAMPLES_FOR_TURNS = 4096  # whole turns are judged by the median of so many firs
 
 
 def without_strays(
-    stream: Iterable[Samples], gap_ns: int, clock_name: str, notes: list[Note]
+    stream: Iterable[Samples], gap_ns: int, what: str, clock_name: str, notes: list[Note]
 ) -> Iterator[Samples]:
     """Leave out samples whose stamp alone lies far from both neighbours'."""
     count = 0
@@ -27,7 +27,7 @@ def without_strays(
         section = widened[begin:end]
         yield section[~stray] if stray.any() else section
     if count:
-        text = f"joint samples: their {clock_name} lies far from both neighbours'"
+        text = f"{what}: their {clock_name} lies far from both neighbours'"
         notes.append(Note(NoteKind.left_out, text, count))
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shutil
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -10,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 
-from pipeline.atomic_files import write_whole
+from pipeline.atomic_files import PARTIAL_SUFFIX, write_whole
 from pipeline.errors import InputError
 from pipeline.logs.bags import read_log
 from pipeline.logs.columns import ColumnStore, DiskStore
@@ -22,10 +23,10 @@ from pipeline.logs.opened_file import why_no_file
 from pipeline.logs.quality import QualityReport, measure
 from pipeline.logs.raw_log import Note, NoteKind
 from pipeline.logs.trajectories import grid_log, trajectory_sections
-from pipeline.logs.tuples import SUFFIX, Trajectory, write_tuples
+from pipeline.logs.tuples import SUFFIX, Trajectory, are_tuples, write_tuples
 from pipeline.machine.specification import MachineSpecification
 
-SCHEMA_VERSION = 2  # raise it when the same log would give other tuples or another report
+SCHEMA_VERSION = 3  # raise it when the same log would give other tuples or another report
 RECORD_SUFFIX = ".ingest.json"
 SCRATCH_SUFFIX = ".scratch"
 HASH_PIECE_BYTES = 1 << 22
@@ -105,7 +106,14 @@ def ingest(
     Raises:
         InputError: The folder holds no logs (unless allowed), or the output cannot be written.
     """
-    entries = _find(logs_directory, allow_empty)
+    output = output_directory.resolve()
+    if output == logs_directory.resolve():
+        raise InputError(f"{output_directory}: is the folder of the logs; name another folder for the output")
+    entries = [
+        entry
+        for entry in _find(logs_directory, allow_empty)
+        if not entry.path.resolve().is_relative_to(output)
+    ]
     try:
         output_directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -267,10 +275,17 @@ def _file_digest(path: Path) -> str:
 
 
 def _remove_stale(directory: Path, names: Iterable[str]) -> None:
-    """Remove tuples and records that an earlier run left of logs that are gone or fail now."""
+    """Remove what an earlier run left: tuples and records of logs that are gone or fail now, and what a kill left."""
     kept = set(names)
     for record in directory.glob(f"*{RECORD_SUFFIX}"):
         name = record.name.removesuffix(RECORD_SUFFIX)
         if name not in kept:
             (directory / f"{name}{SUFFIX}").unlink(missing_ok=True)
             record.unlink()
+    for path in directory.glob(f"*{SUFFIX}"):  # killed before its record was written
+        if not path.name.startswith(".") and path.name.removesuffix(SUFFIX) not in kept and are_tuples(path):
+            path.unlink()
+    for scratch in directory.glob(f".*{SCRATCH_SUFFIX}"):
+        shutil.rmtree(scratch, ignore_errors=True)
+    for partial in directory.glob(f".*{PARTIAL_SUFFIX}"):
+        partial.unlink(missing_ok=True)

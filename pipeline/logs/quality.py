@@ -42,9 +42,8 @@ def measure(
 ) -> QualityReport:
     """Measure one log: as it was read, on the grid, and what its trajectories' commands did."""
     clock = gridded.clock
-    latest_ns = max(extent(raw.joint_log_time_ns)[1], extent(raw.command_log_time_ns)[1])
     metrics: Figures = {
-        "duration_s": (latest_ns - gridded.start_ns) / NANOSECONDS,
+        "duration_s": (gridded.end_ns - gridded.start_ns) / NANOSECONDS,
         "n_trajectories": len(gridded.lengths),
         "n_rows": sum(gridded.lengths),
         "n_validation_rows": n_validation_rows,

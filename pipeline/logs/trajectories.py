@@ -9,8 +9,8 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.bags import read_log
-from pipeline.logs.clocks import ClockReport
-from pipeline.logs.columns import Column, ColumnStore, MemoryStore, extent, sections
+from pipeline.logs.clocks import ClockReport, extent_without_strays
+from pipeline.logs.columns import Column, ColumnStore, MemoryStore, sections
 from pipeline.logs.conditioning import COMMAND_INTERVALS, JOINT_INTERVALS, ConditionedLog
 from pipeline.logs.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
@@ -29,7 +29,8 @@ class GriddedLog:
 
     Attributes:
         name: The bag's name.
-        start_ns: The bag's start.
+        start_ns: The bag's start by log time.
+        end_ns: The bag's end by log time.
         stamp_ns: Times of the rows of all trajectories, one after the other, a column of shape (T,), int64.
         q: Positions, a column of shape (T, n_joint).
         a: Commands in force, a column of shape (T, n_joint).
@@ -42,6 +43,7 @@ class GriddedLog:
 
     name: str
     start_ns: int
+    end_ns: int
     stamp_ns: Column
     q: Column
     a: Column
@@ -119,10 +121,15 @@ def grid_log(
     if len(lengths) > 1:
         text = f"the log is split into {len(lengths)} trajectories"
         notes.append(Note(NoteKind.attention, text, len(lengths) - 1))
+    gap_ns = round(config.maximum_gap_s * NANOSECONDS)
+    extents = [
+        extent_without_strays(times, gap_ns) for times in (raw.joint_log_time_ns, raw.command_log_time_ns)
+    ]
     none = np.zeros(0, np.int64)
     return GriddedLog(
         name=raw.name,
-        start_ns=min(extent(raw.joint_log_time_ns)[0], extent(raw.command_log_time_ns)[0]),
+        start_ns=min(first for first, _ in extents),
+        end_ns=max(last for _, last in extents),
         **store.columns(GRID),
         lengths=lengths,
         clock=conditioned.clock,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import polars
 import pyarrow
-from pyarrow.parquet import ParquetFile, ParquetWriter
+from pyarrow.parquet import ParquetFile, ParquetWriter, read_schema
 
 from pipeline.atomic_files import replacing
 from pipeline.errors import InputError
@@ -92,6 +92,15 @@ def read_tuples(directory: Path, machine: MachineSpecification) -> list[Trajecto
             f"{directory}: no tuples (*{SUFFIX}) here; run the stage `ingest` with output={directory}"
         )
     return [trajectory for path in paths for trajectory in _read(path, machine)]
+
+
+def are_tuples(path: Path) -> bool:
+    """Whether a Parquet file is one that `write_tuples` wrote, of any machine."""
+    try:
+        names = read_schema(path).names
+    except (OSError, pyarrow.ArrowException):
+        return False
+    return names[:3] == ["trajectory", "t", "stamp"] and names[-1] == "split"
 
 
 def thinned_positions(path: Path, machine: MachineSpecification, maximum_rows: int) -> np.ndarray:

@@ -22,7 +22,8 @@ def publish_dynamics_model(
 ) -> None:
     """Log the model that `identify` wrote, with signature and input example, as a new version of a registered model.
 
-    It loads in one line anywhere: `mlflow.pyfunc.load_model("models:/<registered_name>/<version>")`.
+    It loads in one line wherever the tracking store is known:
+    `mlflow.pyfunc.load_model("models:/<registered_name>/<version>")`.
 
     Args:
         run: The stage's run; without tracking nothing is done.

@@ -102,9 +102,14 @@ def test_long_prediction_is_of_the_longest_trajectory(arx, lag_trajectories):
 
 
 def test_rows_that_were_learned_from_are_refused():
-    first, second = lag_trajectory(0, 100, 0), lag_trajectory(1, 100, 0)  # of other names, at equal times
-    with pytest.raises(InputError, match="held_out: trajectory lag1 was learned from"):
-        check_unseen([first], [second])
-    later = make_trajectory(second.q, second.qd, second.a)
+    first, second = (
+        lag_trajectory(0, 100, 0),
+        lag_trajectory(1, 100, 0),
+    )  # at equal times, from one rest position
+    check_unseen([first], [second])
+    renamed = make_trajectory(first.q, first.qd, first.a, name="renamed")
+    with pytest.raises(InputError, match="held_out: trajectory renamed was learned from"):
+        check_unseen([second, first], [renamed])
+    later = make_trajectory(first.q, first.qd, first.a)
     later.stamp_ns[:] += 10**12
     check_unseen([first], [later])

@@ -138,10 +138,32 @@ def test_clock_step_back_of_both_clocks_splits(raw, make):
     assert [set(trajectory.a.ravel()) for trajectory in result.trajectories] == [{-1.0}, {1.0}]
 
 
-def test_clock_step_of_one_stream_alone_is_refused(raw, make):
+def step_samples(raw):
+    raw.joint_stamp_ns[500:] -= 60 * SECOND
+    raw.joint_log_time_ns[500:] -= 60 * SECOND
+
+
+def step_commands(raw):
     raw.command_log_time_ns[200:] -= 60 * SECOND
+
+
+@pytest.mark.parametrize("step", [step_samples, step_commands])
+def test_clock_step_of_one_stream_alone_is_refused(raw, make, step):
+    step(raw)
     with pytest.raises(InputError, match="split the bag at the steps"):
         make(raw)
+
+
+@pytest.mark.parametrize("by_s", [-100, 100])
+def test_damaged_times_cost_their_own_message_only(raw, make, by_s):
+    expected = make(raw).trajectories[0]
+    raw.command_log_time_ns[200] += by_s * SECOND
+    raw.joint_log_time_ns[300] += by_s * SECOND
+    result = make(raw)
+    assert noted(result, "commands: their log time lies far from both neighbours'") == 1
+    (trajectory,) = result.trajectories
+    np.testing.assert_array_equal(trajectory.t_s, expected.t_s)
+    np.testing.assert_array_equal(trajectory.q, expected.q)
 
 
 @pytest.mark.parametrize(

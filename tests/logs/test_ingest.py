@@ -106,6 +106,28 @@ def test_full_disk_fails_in_one_line(run, tmp_path):
     assert list((tmp_path / "tuples").iterdir()) == []
 
 
+def test_what_a_killed_run_left_is_removed_and_nothing_else(run, tmp_path):
+    run()
+    before = contents(tmp_path / "tuples")
+    own = tmp_path / "tuples" / "own.parquet"
+    polars.DataFrame({"trajectory": ["x"], "value": [1.0]}).write_parquet(own)
+    (tmp_path / "tuples" / "gone.parquet").write_bytes(before["bag0.parquet"])  # killed before the record
+    (tmp_path / "tuples" / ".bag1.parquet.77.partial").write_bytes(b"half")
+    (tmp_path / "tuples" / ".gone.scratch").mkdir()
+    assert run().n_skipped == 3
+    own.unlink()
+    assert contents(tmp_path / "tuples") == before
+
+
+def test_output_among_the_logs(machine, config, loop_tracker, folder):
+    """Its tuples are no logs; the very folder of the logs is refused."""
+    for n_skipped in (0, 3):
+        summary = ingest(machine, folder, folder / "tuples", config, loop_tracker)
+        assert summary.n_skipped == n_skipped and len(summary.reports) == 3 and not summary.failures
+    with pytest.raises(InputError, match="is the folder of the logs"):
+        ingest(machine, folder, folder, config, loop_tracker)
+
+
 def test_empty_folder(tmp_path, machine, config, loop_tracker):
     (tmp_path / "none").mkdir()
     with pytest.raises(InputError, match="none: holds no logs"):
