@@ -16,7 +16,6 @@ from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
-
 SEEN_SHARE = 0.1  # of a trajectory's rows: with more of them known it is no new recording
 
 
