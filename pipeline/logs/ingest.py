@@ -30,7 +30,7 @@ SCHEMA_VERSION = 3  # raise it when the same log would give other tuples or anot
 RECORD_SUFFIX = ".ingest.json"
 SCRATCH_SUFFIX = ".scratch"
 HASH_PIECE_BYTES = 1 << 22
-WORTH_A_PROCESS_BYTES = 1 << 27  # below, starting interpreters (1 s each) takes longer than it saves
+WORTH_A_PROCESS_BYTES = 1 << 29  # below, starting interpreters (2 s each) takes longer than it saves
 
 
 @dataclass(frozen=True)
