@@ -106,13 +106,15 @@ def ingest(
     Raises:
         InputError: The folder holds no logs (unless allowed), or the output cannot be written.
     """
-    output = output_directory.resolve()
-    if output == logs_directory.resolve():
+    output = Path(
+        os.path.realpath(output_directory)
+    )  # unlike `resolve` it does not mind links that are loops
+    if output == Path(os.path.realpath(logs_directory)):
         raise InputError(f"{output_directory}: is the folder of the logs; name another folder for the output")
     entries = [
         entry
         for entry in _find(logs_directory, allow_empty)
-        if not entry.path.resolve().is_relative_to(output)
+        if not Path(os.path.realpath(entry.path)).is_relative_to(output)
     ]
     try:
         output_directory.mkdir(parents=True, exist_ok=True)

@@ -4,6 +4,7 @@ import jax
 import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
+from pipeline.configuration import load_section
 from pipeline.control.ppo import PPOConfig
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes, evaluation_episodes
@@ -14,7 +15,6 @@ from tests.reaching.conftest import (  # noqa: F401  fixtures
     paper_episodes,
     paper_reward,
     poses,
-    section,
     task,
 )
 
@@ -33,7 +33,7 @@ def compiled_once(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def paper_ppo() -> PPOConfig:
-    return section("ppo", PPOConfig)
+    return load_section("ppo", PPOConfig)
 
 
 @pytest.fixture(scope="session")

@@ -5,10 +5,9 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
+from pipeline.configuration import MACHINE_DIRECTORY
 from pipeline.plant.load import dynamics, gravity_torque, inverse_mass, potential_energy
 from pipeline.plant.scratch import allocate
-
-from .conftest import MACHINE_FILE
 
 
 def kinetic_energy(links, q, v):
@@ -88,7 +87,7 @@ def test_bias_satisfies_lagrange(state):
 
 
 def test_masses_are_those_of_the_urdf(nominal):
-    root = ElementTree.parse(MACHINE_FILE.parent / "bobcat_e10.urdf").getroot()
+    root = ElementTree.parse(MACHINE_DIRECTORY / "bobcat_e10.urdf").getroot()
     for i, name in enumerate(("boom", "arm", "hammer")):
         inertial = root.find(f"./link[@name='{name}']/inertial")
         assert float(inertial.find("mass").get("value")) == nominal.links.mass_kg[i]
