@@ -18,11 +18,12 @@ from pipeline.configuration import PipelineConfiguration, stage
 from pipeline.dynamics.fit import fit
 from pipeline.dynamics.model import Target
 from pipeline.dynamics.network import Parameterization
+from pipeline.dynamics.purposes import split_by_purpose
 from pipeline.dynamics.search_space import propose
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.dynamics.trial_table import TrialRow, write_trials
 from pipeline.errors import InputError
-from pipeline.logs.tuples import Trajectory, read_tuples
+from pipeline.logs.tuples import Trajectory
 from pipeline.study.configuration import SearchConfig
 from pipeline.study.storage import refuse_password
 from pipeline.study.trials import Outcome, Trial
@@ -145,19 +146,8 @@ class Trainer:
 
 def learning_part(configuration: SearchStage) -> list[Trajectory]:
     """The trajectories that the search may see."""
-    trajectories = read_tuples(Path(configuration.tuples), configuration.machine)
-    names = [trajectory.name for trajectory in trajectories]
-    unknown = [name for name in configuration.hold_out if name not in names]
-    if unknown:
-        raise InputError(
-            f"hold_out={unknown}: no such trajectory in {configuration.tuples}; it has {', '.join(names)}"
-        )
-    learning = [trajectory for trajectory in trajectories if trajectory.name not in configuration.hold_out]
-    if not learning:
-        raise InputError(
-            f"hold_out={configuration.hold_out}: nothing is left to learn from; hold out fewer trajectories"
-        )
-    return learning
+    rows = split_by_purpose(Path(configuration.tuples), None, configuration.hold_out, configuration.machine)
+    return rows.learning
 
 
 def define(configuration: SearchStage, trajectories: Sequence[Trajectory]) -> dict[str, Any]:
