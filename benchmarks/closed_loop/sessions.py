@@ -1,0 +1,105 @@
+"""Sessions of the simulated machine, as bags or as the trajectories that ingest makes of such bags."""
+
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.closed_loop.machines import MACHINE
+from pipeline.configuration import ControlConfiguration, load_machine, load_section
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.loop_tracker import LoopTrackerConfig
+from pipeline.logs.raw_log import RawLog
+from pipeline.logs.trajectories import make_trajectories
+from pipeline.logs.tuples import Trajectory
+from pipeline.logs.writer import write_bag
+from pipeline.machine.specification import MachineSpecification
+from pipeline.plant.operator import draw_style
+from pipeline.plant.parameters import Parameters
+from pipeline.plant.session import NANOSECONDS, SessionLog, record_session
+
+PROFILE = "default"
+
+
+@dataclass(frozen=True)
+class Session:
+    """All that a recording depends on.
+
+    Attributes:
+        parameters: The plant's at the start.
+        changes: Later ones, each with the time from which on they hold, s.
+        style_seed: Of the operator's habits.
+        seed: Of the session's chances.
+        minutes: Duration.
+        start: When; gives the bag its name.
+    """
+
+    parameters: Parameters
+    changes: tuple[tuple[float, Parameters], ...]
+    style_seed: int
+    seed: int
+    minutes: float
+    start: datetime
+
+    @property
+    def name(self) -> str:
+        """The bag's name."""
+        return self.start.strftime("%Y-%m-%d-%H-%M-%S")
+
+    def record(self) -> SessionLog:
+        """Let the operator work."""
+        return record_session(
+            machine(),
+            self.parameters,
+            draw_style(self.style_seed),
+            self.minutes,
+            self.seed,
+            start_time_ns=int(self.start.timestamp()) * NANOSECONDS,
+            changes=self.changes,
+        )
+
+
+@cache
+def machine() -> MachineSpecification:
+    """The benchmark's machine."""
+    return load_machine(MACHINE)
+
+
+@cache
+def _ingest_settings() -> tuple[IngestConfig, LoopTrackerConfig]:
+    control = load_section("control", ControlConfiguration, PROFILE)
+    return load_section("ingest", IngestConfig, PROFILE), control.loop_tracker
+
+
+def write(session: Session, folder: Path) -> None:
+    """Record a session into a bag in `folder`."""
+    log = session.record()
+    write_bag(
+        folder / session.name,
+        machine(),
+        joint_state_header_stamp_ns=log.joint_state_header_stamp_ns,
+        joint_state_log_time_ns=log.joint_state_log_time_ns,
+        joint_names=log.joint_names,
+        positions=log.positions,
+        command_log_time_ns=log.command_log_time_ns,
+        commands=log.commands,
+    )
+
+
+def trajectories(session: Session) -> list[Trajectory]:
+    """Record a session and make of it what ingest makes of its bag."""
+    log = session.record()
+    joints = np.argsort(log.joint_state_log_time_ns, kind="stable")  # the order in which a bag holds messages
+    commands = np.argsort(log.command_log_time_ns, kind="stable")
+    raw = RawLog(
+        name=session.name,
+        path=Path(session.name),
+        joint_stamp_ns=log.joint_state_header_stamp_ns[joints],
+        joint_log_time_ns=log.joint_state_log_time_ns[joints],
+        q=log.positions[joints],
+        command_log_time_ns=log.command_log_time_ns[commands],
+        command=log.commands[commands].astype(np.float64),
+    )
+    return make_trajectories(raw, machine(), *_ingest_settings()).trajectories
