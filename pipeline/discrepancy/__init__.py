@@ -1,0 +1,1 @@
+"""What measured logs say about a model: residuals, the search for effects, the gate, baselines, verdicts."""
