@@ -68,7 +68,8 @@ def machine() -> MachineSpecification:
 
 
 @cache
-def _ingest_settings() -> tuple[IngestConfig, LoopTrackerConfig]:
+def ingest_settings() -> tuple[IngestConfig, LoopTrackerConfig]:
+    """Settings that the stage ingest has by default."""
     control = load_section("control", ControlConfiguration, PROFILE)
     return load_section("ingest", IngestConfig, PROFILE), control.loop_tracker
 
@@ -102,4 +103,4 @@ def trajectories(session: Session) -> list[Trajectory]:
         command_log_time_ns=log.command_log_time_ns[commands],
         command=log.commands[commands].astype(np.float64),
     )
-    return make_trajectories(raw, machine(), *_ingest_settings()).trajectories
+    return make_trajectories(raw, machine(), *ingest_settings()).trajectories

@@ -8,6 +8,7 @@ from pipeline.plant.parameters import Parameters
 
 WEAKEST, STRONGEST = 0.70, 0.90  # of the pilot pressure that is left above the preload, at size 1
 SHORTEST_S, LONGEST_S = 0.3, 1.0  # growth of the lock with rest
+SPREAD = 0.08  # of the lock from one start to the next; the nominal one would let many starts fail for good
 LONG_REST_S = 4.0
 
 
@@ -24,6 +25,7 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
             "spool",
             silt_pressure_Pa=scaled(present, joint, lock_Pa / present[joint]),
             silt_time_constant_s=growth_s,
+            silt_spread=SPREAD,
         )
 
     changed = apply(nominal)

@@ -1,0 +1,132 @@
+"""Sizes of effects: the 4 s error of the affected joints is to grow by a factor that is drawn in [1.3, 3].
+
+The factor is measured with the variant's own baseline on a session with the effect, against the sound machine's
+error on a session of the same chances (one session's error differs from the next one's by up to a factor of two);
+of effects on all joints it is the largest joint's, else the mean of the affected ones. Where an effect cannot reach
+its factor within the bounds below, the nearest is taken; the factor reached stands in the truth.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.closed_loop.draw import Size
+from benchmarks.closed_loop.machines import FIRST_DAY, Variant
+from benchmarks.closed_loop.sessions import Session, machine
+from benchmarks.closed_loop.yardstick import yardstick
+from pipeline.plant import effects
+from pipeline.plant.parameters import Parameters
+
+LEAST_RATIO, LARGEST_RATIO = 1.3, 3.0
+SESSION_MINUTES = 6.0
+TOLERANCE = 0.05  # of the ratio
+N_TRIAL = 5  # sessions per effect
+SMALLEST_SIZE = 0.05
+LARGEST_STEP = 4.0  # of the size from one trial to the next
+LEAST_FLOOR = 0.8  # of the yardstick's error: no session counts as better than that
+LEAST_GROWTH = 0.02  # of the squared error; below, chance decides its sign
+
+LARGEST_SIZE = {
+    "gain": 1.7,  # three quarters of the metering area gone
+    "delay": 2.0,  # 0.6 s
+    "lag": 3.0,  # 1.2 s
+    "flow_coupling": 1.2,  # single motions would slow down as well
+    "load": 2.0,  # 180 kg at the tip of a machine of 1.1 t
+    "thermal_drift": 1.2,  # oil at -1 degree C
+    "supply_variation": 2.0,  # engine speed wanders by a third
+    "leakage": 3.0,  # 0.1 rad/s
+    "backlash": 2.5,  # 0.15 rad
+    "stiction": 1.0,  # stronger locks never let go
+    "end_cushion": 2.0,  # 0.8 rad of the range
+    "sensor_bias": 2.5,  # 0.25 rad, or a quarter of the scale
+    "timing": 2.0,  # 0.4 s
+    "oscillation": 2.0,  # the softest hose, once more
+    "pilot_crosstalk": 1.15,  # more opens a spool by itself
+    "coil_fade": 1.6,  # 64 % of the pilot pressure
+    "hose_kink": 4.0,
+    "line_clogging": 4.0,
+    "pilot_supply_sag": 1.1,  # all of the pilot pressure
+}
+"""Physical bound of each kind's size, with what the strongest draw comes to there."""
+
+
+def wanted_ratio(share: float, half: bool) -> float:
+    """The ratio for a uniform draw `share` in [0, 1), log-uniform in [1.3, 3]; half the growth for `half`."""
+    ratio = LEAST_RATIO * (LARGEST_RATIO / LEAST_RATIO) ** share
+    return 1.0 + 0.5 * (ratio - 1.0) if half else ratio
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Chooses sizes with the baselines kept below `root`; see `draw.Calibrate`."""
+
+    root: Path
+
+    def __call__(self, of: Variant, kind: str, seed: int, share: float, half: bool) -> Size:
+        """The size at which the error ratio is the wanted one."""
+        ruler = yardstick(self.root, of.number)
+
+        def errors(parameters: Parameters) -> np.ndarray:
+            session = Session(parameters, (), of.style_seed, seed, SESSION_MINUTES, FIRST_DAY)
+            return ruler.errors(session)
+
+        sound = np.maximum(errors(of.parameters), LEAST_FLOOR * ruler.floor)
+
+        def ratio_at(size: float) -> float:
+            effect = effects.draw(kind, seed, of.parameters, size)
+            return affected_ratio(errors(effect.apply(of.parameters)) / sound, effect.joints)
+
+        wanted = wanted_ratio(share, half)
+        size, ratio = solve_size(ratio_at, wanted, 0.5 if half else 1.0, SMALLEST_SIZE, LARGEST_SIZE[kind])
+        return Size(size, wanted, ratio)
+
+
+def affected_ratio(ratios: np.ndarray, joints: tuple[str, ...]) -> float:
+    """One figure from the ratios of all joints, (n_joint,): the largest if all are affected, else their mean."""
+    names = machine().joint_names
+    if len(joints) in (0, len(names)):
+        return float(np.max(ratios))
+    return float(np.mean([ratios[names.index(joint)] for joint in joints]))
+
+
+def solve_size(
+    ratio_at: Callable[[float], float], wanted: float, first: float, smallest: float, largest: float
+) -> tuple[float, float]:
+    """The size in [smallest, largest] whose error ratio comes nearest to the wanted one.
+
+    An effect adds to the squared error about as the square of its size, so the search is a secant in the
+    logarithms of size and of the growth of the squared error, which begins with slope two.
+
+    Returns:
+        Size and the ratio there.
+    """
+    tried: list[tuple[float, float]] = []
+    size = min(first, largest)
+    for _ in range(N_TRIAL):
+        tried.append((size, ratio_at(size)))
+        if abs(tried[-1][1] / wanted - 1.0) < TOLERANCE:
+            break
+        size = min(max(_next_size(tried, wanted), smallest), largest)
+        if any(math.isclose(size, earlier, rel_tol=0.01) for earlier, _ in tried):
+            break
+    return min(tried, key=lambda trial: abs(math.log(trial[1] / wanted)))
+
+
+def _next_size(tried: list[tuple[float, float]], wanted: float) -> float:
+    def growth(ratio: float) -> float:
+        return math.log(max(ratio**2 - 1.0, LEAST_GROWTH))
+
+    below = [trial for trial in tried if trial[1] < wanted]
+    above = [trial for trial in tried if trial[1] >= wanted]
+    size, ratio = tried[-1]
+    if below and above:
+        (low, low_ratio), (high, high_ratio) = max(below), min(above)
+        if low >= high or growth(high_ratio) == growth(low_ratio):
+            return math.sqrt(low * high)
+        share = (growth(wanted) - growth(low_ratio)) / (growth(high_ratio) - growth(low_ratio))
+        return low * (high / low) ** min(max(share, 0.1), 0.9)
+    step = math.exp(0.5 * (growth(wanted) - growth(ratio)))
+    return size * min(max(step, 1.0 / LARGEST_STEP), LARGEST_STEP)

@@ -1,0 +1,242 @@
+"""One solution against its truth."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.closed_loop import kinds
+from benchmarks.closed_loop.dependence import Dependence, judge_dependence
+from benchmarks.closed_loop.parameter_errors import ParameterError, parameter_errors, sign_is_right
+from benchmarks.closed_loop.truth import TrueEffect, Truth
+
+OTHER = "other"
+FAILED = "failed"
+AMBIGUOUS, OUTSIDE_CATALOGUE, NAMED = "ambiguous", "outside_catalogue", "named"
+LITTLE_AVOIDABLE = 0.1  # of the squared error: a share of less says nothing
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What is there of a case: None for what a run did not write."""
+
+    status: int | str
+    seconds: float
+    answer: Mapping[str, Any] | None  # closed_loop.json
+    exam: Mapping[str, Mapping[str, float]] | None  # errors before and after, by joint
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a case went. Counts are of true effects, so that pairs count twice.
+
+    Attributes:
+        case: Its name.
+        truth: What the seal holds.
+        verdict: As reported, or `failed`.
+        detected: As reported; a run that failed detected nothing.
+        named: Labels of the reported effects, strongest first.
+        first: Label of what was named first, or the verdict where nothing was.
+        hits: True effects named first (of pairs: as one of the first two).
+        half_hits: Those that stand among equivalent explanations instead.
+        wrong_name: Whether a family that is not true was named with certainty.
+        dependence: Of cases outside the catalogue for which `other` was reported.
+        joints: True positives, false positives, false negatives.
+        parameters: Of effects whose family was found.
+        signs: Whether direction or side is right, of effects that have one.
+        onset_error_s: Of a change point in the right trajectory; infinite in the wrong one.
+        before: 4 s error on the exam logs, RMS over the affected joints, rad.
+        after: The same with the effects found.
+        reduction: Mean over the affected joints of 1 - after / before.
+        avoided: Share of the avoidable squared error that is gone.
+        beats: Whether the error is lower than that of each fitted baseline, as the solution itself reports.
+        seconds: Run time.
+    """
+
+    case: str
+    truth: Truth
+    verdict: str
+    detected: bool | None
+    named: tuple[str, ...]
+    first: str
+    hits: int
+    half_hits: int
+    wrong_name: bool
+    dependence: Dependence | None
+    joints: tuple[int, int, int]
+    parameters: tuple[ParameterError, ...]
+    signs: tuple[bool, ...]
+    onset_error_s: float | None
+    before: float | None
+    after: float | None
+    reduction: float | None
+    avoided: float | None
+    beats: Mapping[str, bool]
+    seconds: float
+
+
+def true_label(effect: TrueEffect) -> str:
+    """The family as it is to be reported."""
+    return f"{kinds.CHANGE_POINT} of {effect.of}" if effect.family == kinds.CHANGE_POINT else effect.family
+
+
+def reported_label(effect: Mapping[str, Any]) -> str:
+    """The family as it was reported."""
+    family = str(effect["family"])
+    return f"{family} of {effect.get('of')}" if family == kinds.CHANGE_POINT else family
+
+
+def compare(case: str, truth: Truth, solution: Solution, floor: Mapping[str, float] | None) -> Outcome:
+    """Score one solution.
+
+    Args:
+        case: Its name.
+        truth: From its seal.
+        solution: What the run left.
+        floor: 4 s error of the baseline on the sound machine by joint, rad; None: as the solution reports it.
+    """
+    answer: Mapping[str, Any] = solution.answer or {"verdict": FAILED, "detected": False, "effects": []}
+    reported: Sequence[Mapping[str, Any]] = answer.get("effects") or []
+    verdict = str(answer["verdict"])
+    labels = [reported_label(effect) for effect in reported]
+    dependence = _dependence(truth, reported)
+    hit, half = _hits(truth, answer, labels, dependence)
+    true_joints = {joint for effect in truth.effects for joint in effect.joints}
+    told_joints = {joint for effect in reported for joint in effect.get("joints", ())}
+    parameters, signs, onset_error_s = _numbers(truth, reported, labels)
+    before, after, reduction = _exam(solution.exam, true_joints)
+    floors = floor or _at(answer, "baselines", "nominal_floor", "open_loop_rmse_80")
+    return Outcome(
+        case=case,
+        truth=truth,
+        verdict=verdict,
+        detected=answer["detected"],
+        named=tuple(labels),
+        first=labels[0] if labels else verdict,
+        hits=hit,
+        half_hits=half,
+        wrong_name=_is_wrong_name(truth, reported),
+        dependence=dependence,
+        joints=(
+            len(true_joints & told_joints),
+            len(told_joints - true_joints),
+            len(true_joints - told_joints),
+        ),
+        parameters=tuple(parameters),
+        signs=tuple(signs),
+        onset_error_s=onset_error_s,
+        before=before,
+        after=after,
+        reduction=reduction,
+        avoided=_avoided(solution.exam, floors, true_joints),
+        beats=_beats(answer, true_joints),
+        seconds=solution.seconds,
+    )
+
+
+def _hits(
+    truth: Truth, answer: Mapping[str, Any], labels: Sequence[str], dependence: Dependence | None
+) -> tuple[int, int]:
+    """True effects that were named first, and those that stand among equivalent explanations."""
+    first = list(labels[: len(truth.effects)])
+    equivalent = [
+        reported_label(alternative)
+        for alternative in answer.get("alternatives") or []
+        if alternative.get("equivalent")
+    ]
+    if answer["verdict"] == AMBIGUOUS and first:
+        equivalent.append(first.pop(0))
+    hit = half = 0
+    for effect in truth.effects:
+        label = true_label(effect)
+        if label in first and (label != OTHER or dependence == Dependence.right):
+            hit += 1
+        elif answer["verdict"] == AMBIGUOUS and label in equivalent:
+            half += 1
+    return hit, half
+
+
+def _is_wrong_name(truth: Truth, reported: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether a family other than the true ones was named with certainty. `other` names none."""
+    allowed = {true_label(effect) for effect in truth.effects} | {OTHER}
+    return any(effect.get("certain") is True and reported_label(effect) not in allowed for effect in reported)
+
+
+def _dependence(truth: Truth, reported: Sequence[Mapping[str, Any]]) -> Dependence | None:
+    """Of the first effect, where truth and report are both outside the catalogue."""
+    if (
+        not truth.effects
+        or truth.effects[0].family != OTHER
+        or not reported
+        or reported[0]["family"] != OTHER
+    ):
+        return None
+    true = truth.effects[0]
+    return judge_dependence(true.depends_on, reported[0].get("depends_on") or [], true.joints)
+
+
+def _numbers(
+    truth: Truth, reported: Sequence[Mapping[str, Any]], labels: Sequence[str]
+) -> tuple[list[ParameterError], list[bool], float | None]:
+    """Parameters, signs and onset of the true effects that were reported."""
+    errors: list[ParameterError] = []
+    signs: list[bool] = []
+    onset_error_s = None
+    for effect in truth.effects:
+        if true_label(effect) not in labels:
+            continue
+        found = reported[labels.index(true_label(effect))]
+        arguments = (effect.of or effect.family, effect.parameters, found.get("parameters") or {})
+        errors += parameter_errors(*arguments)
+        sign = sign_is_right(*arguments)
+        signs += [] if sign is None else [sign]
+        if effect.onset is not None:
+            told = found.get("onset") or {}
+            same = told.get("trajectory") == effect.onset.trajectory
+            onset_error_s = abs(float(told["t"]) - effect.onset.t) if same else math.inf
+    return errors, signs, onset_error_s
+
+
+def _exam(
+    exam: Mapping[str, Mapping[str, float]] | None, joints: set[str]
+) -> tuple[float | None, float | None, float | None]:
+    if exam is None or not joints:
+        return None, None, None
+    before, after = exam["before"], exam["after"]
+    reduction = sum(1.0 - after[joint] / before[joint] for joint in joints) / len(joints)
+    return _root_mean_square(before, joints), _root_mean_square(after, joints), reduction
+
+
+def _root_mean_square(errors: Mapping[str, float], joints: set[str]) -> float:
+    return math.sqrt(sum(errors[joint] ** 2 for joint in joints) / len(joints))
+
+
+def _avoided(
+    exam: Mapping[str, Mapping[str, float]] | None, floor: Mapping[str, float] | None, joints: set[str]
+) -> float | None:
+    if exam is None or not floor or not joints:
+        return None
+    before, after, least = (
+        sum(errors[joint] ** 2 for joint in joints) for errors in (exam["before"], exam["after"], floor)
+    )
+    if before - least < LITTLE_AVOIDABLE * before:
+        return None
+    return (before - after) / (before - least)
+
+
+def _beats(answer: Mapping[str, Any], joints: set[str]) -> dict[str, bool]:
+    """By baseline, whether the mean logarithm of the affected joints' errors is lower."""
+    after = _at(answer, "error", "open_loop_rmse_80", "after")
+    result: dict[str, bool] = {}
+    for name in ("blackbox_residual", "finetune"):
+        baseline = _at(answer, "baselines", name, "open_loop_rmse_80")
+        if after and baseline and joints:
+            result[name] = sum(math.log(after[joint] / baseline[joint]) for joint in joints) < 0.0
+    return result
+
+
+def _at(content: Any, *path: str) -> Any:
+    """The value at a path of keys, None where one is missing."""
+    for key in path:
+        content = content.get(key) if isinstance(content, Mapping) else None
+    return content

@@ -1,0 +1,108 @@
+"""Open the seals and score what was solved: the full table, goals, confusion, worst cases.
+
+python -m benchmarks.closed_loop.score ROOT [--json FILE] [--markdown FILE] [--kinds …]
+"""
+
+import argparse
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from benchmarks.closed_loop import kinds
+from benchmarks.closed_loop.comparison import FAILED, Outcome, Solution, compare
+from benchmarks.closed_loop.folders import Folders
+from benchmarks.closed_loop.goals import figures, of_stated_size
+from benchmarks.closed_loop.machines import MACHINE, variant
+from benchmarks.closed_loop.tables import case_table, confusion_table, family_table, goals_table, worst_table
+from benchmarks.closed_loop.truth import from_json
+from pipeline.atomic_files import write_whole
+from pipeline.configuration import load_machine
+
+
+def read_solution(folder: Path) -> Solution | None:
+    """What a run left; None where the case was not run yet."""
+    run = _json(folder / "run.json")
+    if run is None:
+        return None
+    answer = _json(folder / "closed_loop.json") if run["status"] == 0 else None
+    return Solution(run["status"], run["seconds"], answer, _json(folder / "exam.json"))
+
+
+def outcomes(folders: Folders, leaving_out: bool) -> list[Outcome]:
+    """All solved cases, scored."""
+    found = []
+    for name in folders.complete_cases():
+        solution = read_solution(folders.solutions(leaving_out) / name)
+        if solution is not None:
+            truth = from_json((folders.seals / f"{name}.json").read_text())
+            # what is in the nominal logs too has a baseline, and so a floor, of its own
+            floor = None if truth.kind == kinds.IN_NOMINAL else _floor(folders, truth.variant)
+            found.append(compare(name, truth, solution, floor))
+    return found
+
+
+def _floor(folders: Folders, number: int) -> Mapping[str, float] | None:
+    content = _json(folders.root / "yardsticks" / f"{variant(number).name}.json")
+    if content is None:
+        return None
+    return dict(zip(load_machine(MACHINE).joint_names, content["open_loop_rmse_80"], strict=True))
+
+
+def _json(path: Path) -> Any:
+    return json.loads(path.read_text()) if path.exists() else None
+
+
+def report(folders: Folders, chosen: list[Outcome], left_out: list[Outcome]) -> str:
+    """The whole score as Markdown."""
+    n_cases = len(folders.complete_cases())
+    n_failed = sum(o.verdict == FAILED for o in chosen)
+    stated = figures([o for o in chosen if of_stated_size(o)], [o for o in left_out if of_stated_size(o)])
+    parts = [
+        f"{len(chosen)} of {n_cases} cases scored, {n_failed} of them failed runs (they count as not detected); "
+        f"{len(left_out)} cases with the true card deleted.",
+        "## Goals",
+        goals_table(figures(chosen, left_out), stated),
+        "## By kind",
+        family_table(chosen),
+        "## Confusion: truth in rows, named first in columns",
+        confusion_table(chosen),
+        "## Worst cases",
+        worst_table(chosen),
+        "## All cases",
+        "Joints: right/wrong/missed. Parameter error: median of the case's numbers.",
+        case_table(chosen),
+    ]
+    if left_out:
+        parts += ["## True card deleted", confusion_table(left_out), case_table(left_out)]
+    return "\n\n".join(parts) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="score", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("root", type=Path)
+    parser.add_argument("--json", type=Path, help="also write all outcomes and figures here")
+    parser.add_argument("--markdown", type=Path, help="also write the tables here")
+    parser.add_argument("--kinds", nargs="+", choices=kinds.KINDS, default=kinds.KINDS, metavar="KIND")
+    arguments = parser.parse_args()
+    folders = Folders(arguments.root.resolve())
+    chosen, left_out = (
+        [o for o in outcomes(folders, leaving_out) if o.truth.kind in arguments.kinds]
+        for leaving_out in (False, True)
+    )
+    text = report(folders, chosen, left_out)
+    print(text)
+    if arguments.markdown:
+        write_whole(arguments.markdown, text.encode())
+    if arguments.json:
+        content = {
+            "figures": [asdict(figure) for figure in figures(chosen, left_out)],
+            "cases": [asdict(outcome) for outcome in chosen],
+            "left_out": [asdict(outcome) for outcome in left_out],
+        }
+        write_whole(arguments.json, (json.dumps(content, indent=1) + "\n").encode())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""Run `close_loop` on every case, one process each, which sees folders of bags and cannot read the seals.
+
+    python -m benchmarks.closed_loop.solve ROOT [--workers 2] [--timeout 600] [--leave-out-true] [overrides …]
+
+Solutions go to `ROOT/solutions/<case>`: what `close_loop` wrote, `log.txt`, `run.json` (exit status, seconds) and
+`exam.json` (errors on the exam logs, measured here). With `--leave-out-true` the seals of single effects are opened
+first, and each case is run with the true family's card deleted, into `ROOT/solutions_left_out`. Overrides are handed
+on to `close_loop`. Cases that are solved are not run again; those whose run failed are, with `--again`.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+
+from benchmarks.closed_loop import blind, kinds
+from benchmarks.closed_loop.examine import examine
+from benchmarks.closed_loop.folders import CASE_FILE, Folders, sealed
+from benchmarks.closed_loop.machines import MACHINE
+from benchmarks.closed_loop.truth import from_json
+from pipeline.atomic_files import write_whole
+from pipeline.errors import InputError
+
+RUN_FILE, LOG_FILE, EXAM_FILE = "run.json", "log.txt", "exam.json"
+TIMED_OUT = "timeout"
+
+
+@dataclass(frozen=True)
+class Task:
+    """One case to solve. `arguments` go to `close_loop`."""
+
+    name: str
+    case: Path
+    solution: Path
+    arguments: tuple[str, ...]
+
+
+def tasks(folders: Folders, leave_out_true: bool, overrides: Sequence[str]) -> list[Task]:
+    """All complete cases with their arguments; of left-out cards those cases that have one."""
+    found = []
+    for name in folders.complete_cases():
+        case, solution = folders.cases / name, folders.solutions(leave_out_true) / name
+        arguments = [
+            f"nominal={case / 'nominal'}",
+            f"measured={case / 'measured'}",
+            f"output={solution}",
+            f"machine={MACHINE}",
+            "tracking=none",
+        ]
+        model = json.loads((case / CASE_FILE).read_text())["model"]
+        if model is not None:
+            arguments.append(f"model={folders.root / model}")
+        if leave_out_true:
+            truth = from_json((folders.seals / f"{name}.json").read_text())
+            if truth.kind not in kinds.FAMILIES:
+                continue
+            arguments.append(f"close_loop.exclude=[{truth.kind}]")
+        found.append(Task(name, case, solution, (*arguments, *overrides)))
+    return found
+
+
+def run(task: Task, seals: Path, timeout_s: float) -> None:
+    """Run `close_loop` in a process that cannot read `seals`, in a working folder of its own."""
+    shutil.rmtree(task.solution, ignore_errors=True)
+    task.solution.mkdir(parents=True)
+    command = [sys.executable, str(Path(blind.__file__).resolve()), str(seals)]
+    command += [sys.executable, "-m", "pipeline.stages.close_loop", *task.arguments]
+    begin = time.monotonic()
+    with (
+        tempfile.TemporaryDirectory(prefix="close_loop_") as working,
+        (task.solution / LOG_FILE).open("w") as log,
+    ):
+        process = subprocess.Popen(
+            command, cwd=working, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+        )
+        status: int | str
+        try:
+            status = process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            status = TIMED_OUT
+            os.killpg(process.pid, signal.SIGKILL)  # with whatever it has started
+            process.wait()
+    if status == blind.STILL_READABLE:
+        raise SystemExit((task.solution / LOG_FILE).read_text())
+    result = {"status": status, "seconds": round(time.monotonic() - begin, 1)}
+    write_whole(task.solution / RUN_FILE, (json.dumps(result) + "\n").encode())
+
+
+def is_solved(task: Task, again: bool) -> bool:
+    """Whether it was run; with `again` only if that run went well."""
+    run_file = task.solution / RUN_FILE
+    return run_file.exists() and (not again or json.loads(run_file.read_text())["status"] == 0)
+
+
+_examination = threading.Lock()  # one at a time: both cores belong to the solvers
+
+
+def examine_solution(task: Task) -> None:
+    """Measure the errors of a solved case, once; why it could not be done stands in the log."""
+    exam = task.solution / EXAM_FILE
+    if exam.exists() or json.loads((task.solution / RUN_FILE).read_text())["status"] != 0:
+        return
+    with _examination:
+        try:
+            examine(task.case / "exam", task.solution, exam)
+        except InputError as error:
+            with (task.solution / LOG_FILE).open("a") as log:
+                log.write(f"examination: {error}\n")
+        jax.clear_caches()  # each case compiles its own models
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="solve", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("root", type=Path)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--timeout", type=float, default=600.0, help="seconds per case")
+    parser.add_argument(
+        "--leave-out-true", action="store_true", help="delete the true card from the catalogue"
+    )
+    parser.add_argument("--again", action="store_true", help="run failed cases once more")
+    parser.add_argument("--cases", nargs="+", metavar="CASE", help="only these")
+    parser.add_argument("--limit", type=int, help="run so many cases in this sitting")
+    arguments, overrides = parser.parse_known_args()
+    folders = Folders(arguments.root.resolve())
+    found = tasks(folders, arguments.leave_out_true, overrides)
+    if arguments.cases:
+        found = [task for task in found if task.name in arguments.cases]
+    waiting = [task for task in found if not is_solved(task, arguments.again)][: arguments.limit]
+
+    def solve(task: Task) -> Task:
+        run(task, folders.seals, arguments.timeout)
+        examine_solution(task)
+        return task
+
+    with sealed(folders.seals), ThreadPoolExecutor(arguments.workers) as pool:
+        for number, task in enumerate(pool.map(solve, waiting), start=1):
+            result = (task.solution / RUN_FILE).read_text().strip()
+            print(f"{number} of {len(waiting)}: {task.name} {result}", file=sys.stderr, flush=True)
+    for task in found:  # of an earlier sitting that was ended in between
+        if is_solved(task, again=False):
+            examine_solution(task)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""Each variant's baseline model and its 4 s error on the sound machine, against which effects are sized."""
+
+import json
+from datetime import timedelta
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.closed_loop.draw import nominal_sessions
+from benchmarks.closed_loop.machines import FIRST_DAY, YARDSTICK_MINUTES, Variant, variant
+from benchmarks.closed_loop.sessions import PROFILE, Session, machine, trajectories
+from pipeline.atomic_files import write_whole
+from pipeline.configuration import load_section
+from pipeline.dynamics.errors import open_loop_rmse_80
+from pipeline.dynamics.fit import fit
+from pipeline.dynamics.model import Target
+from pipeline.dynamics.network import Parameterization
+from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.dynamics.store import load_model, save_model
+from pipeline.logs.tuples import Trajectory
+
+MODEL_KIND = "mlp_dqdot"
+
+
+class Yardstick:
+    """The baseline of one variant, identified once and kept below a root folder."""
+
+    def __init__(self, root: Path, of: Variant) -> None:
+        self.variant = of
+        self.model_path = root / "models" / of.name
+        self._floor_path = root / "yardsticks" / f"{of.name}.json"
+        if not self._floor_path.exists():
+            self._identify()
+        self._predictor = LearnedPredictor(*load_model(self.model_path))
+        self.floor = np.array(json.loads(self._floor_path.read_text())["open_loop_rmse_80"])
+
+    def errors(self, session: Session) -> np.ndarray:
+        """4 s error of the baseline on a session, (n_joint,), rad."""
+        return open_loop_rmse_80(self._predictor, trajectories(session))[0]
+
+    def _identify(self) -> None:
+        """As the stage `identify` does with its default profile."""
+        settings = load_section("identify", IdentifyConfig, PROFILE)
+        nominal = sound_nominal(self.variant)
+        result = fit(
+            nominal,
+            machine(),
+            Parameterization.mlp,
+            Target.dqdot,
+            settings.selected[MODEL_KIND],
+            settings,
+            settings.seed,
+        )
+        lineage = {"trajectories": [trajectory.name for trajectory in nominal], "machine": machine().name}
+        save_model(self.model_path, result.model, result.parameters, lineage, result.metrics, result.curves)
+        unseen = trajectories(yardstick_session(self.variant))
+        floor, n_windows = open_loop_rmse_80(LearnedPredictor(result.model, result.parameters), unseen)
+        content = {"open_loop_rmse_80": floor.tolist(), "n_windows": n_windows}
+        write_whole(self._floor_path, (json.dumps(content, indent=1) + "\n").encode())
+
+
+@cache
+def yardstick(root: Path, variant_number: int) -> Yardstick:
+    """The yardstick of a variant, loaded once per process."""
+    return Yardstick(root, variant(variant_number))
+
+
+def yardstick_session(of: Variant) -> Session:
+    """A nominal session that is in no log."""
+    start = FIRST_DAY + timedelta(days=len(of.session_seeds))
+    return Session(of.parameters, (), of.style_seed, of.session_seeds[-1], YARDSTICK_MINUTES, start)
+
+
+def sound_nominal(of: Variant) -> list[Trajectory]:
+    """The nominal trajectories of a sound variant."""
+    return [trajectory for session in nominal_sessions(of) for trajectory in trajectories(session)]
