@@ -146,7 +146,7 @@ def nominal_sessions(machine: Variant, present: list[Effect] | None = None) -> t
     begin, changes = _parameters(machine.parameters, present or [], 0)
     return tuple(
         Session(begin, changes, machine.style_seed, seed, minutes, FIRST_DAY + timedelta(days=number))
-        for number, (seed, minutes) in enumerate(zip(machine.session_seeds, NOMINAL_MINUTES, strict=False))
+        for number, (seed, minutes) in enumerate(zip(machine.session_seeds, NOMINAL_MINUTES, strict=True))
     )
 
 

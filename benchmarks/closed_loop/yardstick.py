@@ -1,6 +1,8 @@
 """Each variant's baseline model and its 4 s error on the sound machine, against which effects are sized."""
 
+import itertools
 import json
+from collections.abc import Sequence
 from datetime import timedelta
 from functools import cache
 from pathlib import Path
@@ -36,14 +38,14 @@ class Yardstick:
         self._predictor = LearnedPredictor(*load_model(self.model_path))
         self.floor = np.array(json.loads(self._floor_path.read_text())["open_loop_rmse_80"])
 
-    def errors(self, session: Session) -> np.ndarray:
-        """4 s error of the baseline on a session, (n_joint,), rad."""
-        return open_loop_rmse_80(self._predictor, trajectories(session))[0]
+    def errors(self, sessions: Sequence[Session]) -> np.ndarray:
+        """4 s error of the baseline on sessions, (n_joint,), rad."""
+        return open_loop_rmse_80(self._predictor, _recorded(sessions))[0]
 
     def _identify(self) -> None:
         """As the stage `identify` does with its default profile."""
         settings = load_section("identify", IdentifyConfig, PROFILE)
-        nominal = sound_nominal(self.variant)
+        nominal = _recorded(nominal_sessions(self.variant))
         result = fit(
             nominal,
             machine(),
@@ -55,7 +57,7 @@ class Yardstick:
         )
         lineage = {"trajectories": [trajectory.name for trajectory in nominal], "machine": machine().name}
         save_model(self.model_path, result.model, result.parameters, lineage, result.metrics, result.curves)
-        unseen = trajectories(yardstick_session(self.variant))
+        unseen = _recorded(yardstick_sessions(self.variant))
         floor, n_windows = open_loop_rmse_80(LearnedPredictor(result.model, result.parameters), unseen)
         content = {"open_loop_rmse_80": floor.tolist(), "n_windows": n_windows}
         write_whole(self._floor_path, (json.dumps(content, indent=1) + "\n").encode())
@@ -67,12 +69,14 @@ def yardstick(root: Path, variant_number: int) -> Yardstick:
     return Yardstick(root, variant(variant_number))
 
 
-def yardstick_session(of: Variant) -> Session:
-    """A nominal session that is in no log."""
-    start = FIRST_DAY + timedelta(days=len(of.session_seeds))
-    return Session(of.parameters, (), of.style_seed, of.session_seeds[-1], YARDSTICK_MINUTES, start)
+def yardstick_sessions(of: Variant) -> list[Session]:
+    """Nominal sessions that are in no log."""
+    days = itertools.count(len(of.session_seeds))
+    return [
+        Session(of.parameters, (), of.style_seed, seed, minutes, FIRST_DAY + timedelta(days=day))
+        for seed, minutes, day in zip(of.yardstick_seeds, YARDSTICK_MINUTES, days, strict=False)
+    ]
 
 
-def sound_nominal(of: Variant) -> list[Trajectory]:
-    """The nominal trajectories of a sound variant."""
-    return [trajectory for session in nominal_sessions(of) for trajectory in trajectories(session)]
+def _recorded(sessions: Sequence[Session]) -> list[Trajectory]:
+    return [trajectory for session in sessions for trajectory in trajectories(session)]

@@ -250,6 +250,7 @@ def test_an_effect_that_cannot_be_strong_enough_is_drawn_anew():
 
     plan = draw_plan("end_cushion", 0, 0, calibrate)
     assert plan.truth.effects[0].ratio == 1.9
+    assert next(ratios, None) is None
 
 
 def test_the_same_seed_draws_the_same_case(monkeypatch):
