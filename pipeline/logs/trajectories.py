@@ -15,7 +15,7 @@ from pipeline.logs.conditioning import COMMAND_INTERVALS, JOINT_INTERVALS, Condi
 from pipeline.logs.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state, track_on
-from pipeline.logs.raw_log import NANOSECONDS, Note, NoteKind, RawLog
+from pipeline.logs.raw_log import NANOSECONDS, Note, NoteKind, RawLog, TargetPoses
 from pipeline.logs.resample import GridRows, resample
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
@@ -56,11 +56,12 @@ class GriddedLog:
 
 @dataclass(frozen=True)
 class LogTrajectories:
-    """A log's trajectories in memory, in time order, and what was met on the way."""
+    """A log's trajectories in memory, in time order, its target poses, and what was met on the way."""
 
     trajectories: list[Trajectory]
     clock: ClockReport
     notes: list[Note]
+    targets: TargetPoses | None = None
 
 
 def grid_log(
@@ -192,23 +193,28 @@ def make_trajectories(
     gridded = grid_log(raw, machine, config, MemoryStore(), section_rows)
     longest = max(gridded.lengths)
     trajectories = list(trajectory_sections(gridded, machine, config, loop_tracker, longest))
-    return LogTrajectories(trajectories, gridded.clock, gridded.notes)
+    return LogTrajectories(trajectories, gridded.clock, gridded.notes, raw.targets)
 
 
 def load_trajectories(
     directory: Path, machine: MachineSpecification, config: IngestConfig, loop_tracker: LoopTrackerConfig
 ) -> list[Trajectory]:
-    """Read all logs of a folder straight into trajectories, in memory.
+    """Read all logs of a folder straight into trajectories; arguments and errors as of `load_logs`."""
+    logs = load_logs(directory, machine, config, loop_tracker)
+    return [trajectory for log in logs for trajectory in log.trajectories]
+
+
+def load_logs(
+    directory: Path, machine: MachineSpecification, config: IngestConfig, loop_tracker: LoopTrackerConfig
+) -> list[LogTrajectories]:
+    """Read all logs of a folder straight into trajectories and target poses, in memory.
 
     Raises:
         InputError: The folder holds no logs, or one of them cannot be used.
     """
     return [
-        trajectory
+        make_trajectories(read_log(entry, machine), machine, config, loop_tracker)
         for entry in find_logs(directory)
-        for trajectory in make_trajectories(
-            read_log(entry, machine), machine, config, loop_tracker
-        ).trajectories
     ]
 
 

@@ -1,0 +1,112 @@
+"""Stage `evaluate_logs`: the errors of any saved model on any logs, and reaching where the logs hold targets."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from omegaconf import MISSING
+
+from pipeline.atomic_files import write_whole
+from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.dynamics.errors import Predictor, prediction_errors
+from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.dynamics.store import load_model
+from pipeline.errors import InputError
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.trajectories import LogTrajectories, load_logs
+from pipeline.machine.kinematics import load_arm
+from pipeline.machine.specification import MachineSpecification
+from pipeline.reaching.episodes import EpisodesConfig
+from pipeline.reaching.logged_trials import logged_trials, reaching_summary
+from pipeline.tracking import StageRun, flatten_metrics
+
+
+@dataclass
+class EvaluateLogsStage(PipelineConfiguration):
+    """Keys of `conf/evaluate_logs.yaml`."""
+
+    control: ControlConfiguration = MISSING
+    ingest: IngestConfig = MISSING
+    episodes: EpisodesConfig = MISSING
+    model: str = MISSING
+    logs: str = MISSING
+    output: str = MISSING
+
+
+@stage(EvaluateLogsStage)
+def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
+    """Write one JSON file (contract, section 3)."""
+    machine, output = configuration.machine, Path(configuration.output)
+    if output.is_dir():
+        raise InputError(f"output={output}: is a folder; name the JSON file to write")
+    predictor = predictor_of(Path(configuration.model), machine)
+    logs = load_logs(
+        Path(configuration.logs), machine, configuration.ingest, configuration.control.loop_tracker
+    )
+    evaluation = evaluate_model(predictor, logs, machine)
+    reaching = evaluate_reaching(logs, machine, configuration.episodes.steps)
+    if reaching is not None:
+        evaluation["reaching"] = reaching
+    content = json.dumps(evaluation, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    write_whole(output, content.encode())
+    for name in ("one_step_rmse", "open_loop_rmse_80"):
+        values = zip(machine.joint_names, machine.units, evaluation[name].values(), strict=True)
+        print(f"{name}: " + ", ".join(f"{joint} {value:.5f} {unit}" for joint, unit, value in values))
+    run.metrics(flatten_metrics(evaluation))
+    run.artifact(output)
+
+
+def predictor_of(path: Path, machine: MachineSpecification) -> Predictor:
+    """The saved model, which must be of this machine."""
+    model, parameters = load_model(path)
+    joints, rate_hz = model.specification.joints, model.specification.rate_hz
+    if list(joints) != list(machine.joint_names) or rate_hz != machine.rate_hz:
+        raise InputError(
+            f"{path}: the model is of joints {', '.join(joints)} at {rate_hz:g} Hz, machine {machine.name} has "
+            f"{', '.join(machine.joint_names)} at {machine.rate_hz:g} Hz; give the model's machine=NAME"
+        )
+    return LearnedPredictor(model, parameters)
+
+
+def evaluate_model(
+    predictor: Predictor, logs: list[LogTrajectories], machine: MachineSpecification
+) -> dict[str, Any]:
+    """One-step and open-loop errors over all logs, per joint in rad or m."""
+    errors = prediction_errors(predictor, [trajectory for log in logs for trajectory in log.trajectories])
+
+    def by_joint(values: np.ndarray) -> dict[str, float]:
+        return dict(zip(machine.joint_names, values.tolist(), strict=True))
+
+    return {
+        "one_step_rmse": by_joint(errors.one_step_rmse),
+        "open_loop_rmse_80": by_joint(errors.open_loop_rmse_80),
+        "n_windows": errors.n_windows,
+        "n_steps": errors.n_steps,
+    }
+
+
+def evaluate_reaching(
+    logs: list[LogTrajectories], machine: MachineSpecification, maximum_ticks: int
+) -> dict[str, Any] | None:
+    """Metrics of the trials in the logs; None where there are none, or the machine's arm is not described."""
+    trials = [
+        trial
+        for log in logs
+        if log.targets is not None
+        for trial in logged_trials(log.trajectories, log.targets, maximum_ticks)
+    ]
+    if not trials:
+        return None
+    if machine.arm is None or machine.workspace is None:
+        print(
+            f"evaluate_logs: the logs hold {len(trials)} target poses, but conf/machine/{machine.name}.yaml has "
+            "no section arm or workspace; reaching is not evaluated"
+        )
+        return None
+    return reaching_summary(trials, machine, load_arm(machine, MACHINE_DIRECTORY))
+
+
+if __name__ == "__main__":
+    main()
