@@ -87,7 +87,7 @@ def logged_trials(
                 start = int(starts[number])
                 end = min(int(ends[number]), start + maximum_ticks)
                 trials.append(LoggedTrial(trajectory, start, end, poses[number, :3], poses[number, 3:]))
-                done = number
+                done = int(number)
     return trials
 
 
@@ -109,7 +109,10 @@ def trial_traces(trials: Sequence[LoggedTrial], machine: MachineSpecification, a
     with jax.enable_x64(True):
         forward = jax.jit(arm.forward)
         position = forward(jnp.asarray(q)).position
-        inside, below = contains(workspace, position, arm.yaw(q)), below_lower_plane(workspace, position)
+        inside, below = (
+            contains(workspace, position, arm.yaw(jnp.asarray(q))),
+            below_lower_plane(workspace, position),
+        )
         start_position = forward(jnp.asarray(start_q)).position
         _, target_pitch = yaw_pitch(jnp.asarray(np.stack([trial.quaternion for trial in trials])))
     target_position = np.stack([trial.position for trial in trials])[:, None]
