@@ -51,6 +51,9 @@ LARGEST_SIZE = {
 }
 """Physical bound of each kind's size, with what the strongest draw comes to there."""
 
+OFTEN_UNSEEN = ("end_cushion", "sensor_bias")
+"""Kinds of which many draws never show (a limit that no one goes to): their largest size is tried first."""
+
 
 def wanted_ratio(share: float, half: bool) -> float:
     """The ratio for a uniform draw `share` in [0, 1), log-uniform in [1.3, 3]; half the growth for `half`."""
@@ -79,6 +82,8 @@ class Calibration:
 
         wanted = wanted_ratio(share, half)
         first = math.sqrt((wanted**2 - 1.0) / (TYPICAL_RATIO**2 - 1.0))
+        if kind in OFTEN_UNSEEN:
+            first = LARGEST_SIZE[kind]
         size, ratio = solve_size(ratio_at, wanted, first, SMALLEST_SIZE, LARGEST_SIZE[kind])
         return Size(size, wanted, ratio)
 

@@ -27,8 +27,11 @@ EXAM_MINUTES = 6.0
 ONSET_SHARE = (0.3, 0.7)  # of the measured session in which an effect sets in
 MEASURED_AFTER_DAYS = (20, 200)
 OTHER_STYLE = 0.5  # probability
-N_DRAW = 4  # of an effect that cannot be made as strong as wanted
-LARGEST_SHORTFALL = 0.5
+N_DRAW = 6  # of an effect that cannot be made as strong as wanted
+LARGEST_SHORTFALL = (
+    0.5  # in the growth of the error; more of it is taken where the ratio is still well in the range
+)
+ENOUGH_RATIO = 1.4
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,7 @@ def _draw_effect(
     for effect_seed in random.integers(2**31, size=N_DRAW).tolist():
         size = calibrate(machine, kind, effect_seed, share, half)
         tried.append((effect_seed, size))
-        if size.shortfall < LARGEST_SHORTFALL:
+        if size.shortfall < LARGEST_SHORTFALL or (size.ratio or 0.0) > ENOUGH_RATIO:
             break
     effect_seed, size = min(tried, key=lambda trial: trial[1].shortfall)
     return effects.draw(kind, effect_seed, machine.parameters, size.size), size

@@ -81,7 +81,7 @@ def _error(name: str, truth: float, reported: Mapping[str, Any]) -> ParameterErr
     value = reported.get("value")
     if value is None:
         return ParameterError(name, truth, None, None, None, covered=False)
-    interval = reported.get("ci95") or (None, None)
+    lower, upper = reported.get("ci95") or (None, None)
     change = abs(truth - NEUTRAL.get(name, 0.0))
     scale = ABSOLUTE_SCALE.get(name, 1.0) if change == 0.0 else abs(truth)
     difference = abs(float(value) - truth)
@@ -91,5 +91,5 @@ def _error(name: str, truth: float, reported: Mapping[str, Any]) -> ParameterErr
         value=float(value),
         relative=difference / scale,
         of_change=difference / change if change > 0.0 else None,
-        covered=None not in interval and float(interval[0]) <= truth <= float(interval[1]),
+        covered=lower is not None and upper is not None and float(lower) <= truth <= float(upper),
     )

@@ -35,6 +35,7 @@ from pipeline.errors import InputError
 
 RUN_FILE, LOG_FILE, EXAM_FILE = "run.json", "log.txt", "exam.json"
 TIMED_OUT = "timeout"
+CLOSE_LOOP = "pipeline.stages.close_loop"
 
 
 @dataclass(frozen=True)
@@ -71,12 +72,12 @@ def tasks(folders: Folders, leave_out_true: bool, overrides: Sequence[str]) -> l
     return found
 
 
-def run(task: Task, seals: Path, timeout_s: float) -> None:
+def run(task: Task, seals: Path, timeout_s: float, module: str = CLOSE_LOOP) -> None:
     """Run `close_loop` in a process that cannot read `seals`, in a working folder of its own."""
     shutil.rmtree(task.solution, ignore_errors=True)
     task.solution.mkdir(parents=True)
     command = [sys.executable, str(Path(blind.__file__).resolve()), str(seals)]
-    command += [sys.executable, "-m", "pipeline.stages.close_loop", *task.arguments]
+    command += [sys.executable, "-m", module, *task.arguments]
     begin = time.monotonic()
     with (
         tempfile.TemporaryDirectory(prefix="close_loop_") as working,
@@ -129,6 +130,7 @@ def main() -> None:
     parser.add_argument(
         "--leave-out-true", action="store_true", help="delete the true card from the catalogue"
     )
+    parser.add_argument("--module", default=CLOSE_LOOP, help="another solver with the same command line")
     parser.add_argument("--again", action="store_true", help="run failed cases once more")
     parser.add_argument("--cases", nargs="+", metavar="CASE", help="only these")
     parser.add_argument("--limit", type=int, help="run so many cases in this sitting")
@@ -140,7 +142,7 @@ def main() -> None:
     waiting = [task for task in found if not is_solved(task, arguments.again)][: arguments.limit]
 
     def solve(task: Task) -> Task:
-        run(task, folders.seals, arguments.timeout)
+        run(task, folders.seals, arguments.timeout, arguments.module)
         examine_solution(task)
         return task
 

@@ -19,6 +19,13 @@ def tip(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         Radius and height, (…, 2), m; pitch, (…,), rad, zero with the chisel straight down.
     """
+    if q.ndim == 1:  # the operator's every look: plain numbers are several times faster than arrays of three
+        boom, arm, hammer = q[1], q[1] + q[2], q[1] + q[2] + q[3]
+        angles = np.array((boom, arm, hammer))
+        along, across = LINK_LENGTH_M * np.cos(angles), LINK_LENGTH_M * np.sin(angles)
+        radius = BOOM_PIVOT_RADIUS_M + (along[0] + along[1] + along[2])
+        height = BOOM_PIVOT_HEIGHT_M + (across[0] + across[1] + across[2])
+        return np.array((radius, height)), hammer + 0.5 * np.pi
     link_angle = np.cumsum(q[..., 1:], axis=-1)
     radius = BOOM_PIVOT_RADIUS_M + np.sum(LINK_LENGTH_M * np.cos(link_angle), axis=-1)
     height = BOOM_PIVOT_HEIGHT_M + np.sum(LINK_LENGTH_M * np.sin(link_angle), axis=-1)

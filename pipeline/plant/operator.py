@@ -56,6 +56,7 @@ class Canvas:
     def __init__(self, workspace: WorkspaceSpecification, n_radius: int, n_yaw: int, n_height: int) -> None:
         self._lower = np.array([workspace.radius_min_m, -workspace.yaw_max_rad, workspace.z_min_m])
         self._upper = np.array([workspace.radius_max_m, workspace.yaw_max_rad, workspace.z_max_m])
+        self._bounds = self._lower.tolist(), self._upper.tolist()
         self._shape = np.array([n_radius, n_yaw, n_height])
         self.visits = np.zeros((n_radius, n_yaw, n_height), dtype=np.int64)
 
@@ -65,7 +66,10 @@ class Canvas:
 
     def distance(self, point: np.ndarray) -> float:
         """How far (radius, yaw, height) lies outside W+, metres and radians added up; zero inside."""
-        return float(np.sum(np.maximum(self._lower - point, 0.0) + np.maximum(point - self._upper, 0.0)))
+        total = 0.0
+        for lower, upper, value in zip(self._bounds[0], self._bounds[1], point.tolist(), strict=True):
+            total += max(lower - value, 0.0) + max(value - upper, 0.0)
+        return total
 
     def paint(self, point: np.ndarray) -> None:
         """Count a visit at (radius, yaw, height)."""

@@ -167,6 +167,7 @@ class Plant:
         self.parameters = parameters
         self._parameter_record = pack(parameters)
         self._state_record = pack(resting_state(parameters, start_configuration))
+        self._n_joint: int = self._state_record[0].spool.size
         self._scratch_record = pack(allocate(self.n_joint))
         n_ring = self.state.command_ring.shape[0]
         if np.max(parameters.pilot.dead_time_s) >= n_ring * parameters.numerics.substep_s:
@@ -193,7 +194,7 @@ class Plant:
     @property
     def n_joint(self) -> int:
         """Number of joints."""
-        return self._state_record[0].spool.size
+        return self._n_joint
 
     @property
     def time_s(self) -> float:
@@ -216,7 +217,8 @@ class Plant:
             InputError: wrong shape or values.
         """
         commands = np.asarray(commands)
-        if commands.ndim != 2 or commands.shape[1] != self.n_joint or not np.isin(commands, (-1, 0, 1)).all():
+        is_known = (commands == 0) | (commands == 1) | (commands == -1)  # np.isin takes ten times as long
+        if commands.ndim != 2 or commands.shape[1] != self.n_joint or not is_known.all():
             raise InputError(
                 f"commands of shape {commands.shape} and values {np.unique(commands)[:5].tolist()}: the "
                 f"plant takes rows of {self.n_joint} values -1, 0 or 1"

@@ -14,7 +14,7 @@ from pipeline.plant.effects.effect import (
 from pipeline.plant.parameters import Parameters
 
 SHORTEST_RAD, LONGEST_RAD = 0.20, 0.40  # at size 1
-SMALLEST_AREA, LARGEST_AREA = 0.05, 0.15  # that the cushion leaves, of the metering edge's
+SMALLEST_AREA, LARGEST_AREA = 0.05, 0.15  # that the cushion leaves, of the metering edge's, at size 1
 N_PLACE = 20
 LONG_HOLD_S = 12.0  # enough to cross any joint's range
 
@@ -24,7 +24,7 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
     joint, direction = choose_joint(random), choose_direction(random)
     zone = size * random.uniform(SHORTEST_RAD, LONGEST_RAD)
     index = (joint, side(direction))
-    area = random.uniform(SMALLEST_AREA, LARGEST_AREA) * float(nominal.spool.outlet_area_m2[index])
+    area = random.uniform(SMALLEST_AREA, LARGEST_AREA) / size * float(nominal.spool.outlet_area_m2[index])
 
     def apply(parameters: Parameters) -> Parameters:
         cylinder = parameters.cylinder

@@ -6,7 +6,7 @@ from pipeline.plant.characterise import full_speeds
 from pipeline.plant.effects.effect import JOINT_NAMES, Effect, Quantity
 from pipeline.plant.parameters import Parameters
 
-COLDEST_C, WARMEST_C = 8.0, 16.0  # start of the oil, at size 1 (half as far below working temperature at half)
+COLDEST_C, WARMEST_C = 8.0, 16.0  # start of the oil, at size 1; half as far below working temperature at half
 # Cold-sensitive lines: blocked line filters have laminar resistance. So much that the loss of speed grows evenly
 # with the cold (nominal lines feel nothing above 15 degrees, then everything) and is a few percent with warm oil.
 LINE_FACTOR = 20.0
