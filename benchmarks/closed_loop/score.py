@@ -12,7 +12,7 @@ from typing import Any
 
 from benchmarks.closed_loop import kinds
 from benchmarks.closed_loop.comparison import FAILED, Outcome, Solution, compare
-from benchmarks.closed_loop.folders import Folders
+from benchmarks.closed_loop.folders import Folders, readable
 from benchmarks.closed_loop.goals import figures, of_stated_size
 from benchmarks.closed_loop.machines import MACHINE, variant
 from benchmarks.closed_loop.tables import case_table, confusion_table, family_table, goals_table, worst_table
@@ -87,6 +87,8 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", choices=kinds.KINDS, default=kinds.KINDS, metavar="KIND")
     arguments = parser.parse_args()
     folders = Folders(arguments.root.resolve())
+    if not readable(folders.seals):
+        parser.error(f"{folders.seals} is closed: a solve is running, or was killed (then: chmod 700)")
     chosen, left_out = (
         [o for o in outcomes(folders, leaving_out) if o.truth.kind in arguments.kinds]
         for leaving_out in (False, True)

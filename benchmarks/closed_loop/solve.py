@@ -84,7 +84,12 @@ def run(task: Task, seals: Path, timeout_s: float, module: str = CLOSE_LOOP) -> 
         (task.solution / LOG_FILE).open("w") as log,
     ):
         process = subprocess.Popen(
-            command, cwd=working, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            cwd=working,
+            env=os.environ | {"PYTHONUNBUFFERED": "1"},  # the log of a run that hangs tells how far it came
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
         )
         status: int | str
         try:

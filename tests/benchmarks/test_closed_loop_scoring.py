@@ -21,7 +21,7 @@ from benchmarks.closed_loop.generate import case_name, variant_of
 from benchmarks.closed_loop.goals import abstained, figures, of_stated_size
 from benchmarks.closed_loop.parameter_errors import NAMES, parameter_errors, sign_is_right
 from benchmarks.closed_loop.score import outcomes, report
-from benchmarks.closed_loop.solve import tasks
+from benchmarks.closed_loop.solve import LOG_FILE, RUN_FILE, TIMED_OUT, is_solved, run, tasks
 from benchmarks.closed_loop.truth import Onset, TrueEffect, Truth, from_json
 from pipeline.errors import InputError
 from pipeline.plant import effects
@@ -342,6 +342,31 @@ def test_the_solver_is_told_of_bags_and_model_only(root):
     assert f"model={root.root / 'models/variant_0'}" in task.arguments
     [left_out] = tasks(root, leave_out_true=True, overrides=["profile=smoke"])
     assert left_out.arguments[-2:] == ("close_loop.exclude=[delay]", "profile=smoke")
+
+
+SOLVER = """
+import os, sys, time
+print(os.getcwd(), *sys.argv[1:])
+if "slow=1" in sys.argv:
+    time.sleep(60)
+"""
+
+
+def test_a_run_is_logged_and_timed_and_a_hanging_one_is_ended(root, tmp_path, monkeypatch):
+    (tmp_path / "stand_in.py").write_text(SOLVER)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    for override, limit_s, status in (("slow=0", 60.0, 0), ("slow=1", 2.0, TIMED_OUT)):
+        [task] = tasks(root, leave_out_true=False, overrides=[override])
+        assert not is_solved(task, again=True)
+        with sealed(root.seals):
+            run(task, root.seals, timeout_s=limit_s, module="stand_in")
+        assert json.loads((task.solution / RUN_FILE).read_text())["status"] == status
+        assert is_solved(task, again=False)
+        assert is_solved(task, again=True) == (status == 0)
+        (task.solution / RUN_FILE).unlink()
+    log = (task.solution / LOG_FILE).read_text()
+    assert f"nominal={task.case / 'nominal'}" in log
+    assert str(tmp_path) not in log.split()[0]  # its working folder
 
 
 def test_the_score_is_read_from_files(root):
