@@ -1,0 +1,80 @@
+"""Least squares of residuals on a candidate's tangents, judged on rows that it was not fitted on."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+
+class Evidence(NamedTuple):
+    """How well a candidate explains one joint's residual.
+
+    Attributes:
+        coefficients: (k,) fitted on all rows given.
+        gain: Held-out reduction of the sum of squares: fitted on one fold, counted on the other, both ways.
+        gain_by_block: The same, per block.
+    """
+
+    coefficients: np.ndarray
+    gain: float
+    gain_by_block: np.ndarray
+
+
+class Folds(NamedTuple):
+    """Rows in use.
+
+    Attributes:
+        fold: (N,) 0 or 1.
+        block: (N,) number of the block, for the bootstrap.
+        n_blocks: Number of blocks.
+    """
+
+    fold: np.ndarray
+    block: np.ndarray
+    n_blocks: int
+
+
+def evidence(
+    reference: np.ndarray,
+    residual: np.ndarray,
+    regressors: np.ndarray,
+    folds: Folds,
+    lower: np.ndarray,
+    upper: np.ndarray,
+) -> Evidence:
+    """Fit `residual` on `regressors`, bounded, and count what that takes off the squares of `reference`.
+
+    Args:
+        reference: (N,) residual without the candidate.
+        residual: (N,) residual with the candidate, its linear coefficients at zero.
+        regressors: (N, k); k may be 0.
+        folds: Of the rows.
+        lower: (k,) bounds of the coefficients.
+        upper: (k,) bounds.
+    """
+    k = regressors.shape[1]
+    after = residual.copy()
+    if k:
+        for held_out in (0, 1):
+            used = folds.fold != held_out
+            coefficients = _bounded(regressors[used], residual[used], lower, upper)
+            after[~used] = residual[~used] - regressors[~used] @ coefficients
+        coefficients = _bounded(regressors, residual, lower, upper)
+    else:
+        coefficients = np.zeros(0)
+    by_block = np.bincount(folds.block, reference**2 - after**2, minlength=folds.n_blocks)
+    return Evidence(coefficients, float(by_block.sum()), by_block)
+
+
+def _bounded(a: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Least squares with bounds; a vanishing ridge keeps what is not excited at zero."""
+    gram = a.T @ a
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-12))
+    gram = gram / np.outer(scale, scale) + 1e-6 * np.eye(len(gram))
+    solution = np.linalg.solve(gram, a.T @ b / scale) / scale
+    if np.all((solution >= lower) & (solution <= upper)):
+        return solution
+    factor = np.linalg.cholesky(gram)
+    target = np.linalg.solve(factor, a.T @ b / scale)
+    result = lsq_linear(factor.T, target, bounds=(lower * scale - 1e-12, upper * scale + 1e-12))
+    return np.clip(result.x / scale, lower, upper)

@@ -1,0 +1,241 @@
+"""The screen: every effect of the catalogue, on every joint, scored on rows that its coefficients did not see.
+
+Parameters that the model is linear in are found by least squares on the wrappers' tangents (for them this is the full
+fit), the others are tried on their grids. A candidate's score is the held-out reduction of the squared residual in
+units of the joint's noise floor.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import jax
+import numpy as np
+
+from pipeline.discrepancy.regression import Evidence, Folds, evidence
+from pipeline.discrepancy.simulation import Hypothesis, Simulation
+from pipeline.effects.dependence import N_DIRECTION, Dependence
+from pipeline.effects.effect import Effect, Variant
+
+ROWS_AVERAGED = 2  # velocities over one step carry the encoders' noise twice
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect on one joint.
+
+    Attributes:
+        family: Of the catalogue, or `other:<variable>`.
+        joint: Index.
+        source: Index of the joint whose variable it is; None: the joint's own, or the machine's.
+        point: Values of the parameters that are not linear.
+        freed: The linear parameters that were freed.
+        coefficients: Changes of the freed parameters from their neutral values.
+        gain: Held-out reduction of squares, in units of the joint's noise floor.
+        share: The same as a share of the squares before.
+        gain_by_block: The same as `gain`, per block.
+    """
+
+    family: str
+    joint: int
+    source: int | None
+    point: Mapping[str, float]
+    freed: Variant
+    coefficients: np.ndarray
+    gain: float
+    share: float
+    gain_by_block: np.ndarray = field(repr=False)
+
+    @property
+    def n_parameters(self) -> int:
+        """How many values it has that can be chosen."""
+        return len(self.point) + len(self.coefficients)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows on which candidates are scored.
+
+    Attributes:
+        is_used: (B, T) bool.
+        folds: Of the used rows after averaging.
+        floor: (n_joint,) mean square of the noise floor after averaging.
+    """
+
+    is_used: np.ndarray
+    folds: Folds
+    floor: np.ndarray
+
+    def averaged(self, values: np.ndarray) -> np.ndarray:
+        """(B, T, ...) to the used rows, means over `ROWS_AVERAGED` rows: (N, ...)."""
+        return averaged(values, self.is_used)
+
+
+def averaged(values: np.ndarray, is_used: np.ndarray) -> np.ndarray:
+    """Means over groups of `ROWS_AVERAGED` rows that are all used: (B, T, ...) to (N, ...)."""
+    n_groups = values.shape[1] // ROWS_AVERAGED
+    shape = (values.shape[0], n_groups, ROWS_AVERAGED)
+    grouped = values[:, : n_groups * ROWS_AVERAGED].reshape(*shape, *values.shape[2:])
+    used = is_used[:, : n_groups * ROWS_AVERAGED].reshape(shape).all(axis=2)
+    return grouped.mean(axis=2)[used]
+
+
+def screen(
+    simulation: Simulation,
+    active: Hypothesis,
+    rows: Rows,
+    excluded: Sequence[str] = (),
+    joints: Sequence[int] | None = None,
+) -> list[Candidate]:
+    """Score every candidate beside the effects that are active already.
+
+    Args:
+        simulation: On the logs in question.
+        active: Effects that were found before.
+        rows: Rows in use.
+        excluded: Families that are not tried.
+        joints: Which joints; None: all.
+
+    Returns:
+        The best point and variant of each (family, joint, source), by falling gain.
+    """
+    return _Screen(simulation, active, rows, excluded, joints).run()
+
+
+def with_candidate(simulation: Simulation, active: Hypothesis, candidate: Candidate) -> dict:
+    """The active effects and the candidate."""
+    values = {family: {name: np.array(value, np.float64) for name, value in of.items()} for family, of in active.items()}
+    neutral = simulation.effects[candidate.family].neutral()
+    of = values.setdefault(candidate.family, neutral)
+    j = candidate.joint
+    for name, value in candidate.point.items():
+        of[name][j] = value
+    for freed, coefficient in zip(candidate.freed, candidate.coefficients, strict=True):
+        for name, index in freed:
+            place = (j,) if index is None else (j, *np.atleast_1d(index))
+            of[name][place] = neutral[name][place] + coefficient
+    return values
+
+
+class _Screen:
+    def __init__(
+        self, simulation: Simulation, active: Hypothesis, rows: Rows, excluded: Sequence[str], joints: Sequence[int] | None
+    ) -> None:
+        self.simulation, self.active, self.rows, self.excluded = simulation, active, rows, excluded
+        self.n_joint = simulation.setting.n_joint
+        self.joints = range(self.n_joint) if joints is None else joints
+        self.u = simulation.nominal_velocities([active])[0]
+        self.measured = rows.averaged(simulation.sequences.velocity)
+        self.reference = self.measured - rows.averaged(simulation.velocities([active], self.u)[0])
+        self.best: dict[tuple[str, int, int | None], Candidate] = {}
+
+    def run(self) -> list[Candidate]:
+        for family, effect in self.simulation.effects.items():
+            if family in self.excluded:
+                continue
+            if isinstance(effect, Dependence):
+                self._dependence(family, effect)
+            else:
+                self._named(family, effect)
+        return sorted(self.best.values(), key=lambda candidate: -candidate.gain)
+
+    def _named(self, family: str, effect: Effect) -> None:
+        points = effect.grid()
+        free = [joint for joint in self.joints if not self._is_active(family, joint)]
+        if not free:
+            return
+        hypotheses = [self._at(family, effect, point, free) for point in points]
+        shared = self.u if isinstance_velocity(effect) else None
+        if points == [{}]:
+            residuals = self.reference[None]
+        elif not effect.variants()[0] or shared is None:
+            residuals = self.measured - np.stack([self.rows.averaged(v) for v in self.simulation.velocities(hypotheses, shared)])
+        else:
+            residuals = np.broadcast_to(self.reference, (len(points), *self.reference.shape))
+        variants = effect.variants()
+        freed = list(dict.fromkeys(one for variant in variants for one in variant))
+        directions = [self._direction(family, effect, one, free) for one in freed]
+        n = len(freed)
+        tangents = None
+        if n:
+            flat_h = [hypothesis for hypothesis in hypotheses for _ in range(n)]
+            flat_d = directions * len(points)
+            tangents = np.stack(
+                [self.rows.averaged(t) for t in self.simulation.tangents(flat_h, flat_d, self.u)]
+            ).reshape(len(points), n, *self.reference.shape)
+        for joint in free:
+            for index, point in enumerate(points):
+                for variant in variants:
+                    chosen = [freed.index(one) for one in variant]
+                    regressors = tangents[index][chosen][..., joint].T if tangents is not None else np.zeros((len(self.reference), 0))
+                    lower, upper = self._bounds(effect, variant)
+                    self._score(family, joint, None, point, variant, residuals[index][:, joint], regressors, lower, upper)
+
+    def _dependence(self, family: str, effect: Dependence) -> None:
+        sources = range(self.n_joint) if effect.per_source else [0]
+        free = list(self.joints)
+        for source in sources:
+            freed: Variant = tuple(
+                (("coefficients", (direction, source, k)),)
+                for direction in range(N_DIRECTION)
+                for k in range(effect.n_basis)
+            )
+            directions = [self._direction(family, effect, one, free) for one in freed]
+            hypotheses = [self.active] * len(directions)
+            tangents = np.stack([self.rows.averaged(t) for t in self.simulation.tangents(hypotheses, directions, self.u)])
+            for joint in free:
+                if effect.variable == "command" and source == joint:
+                    continue
+                lower, upper = np.full(len(freed), -2.0), np.full(len(freed), 2.0)
+                named = source if effect.per_source else None
+                self._score(family, joint, named, {}, freed, self.reference[:, joint], tangents[..., joint].T, lower, upper)
+
+    def _score(self, family, joint, source, point, variant, residual, regressors, lower, upper) -> None:  # type: ignore[no-untyped-def]
+        found: Evidence = evidence(self.reference[:, joint], residual, regressors, self.rows.folds, lower, upper)
+        floor = self.rows.floor[joint]
+        squares = float(np.sum(self.reference[:, joint] ** 2))
+        candidate = Candidate(
+            family, joint, source, point, variant, found.coefficients, found.gain / floor, found.gain / max(squares, 1e-12), found.gain_by_block / floor
+        )
+        key = (family, joint, source)
+        present = self.best.get(key)
+        # A variant with more parameters has to be better by a margin, not by chance.
+        if present is None or candidate.gain > present.gain + PARSIMONY * abs(present.gain) * (candidate.n_parameters > present.n_parameters):
+            self.best[key] = candidate
+
+    def _is_active(self, family: str, joint: int) -> bool:
+        if family not in self.active:
+            return False
+        neutral = self.simulation.effects[family].neutral()
+        return any(np.any(np.asarray(value)[joint] != neutral[name][joint]) for name, value in self.active[family].items())
+
+    def _at(self, family: str, effect: Effect, point: Mapping[str, float], joints: Sequence[int]) -> dict:
+        values = {f: dict(of) for f, of in self.active.items()}
+        of = {name: np.array(value, np.float64) for name, value in (values.get(family) or effect.neutral()).items()}
+        for name, value in point.items():
+            of[name][list(joints)] = value
+        return {**values, family: of}
+
+    def _direction(self, family: str, effect: Effect, freed, joints: Sequence[int]) -> dict:  # type: ignore[no-untyped-def]
+        of = {name: np.zeros_like(value) for name, value in effect.neutral().items()}
+        for name, index in freed:
+            for joint in joints:
+                of[name][(joint,) if index is None else (joint, *np.atleast_1d(index))] = 1.0
+        return {family: of}
+
+    def _bounds(self, effect: Effect, variant: Variant) -> tuple[np.ndarray, np.ndarray]:
+        by_name = {parameter.name: parameter for parameter in effect.card.parameters}
+        freed = [by_name[one[0][0]] for one in variant]
+        return (
+            np.array([parameter.lower - parameter.neutral for parameter in freed]),
+            np.array([parameter.upper - parameter.neutral for parameter in freed]),
+        )
+
+
+PARSIMONY = 0.03
+
+
+def isinstance_velocity(effect: Effect) -> bool:
+    """Whether the effect acts behind f_θ, so that f_θ need not be run again."""
+    from pipeline.effects.effect import VelocityEffect
+
+    return isinstance(effect, VelocityEffect)

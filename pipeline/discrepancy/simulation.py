@@ -1,0 +1,163 @@
+"""What the machine's velocities would be if given effects were present: the diagnosis model inside the chain.
+
+Measured configurations are fed in, velocities come out, so that nothing accumulates and every row can be compared
+with what was measured there. Hypotheses of the same families share one compilation, and run side by side.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from pipeline.discrepancy.diagnosis_model import DiagnosisModel
+from pipeline.discrepancy.sequences import Sequences
+from pipeline.effects.chain import Chain, ChainValues
+from pipeline.effects.effect import Effect, Setting, Signals
+
+Hypothesis = Mapping[str, Mapping[str, np.ndarray]]  # values by family; families left out are neutral
+DRIVEN_AT_ONCE = 8  # the diagnosis model runs for each
+RESPONDING_AT_ONCE = 32
+WIDTHS = (1, 8, 32)
+
+
+class Simulation:
+    """Velocities under hypotheses, on one set of logs.
+
+    Args:
+        model: The diagnosis model.
+        sequences: Logs on which it runs.
+        effects: Families that hypotheses may name.
+        setting: Of the machine.
+        leave_out: Whether the logs are those that the model was trained on: then every row is predicted by the member
+            that was not trained on it, else by the mean of all.
+    """
+
+    def __init__(
+        self,
+        model: DiagnosisModel,
+        sequences: Sequences,
+        effects: Sequence[type[Effect]],
+        setting: Setting,
+        leave_out: bool = False,
+    ) -> None:
+        self.effects = {effect.card.family: effect(setting) for effect in effects}
+        self.setting = setting
+        self.sequences = sequences
+        self._types = {effect.card.family: effect for effect in effects}
+        self._model = model
+        n_members = len(model.left_out)
+        member = model.left_out if leave_out else np.full((n_members, 1, 1), 1.0 / n_members)
+        member = np.broadcast_to(np.moveaxis(np.asarray(member, np.float32), 1, 2), (n_members, *sequences.time_s.T.shape))
+        rows = (sequences.command, sequences.q, sequences.time_s)
+        self._rows = [jnp.asarray(np.moveaxis(array, 1, 0), jnp.float32) for array in rows]  # time in front
+        self._rows.append(jnp.asarray(member))  # (E, T, B)
+        self._compiled: dict[tuple, Callable] = {}
+
+    def nominal_velocities(self, hypotheses: Sequence[Hypothesis]) -> jax.Array:
+        """Velocities of the nominal machine under the commands that reach it, (n_hypotheses, T, B, n_joint)."""
+        results = []
+        for chunk, values, chain in self._chunks(hypotheses, DRIVEN_AT_ONCE):
+            results.append(self._call(_driven, chain, (0, None), values, self._rows)[:chunk])
+        return jnp.concatenate(results)
+
+    def velocities(self, hypotheses: Sequence[Hypothesis], u: jax.Array | None = None) -> np.ndarray:
+        """Measured velocities under each hypothesis, (n_hypotheses, B, T, n_joint).
+
+        Args:
+            hypotheses: Any number.
+            u: Of `nominal_velocities`, of all hypotheses alike (T, B, n_joint), where it is known already.
+        """
+        results = []
+        for chunk, values, chain in self._chunks(hypotheses, DRIVEN_AT_ONCE if u is None else RESPONDING_AT_ONCE):
+            if u is None:
+                driven = self._call(_driven, chain, (0, None), values, self._rows)
+                found = self._call(_responding, chain, (0, 0, None), values, driven, self._rows)
+            else:
+                found = self._call(_responding, chain, (0, None, None), values, u, self._rows)
+            results.append(np.asarray(found)[:chunk])
+        return np.moveaxis(np.concatenate(results), 1, 2).astype(np.float64)
+
+    def tangents(
+        self, hypotheses: Sequence[Hypothesis], directions: Sequence[Hypothesis], u: jax.Array
+    ) -> Iterator[np.ndarray]:
+        """Derivatives of the velocities along directions of the values; yields (B, T, n_joint) per pair.
+
+        Args:
+            hypotheses: Where, one per direction.
+            directions: Values' changes; what is left out does not change.
+            u: (T, B, n_joint) of `nominal_velocities`, for all hypotheses alike.
+        """
+        present = {family: {} for d in directions for family in d}
+        complete = [{**present, **hypothesis} for hypothesis in hypotheses]
+        first = 0
+        for chunk, values, chain in self._chunks(complete, RESPONDING_AT_ONCE):
+            along = [_change(chain, direction) for direction in directions[first : first + chunk]]
+            along += along[-1:] * (len(jax.tree.leaves(values)[0]) - chunk)
+            found = self._call(_tangent, chain, (0, 0, None, None), values, _stacked(along), u, self._rows)
+            first += chunk
+            yield from np.moveaxis(np.asarray(found)[:chunk], 1, 2).astype(np.float64)
+
+    def _chunks(self, hypotheses: Sequence[Hypothesis], at_once: int) -> Iterator[tuple[int, Any, Chain]]:
+        """Stacked values, padded so that few shapes are compiled, and the chain for them."""
+        families = tuple(family for family in self._types if any(family in hypothesis for hypothesis in hypotheses))
+        families = families or tuple(self._types)[:1]
+        chain = Chain([self._types[family] for family in families], self.setting)
+        for first in range(0, len(hypotheses), at_once):
+            chunk = hypotheses[first : first + at_once]
+            filled = [_filled(chain, hypothesis) for hypothesis in chunk]
+            width = next(width for width in WIDTHS if width >= len(chunk))
+            yield len(chunk), _stacked(filled + filled[-1:] * (width - len(chunk))), chain
+
+    def _call(self, function: Callable, chain: Chain, axes: tuple, *arguments: Any) -> Any:
+        key = (function, tuple(chain.effects), axes)
+        if key not in self._compiled:
+            self._compiled[key] = jax.jit(jax.vmap(partial(function, self._model, chain), in_axes=axes))
+        return self._compiled[key](*arguments)
+
+
+def _filled(chain: Chain, hypothesis: Hypothesis) -> dict[str, dict[str, np.ndarray]]:
+    """Values of all of the chain's families: those of the hypothesis, neutral ones else."""
+    return {
+        family: {name: np.asarray(hypothesis.get(family, {}).get(name, value), np.float32) for name, value in of.items()}
+        for family, of in chain.neutral().items()
+    }
+
+
+def _change(chain: Chain, direction: Hypothesis) -> dict[str, dict[str, np.ndarray]]:
+    """The direction, with zeros for what does not change."""
+    return {
+        family: {
+            name: np.asarray(direction.get(family, {}).get(name, np.zeros_like(value)), np.float32)
+            for name, value in of.items()
+        }
+        for family, of in chain.neutral().items()
+    }
+
+
+def _stacked(trees: Sequence) -> Any:
+    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *trees)
+
+
+def _driven(model: DiagnosisModel, chain: Chain, values: ChainValues, rows: list) -> jax.Array:
+    command, q, _, member = rows
+    reaching = chain.command_sequence(values, command)
+    true = chain.true(values, q)
+    velocities = model.members_velocity(jnp.moveaxis(reaching, 0, 1), jnp.moveaxis(true, 0, 1))
+    return jnp.sum(member[..., None] * jnp.moveaxis(velocities, 2, 1), axis=0)
+
+
+def _responding(model: DiagnosisModel, chain: Chain, values: ChainValues, u: jax.Array, rows: list) -> jax.Array:
+    command, q, time_s, _ = rows
+    true = chain.true(values, q)
+    v = chain.velocity_sequence(values, u, Signals(command, true, time_s))
+    return model.stopped(v, true) * chain.sensor_scale(values, true)
+
+
+def _tangent(
+    model: DiagnosisModel, chain: Chain, values: ChainValues, direction: ChainValues, u: jax.Array, rows: list
+) -> jax.Array:
+    _, tangent = jax.jvp(lambda values: _responding(model, chain, values, u, rows), (values,), (direction,))
+    return tangent

@@ -1,0 +1,79 @@
+"""Which measured rows are for fitting, for selection and for confirmation; no row is for two of them."""
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.errors import InputError
+
+
+class Purpose(enum.IntEnum):
+    """What a row may be used for."""
+
+    purged = 0
+    fit = 1
+    select = 2
+    confirm = 3
+
+
+@dataclass
+class SplitConfig:
+    """How measured rows are split.
+
+    Attributes:
+        block_s: Length of a block where the logs are long enough.
+        smallest_block_s: Blocks are not made shorter.
+        blocks: Number of blocks wanted over all logs.
+        trajectories: From so many trajectories on, whole trajectories are split instead of blocks.
+        purge_s: Left out between blocks of different purposes: longer than a window of history and horizon.
+    """
+
+    block_s: float
+    smallest_block_s: float
+    blocks: int
+    trajectories: int
+    purge_s: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.smallest_block_s <= self.block_s:
+            raise InputError("close_loop.split: 0 < smallest_block_s <= block_s must hold")
+        if not 0 <= self.purge_s < self.smallest_block_s:
+            raise InputError("close_loop.split.purge_s must be between 0 and smallest_block_s")
+
+
+def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tuple[list[np.ndarray], str]:
+    """Purpose of every row of every trajectory.
+
+    Args:
+        lengths: Rows of each trajectory.
+        dt_s: Length of one time step.
+        config: See there.
+
+    Returns:
+        Per trajectory (T,) int8 of `Purpose`, and the rule in words.
+    """
+    cycle = (Purpose.fit, Purpose.select, Purpose.confirm)
+    if len(lengths) >= config.trajectories:
+        order = np.argsort([-length for length in lengths], kind="stable")
+        purposes = [np.zeros(0, np.int8)] * len(lengths)
+        for place, index in enumerate(order):
+            purposes[index] = np.full(lengths[index], cycle[place % 3], np.int8)
+        return purposes, "whole trajectories, by length in turn: fit, select, confirm"
+    total_s = sum(lengths) * dt_s
+    block_s = float(np.clip(total_s / config.blocks, config.smallest_block_s, config.block_s))
+    purposes = []
+    for number, length in enumerate(lengths):
+        n_blocks = max(1, round(length * dt_s / block_s))
+        edges = np.round(np.linspace(0, length, n_blocks + 1)).astype(int)
+        rows = np.zeros(length, np.int8)
+        purge = round(config.purge_s / dt_s)
+        for block, (begin, end) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+            rows[begin:end] = cycle[(block - number) % 3]
+            if block:
+                rows[begin : begin + purge] = Purpose.purged
+        purposes.append(rows)
+    return purposes, (
+        f"blocks of {block_s:.0f} s in turn: fit, select, confirm; after each boundary {config.purge_s:g} s belong to none"
+    )

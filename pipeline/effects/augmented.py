@@ -1,0 +1,102 @@
+"""f_θ with effects around it: a dynamics model like any other, for environments, planners, graphs and logs.
+
+f_θ lives in the nominal machine's world: its window holds the commands that reach the actuators and the velocities
+(or positions) that the nominal machine would have had. Around it, the measured world holds what a log or a policy
+sees. With all effects at neutral both worlds are one, and every step equals the frozen model's.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from pipeline.dynamics.features import History, push
+from pipeline.dynamics.model import DynamicsModel, Target
+from pipeline.dynamics.network import Parameters
+from pipeline.effects.chain import Chain, ChainState, ChainValues
+from pipeline.effects.effect import Place, Signals
+
+# A policy is learned for a machine that has worked for a while: effects of warming up have faded.
+WARM_S = 1800.0
+
+
+class AugmentedParameters(NamedTuple):
+    """What the augmented model can be differentiated by.
+
+    Attributes:
+        network: θ of the frozen model.
+        effects: Values by family.
+    """
+
+    network: Parameters
+    effects: ChainValues
+
+
+class AugmentedHistory(NamedTuple):
+    """What is known before the command a_t; any leading batch axes. The first three fields are as in `History`.
+
+    Attributes:
+        motion: (..., k+1, n_joint) as measured.
+        commands: (..., k+1, n_joint) as given.
+        q: (..., n_joint) as measured.
+        nominal: f_θ's window in the nominal machine's world; its `q` is the true configuration.
+        chain: States of the effects.
+        time_s: (...,) since the start of the log.
+    """
+
+    motion: jax.Array
+    commands: jax.Array
+    q: jax.Array
+    nominal: History
+    chain: ChainState
+    time_s: jax.Array
+
+
+class AugmentedModel:
+    """Pure functions of (parameters, history, command), as `DynamicsModel`."""
+
+    def __init__(self, frozen: DynamicsModel, chain: Chain) -> None:
+        self.frozen = frozen
+        self.chain = chain
+        self.specification = frozen.specification
+
+    def initial_history(self, q: jax.Array) -> AugmentedHistory:
+        """History of a warm machine that has been at rest in `q` (..., n_joint); all effects have set in."""
+        measured = self.frozen.initial_history(q)
+        batch = q.shape[:-1]
+        return AugmentedHistory(*measured, measured, self.chain.initial(batch), jnp.full(batch, WARM_S, q.dtype))
+
+    def features(self, history: AugmentedHistory) -> jax.Array:
+        """The policy's x̃_t, from what is measured."""
+        return self.frozen.features(History(history.motion, history.commands, history.q))
+
+    def step(
+        self, parameters: AugmentedParameters, history: AugmentedHistory, command: jax.Array
+    ) -> AugmentedHistory:
+        """Advance by one time step under `command` a_t (..., n_joint)."""
+        values, dt_s = parameters.effects, self.specification.dt_s
+        state, reaching = self.chain.commands(values, history.chain, command)
+        before = history.nominal
+        after = self.frozen.step(parameters.network, before, reaching)
+        is_dq = self.specification.target is Target.dq
+        u = (after.q - before.q) / dt_s if is_dq else after.motion[..., -1, :]
+        state, v = self.chain.velocity(values, state, u, Signals(command, before.q, history.time_s))
+        shift = dt_s * (v - u)
+        true = after.q + shift
+        # The window of a Δq model holds positions: it is moved as a whole, so that the nominal machine's steps stay.
+        motion = after.motion + shift[..., None, :] if is_dq else after.motion
+        q = self.chain.measured(values, true)
+        newest = q if is_dq else (q - history.q) / dt_s if self.has_sensor else v
+        return AugmentedHistory(
+            motion=push(history.motion, newest),
+            commands=push(history.commands, command),
+            q=q,
+            nominal=History(motion, after.commands, true),
+            chain=state,
+            time_s=history.time_s + dt_s,
+        )
+
+    @property
+    def has_sensor(self) -> bool:
+        """Whether an effect changes what is measured of the configuration."""
+        return any(effect.place is Place.sensor for effect in self.chain.effects.values())

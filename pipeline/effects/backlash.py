@@ -1,0 +1,43 @@
+"""`backlash`: lost motion on reversal."""
+
+import jax
+import jax.numpy as jnp
+
+from pipeline.effects.effect import Card, Parameter, Place, Scope, Signals, State, Values, VelocityEffect
+
+
+class Backlash(VelocityEffect):
+    """The play operator on the motion."""
+
+    place = Place.play
+    card = Card(
+        family="backlash",
+        equation="play operator of width w: the drive crosses the gap g in [0, w] before the link follows",
+        source="Nordin and Gutman (2002), Controlling mechanical systems with backlash, Automatica 38",
+        signature="the first w of motion after every reversal is missing; starts in the same direction stay",
+        confounded_with=("stiction", "delay"),
+        excitation="reversals, and repeated starts in the same direction",
+        depends_on=("reversal:{joint}",),
+        scope=Scope.joint,
+        parameters=(
+            Parameter("width", "length", 0.0, 0.0, 0.3, grid=(0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.055, 0.075, 0.1)),
+        ),
+    )
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """The drive lies against the lower flank."""
+        return self._zeros(batch)
+
+    def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """What the gap takes up is lost."""
+        moved = jnp.clip(state + self.setting.dt_s * u, 0.0, values["width"])
+        return moved, u - (moved - state) / self.setting.dt_s
+
+    def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """While the link moves, the drive lies against the flank ahead; inside the gap its motion is not seen."""
+        threshold = MOVING_SHARE * self.setting.speed_scale
+        at_flank = jnp.where(v > threshold, values["width"], jnp.where(v < -threshold, 0.0, state))
+        return at_flank, v
+
+
+MOVING_SHARE = 0.05  # of full speed: faster than this the link follows the drive

@@ -1,0 +1,42 @@
+"""All families that have a wrapper. A new effect is one file, one line here, and its test."""
+
+from collections.abc import Sequence
+
+from pipeline.effects.backlash import Backlash
+from pipeline.effects.delay import Delay
+from pipeline.effects.effect import Effect
+from pipeline.effects.end_cushion import EndCushion
+from pipeline.effects.flow_coupling import FlowCoupling
+from pipeline.effects.gain import Gain
+from pipeline.effects.lag import Lag
+from pipeline.effects.leakage import Leakage
+from pipeline.effects.load import Load
+from pipeline.effects.oscillation import Oscillation
+from pipeline.effects.sensor_bias import SensorBias
+from pipeline.effects.stiction import Stiction
+from pipeline.effects.thermal_drift import ThermalDrift
+from pipeline.effects.timing import Timing
+
+CATALOGUE: dict[str, type[Effect]] = {
+    effect.card.family: effect
+    for effect in (
+        Gain,
+        Delay,
+        Lag,
+        FlowCoupling,
+        Load,
+        ThermalDrift,
+        Leakage,
+        Backlash,
+        Stiction,
+        EndCushion,
+        SensorBias,
+        Timing,
+        Oscillation,
+    )
+}
+
+
+def families(excluded: Sequence[str] = ()) -> list[str]:
+    """Names of the families, without the excluded ones."""
+    return [family for family in CATALOGUE if family not in excluded]

@@ -1,0 +1,125 @@
+"""Several effects at once, in the order of their places; pure functions of values and states."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from pipeline.effects.effect import (
+    CommandEffect,
+    Effect,
+    SensorEffect,
+    Setting,
+    Signals,
+    Values,
+    VelocityEffect,
+)
+
+ChainValues = Mapping[str, Values]  # by family
+ChainState = dict[str, Any]
+
+
+class Chain:
+    """The effects that act on one machine, one per family."""
+
+    def __init__(self, effects: Sequence[type[Effect]], setting: Setting) -> None:
+        ordered = sorted(effects, key=lambda effect: (effect.place, effect.card.family))
+        self.setting = setting
+        self.effects = {effect.card.family: effect(setting) for effect in ordered}
+        self._command = {f: e for f, e in self.effects.items() if isinstance(e, CommandEffect)}
+        self._velocity = {f: e for f, e in self.effects.items() if isinstance(e, VelocityEffect)}
+        self._sensor = {f: e for f, e in self.effects.items() if isinstance(e, SensorEffect)}
+
+    def neutral(self) -> dict[str, dict[str, np.ndarray]]:
+        """Values at which the whole chain is the identity."""
+        return {family: effect.neutral() for family, effect in self.effects.items()}
+
+    def initial(self, batch: tuple[int, ...]) -> ChainState:
+        """States of a machine that has been at rest."""
+        return {family: effect.initial(batch) for family, effect in self.effects.items()}
+
+    def commands(
+        self, values: ChainValues, state: ChainState, command: jax.Array
+    ) -> tuple[ChainState, jax.Array]:
+        """One step of the command effects, (..., n_joint)."""
+        state = dict(state)
+        for family, effect in self._command.items():
+            state[family], command = effect.apply(values[family], state[family], command)
+        return state, command
+
+    def velocity(
+        self, values: ChainValues, state: ChainState, u: jax.Array, signals: Signals
+    ) -> tuple[ChainState, jax.Array]:
+        """One step of the velocity effects: the nominal machine's velocity to the machine's, (..., n_joint)."""
+        state = dict(state)
+        for family, effect in self._velocity.items():
+            state[family], u = effect.apply(values[family], state[family], u, signals)
+        return state, u
+
+    def nominal_velocity(
+        self, values: ChainValues, state: ChainState, v: jax.Array, signals: Signals
+    ) -> tuple[ChainState, jax.Array]:
+        """One step the other way round, of a measured velocity."""
+        state = dict(state)
+        for family, effect in reversed(self._velocity.items()):
+            state[family], v = effect.invert(values[family], state[family], v, signals)
+        return state, v
+
+    def command_sequence(self, values: ChainValues, command: jax.Array) -> jax.Array:
+        """`commands` along a whole log from rest: (T, ..., n_joint)."""
+        for family, effect in self._command.items():
+            command = along(partial(effect.apply, values[family]), effect.initial(command.shape[1:-1]), command)
+        return command
+
+    def velocity_sequence(self, values: ChainValues, u: jax.Array, signals: Signals) -> jax.Array:
+        """`velocity` along a whole log from rest: (T, ..., n_joint). Effect by effect, which comes to the same."""
+        for family, effect in self._velocity.items():
+            u = along(partial(effect.apply, values[family]), effect.initial(u.shape[1:-1]), u, signals)
+        return u
+
+    def measured(self, values: ChainValues, q: jax.Array) -> jax.Array:
+        """True to measured configuration, (..., n_joint)."""
+        for family, effect in self._sensor.items():
+            q = effect.measured(values[family], q)
+        return q
+
+    def true(self, values: ChainValues, q: jax.Array) -> jax.Array:
+        """Measured to true configuration."""
+        for family, effect in reversed(self._sensor.items()):
+            q = effect.true(values[family], q)
+        return q
+
+    def sensor_scale(self, values: ChainValues, q: jax.Array) -> jax.Array:
+        """Measured per true displacement, (..., n_joint)."""
+        return self.measured(values, q + 1.0) - self.measured(values, q)
+
+
+def along(step: Callable[..., tuple[Any, jax.Array]], state: Any, *rows: Any) -> jax.Array:
+    """Run a step along the rows' first axis; at once, where it keeps no state."""
+    if not jax.tree.leaves(state):
+        return step(state, *rows)[1]
+    return jax.lax.scan(lambda state, row: step(state, *row), state, rows)[1]
+
+
+def set_in(values: ChainValues, neutral: ChainValues, share: Mapping[str, jax.Array]) -> ChainValues:
+    """Values of effects that have set in by `share` (..., in [0, 1]) of their size.
+
+    Families that `share` does not name act in full.
+    """
+    return {
+        family: {
+            name: jnp.asarray(neutral[family][name])
+            + _expanded(share[family], np.ndim(value)) * (value - neutral[family][name])
+            for name, value in of_family.items()
+        }
+        if family in share
+        else of_family
+        for family, of_family in values.items()
+    }
+
+
+def _expanded(share: jax.Array, n_axes: int) -> jax.Array:
+    return share.reshape(*share.shape, *([1] * n_axes))

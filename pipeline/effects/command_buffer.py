@@ -1,0 +1,30 @@
+"""Commands delayed by a time that need not be a multiple of the step, differentiable in it."""
+
+import jax
+import jax.numpy as jnp
+
+LONGEST_STEPS = 16  # 0.8 s at 20 Hz
+
+
+def initial_buffer(batch: tuple[int, ...], n_joint: int) -> jax.Array:
+    """No commands so far: (..., LONGEST_STEPS, n_joint), newest first."""
+    return jnp.zeros((*batch, LONGEST_STEPS, n_joint))
+
+
+def delayed(buffer: jax.Array, command: jax.Array, delay_steps: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Push `command` and read the command of `delay_steps` ago, linear between steps.
+
+    Args:
+        buffer: (..., LONGEST_STEPS, n_joint), newest first.
+        command: (..., n_joint).
+        delay_steps: (n_joint,), in steps, clipped to the buffer.
+
+    Returns:
+        The new buffer, and (..., n_joint).
+    """
+    known = jnp.concatenate([command[..., None, :], buffer], axis=-2)
+    steps = jnp.arange(LONGEST_STEPS + 1, dtype=command.dtype)[:, None]
+    # Hat functions: at a whole number of steps exactly one weight is one.
+    late = jnp.clip(delay_steps, 0.0, LONGEST_STEPS)[..., None, :]
+    weights = jnp.maximum(0.0, 1.0 - jnp.abs(steps - late))
+    return known[..., :-1, :], jnp.sum(known * weights, axis=-2)

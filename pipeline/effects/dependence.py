@@ -1,0 +1,209 @@
+"""`other`: speed that depends on a variable which none of the named families describes.
+
+One class per variable of the contract's list, all of them the same wrapper: the ratio is one plus a sum of basis
+functions of the variable, with coefficients per joint, direction of motion and source. They compete with the named
+families, name no cause, and are what an unnamed correction is made of.
+"""
+
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from pipeline.effects.effect import Card, RatioEffect, Scope, Signals, State, Values, Variant, direction_weights
+
+N_DIRECTION = 2
+SMALLEST_COMMAND = 1e-3
+
+
+class Dependence(RatioEffect):
+    """v_j = u_j (1 + Σ_{s,k} c_{j,d,s,k} φ_k(x_s)), d the direction of u_j."""
+
+    variable: ClassVar[str]
+    n_basis: ClassVar[int]
+    per_source: ClassVar[bool] = False  # whether other joints' variables count, else the joint's own
+    common: ClassVar[bool] = False  # whether the variable is the machine's, not a joint's
+
+    def neutral(self) -> dict[str, np.ndarray]:
+        """All coefficients zero: (n_joint, 2, n_source, n_basis)."""
+        n = self.setting.n_joint
+        return {"coefficients": np.zeros((n, N_DIRECTION, n if self.per_source else 1, self.n_basis))}
+
+    def grid(self) -> list[dict[str, float]]:
+        """Nothing to search: linear throughout."""
+        return [{}]
+
+    def variants(self) -> list[Variant]:
+        """Built by the search, source by source and direction by direction."""
+        return []
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """(..., n_source or n_joint, n_basis)."""
+        raise NotImplementedError
+
+    def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """One plus the dependence."""
+        state, basis = self.basis(state, u, signals)
+        equation = "...jdsk,...sk->...jd" if self.per_source else "...jdsk,...jk->...jd"
+        by_direction = jnp.einsum(equation, values["coefficients"], basis)
+        positive, negative = direction_weights(u)
+        change = by_direction[..., 0] * negative + by_direction[..., 1] * positive
+        return state, 1.0 + jnp.clip(change, -0.95, 3.0)
+
+
+def _card(variable: str, equation: str, signature: str, scope: Scope = Scope.joint) -> Card:
+    return Card(
+        family=f"other:{variable}",
+        equation=equation,
+        source="group-wise test of a dependence: Friedman (2001), Greedy function approximation, section 8 on additive "
+        "terms",
+        signature=signature,
+        confounded_with=(),
+        excitation="variation of the variable while everything else is repeated",
+        depends_on=(variable,),
+        scope=scope,
+        parameters=(),
+    )
+
+
+class OnCommand(Dependence):
+    """On whether another joint is commanded one way or the other."""
+
+    variable, n_basis, per_source = "command", 2, True
+    card = _card("command", "φ = 1[a_s < 0], 1[a_s > 0], s ≠ j", "residual only while another joint is commanded one way")
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Indicators, softened for proportional commands."""
+        return state, jnp.stack([jnp.maximum(-signals.command, 0.0), jnp.maximum(signals.command, 0.0)], axis=-1)
+
+
+class OnPosition(Dependence):
+    """On a joint's position, piecewise linear."""
+
+    variable, n_basis, per_source = "position", 4, True
+    card = _card("position", "φ: hat functions at -1, -1/2, 1/2, 1 of the range; the middle is the reference", "residual follows one joint's position")
+    knots = (-1.0, -0.5, 0.5, 1.0)
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Hats of width 1/2."""
+        middle = 0.5 * (self.setting.upper + self.setting.lower)
+        place = (signals.q - middle) / (0.5 * (self.setting.upper - self.setting.lower))
+        place = jnp.clip(place, -1.0, 1.0)
+        return state, jnp.maximum(0.0, 1.0 - 2.0 * jnp.abs(place[..., None] - jnp.asarray(self.knots)))
+
+
+class OnHoldTime(Dependence):
+    """On how long the present command has been held."""
+
+    variable, n_basis = "hold_time", 3
+    card = _card("hold_time", "φ_k = 1 − e^{−h/T_k}, h the time since the command's last change", "residual grows while a command is held")
+    times_s = (0.7, 2.0, 5.0)
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """Hold time and the command held."""
+        return self._zeros(batch), self._zeros(batch)
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Rising exponentials."""
+        held_s, held = state
+        same = jnp.sign(signals.command) == jnp.sign(held)
+        held_s = jnp.where(same, held_s + self.setting.dt_s, 0.0)
+        return (held_s, signals.command), _rising(held_s, self.times_s)
+
+
+class OnRestTime(Dependence):
+    """On how long the joint had rested before the present motion."""
+
+    variable, n_basis = "rest_time", 2
+    card = _card("rest_time", "φ_k = 1 − e^{−r/T_k}, r the rest before the present motion", "residual of a whole motion depends on the rest before it")
+    times_s = (0.8, 4.0)
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """Rest so far, and whether the joint is commanded."""
+        return self._zeros(batch), self._zeros(batch)
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Rising exponentials of the rest."""
+        rest_s, moving = state
+        is_zero = jnp.abs(signals.command) < SMALLEST_COMMAND
+        rest_s = jnp.where(is_zero, jnp.where(moving > 0.0, 0.0, rest_s) + self.setting.dt_s, rest_s)
+        return (rest_s, jnp.where(is_zero, 0.0, 1.0)), _rising(rest_s, self.times_s)
+
+
+class OnReversal(Dependence):
+    """On the time since the joint's command last changed its sign."""
+
+    variable, n_basis = "reversal", 2
+    card = _card("reversal", "φ_k = e^{−x/T_k}, x the time since the last reversal", "residual after reversals only")
+    times_s = (0.4, 1.5)
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """Time since the reversal and the last sign."""
+        return self._zeros(batch) + 60.0, self._zeros(batch)
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Falling exponentials."""
+        since_s, sign = state
+        now = jnp.where(jnp.abs(signals.command) < SMALLEST_COMMAND, sign, jnp.sign(signals.command))
+        since_s = jnp.where(now * sign < 0.0, 0.0, since_s + self.setting.dt_s)
+        return (since_s, now), 1.0 - _rising(since_s, self.times_s)
+
+
+class OnVelocity(Dependence):
+    """On the speed itself."""
+
+    variable, n_basis = "velocity", 2
+    card = _card("velocity", "φ = s, s², s the speed in units of the usual one, less one", "residual not proportional to speed")
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Powers of the speed."""
+        share = jnp.minimum(jnp.abs(u) / self.setting.speed_scale, 2.0) - 1.0
+        return state, jnp.stack([share, share**2], axis=-1)
+
+
+class OnActivity(Dependence):
+    """On how much all joints moved over the recent past."""
+
+    variable, n_basis, common = "activity", 4, True
+    card = _card("activity", "Ȧ_k = (Σ_i |u_i| / scale_i − A_k) / T_k, φ_k = A_k", "all joints slow down after busy spells", Scope.machine)
+    times_s = (4.0, 10.0, 25.0, 60.0)
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """No activity so far."""
+        return jnp.zeros((*batch, len(self.times_s)))
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Leaky means of activity."""
+        activity = jnp.mean(jnp.abs(u) / self.setting.speed_scale, axis=-1, keepdims=True)
+        share = 1.0 - np.exp(-self.setting.dt_s / np.asarray(self.times_s))
+        state = state + share * (activity - state)
+        return state, jnp.broadcast_to(state[..., None, :], (*u.shape, len(self.times_s)))
+
+
+class OnTravel(Dependence):
+    """On the way that the joint has gone since the start of the log."""
+
+    variable, n_basis = "travel", 1
+    card = _card("travel", "φ = 1 − e^{−s/S}, s the joint's way since the start, S ten times its range", "residual grows with the joint's own way, not with time")
+    ranges = 10.0
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """No way so far."""
+        return self._zeros(batch)
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Saturating, so that it stays bounded."""
+        state = state + jnp.abs(u) * self.setting.dt_s
+        span = self.ranges * (self.setting.upper - self.setting.lower)
+        return state, (1.0 - jnp.exp(-state / span))[..., None]
+
+
+def _rising(time_s: jax.Array, constants_s: tuple[float, ...]) -> jax.Array:
+    return 1.0 - jnp.exp(-time_s[..., None] / jnp.asarray(constants_s))
+
+
+DEPENDENCES: dict[str, type[Dependence]] = {
+    dependence.card.family: dependence
+    for dependence in (OnCommand, OnPosition, OnHoldTime, OnRestTime, OnReversal, OnVelocity, OnActivity, OnTravel)
+}

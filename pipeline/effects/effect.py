@@ -1,0 +1,236 @@
+"""What an effect is: a card that a control engineer can read, and a differentiable wrapper around any f_θ.
+
+The augmented model (`augmented.py`) is a chain. Commands pass the command effects, the frozen f_θ turns them into
+the velocity u that the nominal machine would have, velocity effects turn u into the machine's velocity v, and a
+sensor effect maps the true configuration to the measured one:
+
+    a → [command effects] → f_θ → u → [speed → response → drift → play] → v → ∫ → q → [sensor] → measured q
+
+Each link has state of its own, works on any leading batch axes and equals the identity at its neutral parameters.
+Velocity effects also have an inverse: measured velocities are mapped back to those of the nominal machine, on which
+f_θ was learned, before they enter its window.
+"""
+
+import enum
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Values = Mapping[str, jax.Array]
+State = Any
+Freed = tuple[tuple[str, int | None], ...]  # parameters, with their source, that move together
+Variant = tuple[Freed, ...]
+
+
+class Place(enum.IntEnum):
+    """Where in the chain an effect acts; effects of equal place act in the order of their families' names."""
+
+    command = 0
+    speed = 1
+    response = 2
+    drift = 3
+    play = 4
+    sensor = 5
+
+
+class Scope(enum.StrEnum):
+    """Which joints an effect of the family can act on."""
+
+    joint = "joint"  # any joint by itself
+    machine = "machine"  # several joints at once, with parameters in common
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect, an array with one value per joint.
+
+    Attributes:
+        name: As in the contract (section 4) where it has one.
+        unit: `1`, `s`, `Hz`, `sign`, `length` (rad or m) or `speed` (rad/s or m/s).
+        neutral: The value at which the effect is the identity.
+        lower: Smallest plausible value.
+        upper: Largest plausible value.
+        grid: Values that the search tries; none: the model is linear in it, least squares finds it.
+        per_source: Whether the value is a row with one entry per joint (sources).
+    """
+
+    name: str
+    unit: str
+    neutral: float
+    lower: float
+    upper: float
+    grid: tuple[float, ...] = ()
+    per_source: bool = False
+
+
+@dataclass(frozen=True)
+class Card:
+    """What there is to know about a family of effects.
+
+    Attributes:
+        family: As in the contract.
+        equation: In the terms of this package.
+        source: Publication or section that the equation is from.
+        signature: What it leaves in the residual.
+        confounded_with: Families that can look alike.
+        excitation: The manoeuvre that shows it.
+        depends_on: Variables (contract, section 4) that the residual depends on; `{joint}` is filled in.
+        scope: Which joints it can act on.
+        parameters: Of the wrapper.
+    """
+
+    family: str
+    equation: str
+    source: str
+    signature: str
+    confounded_with: tuple[str, ...]
+    excitation: str
+    depends_on: tuple[str, ...]
+    scope: Scope
+    parameters: tuple[Parameter, ...]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What effects know of the machine.
+
+    Attributes:
+        dt_s: Length of one time step.
+        lower: (n_joint,) lower joint limits, rad or m.
+        upper: (n_joint,) upper joint limits.
+        speed_scale: (n_joint,) a joint's usual full speed, rad/s or m/s.
+    """
+
+    dt_s: float
+    lower: np.ndarray
+    upper: np.ndarray
+    speed_scale: np.ndarray
+
+    @property
+    def n_joint(self) -> int:
+        """Number of joints."""
+        return len(self.lower)
+
+
+class Signals(NamedTuple):
+    """What an effect sees at one time step; leading batch axes (...).
+
+    Attributes:
+        command: (..., n_joint), a_t.
+        q: (..., n_joint), the true configuration, rad or m.
+        time_s: (...,), since the start of the log.
+    """
+
+    command: jax.Array
+    q: jax.Array
+    time_s: jax.Array
+
+
+class Effect(ABC):
+    """A family's wrapper. Arrays of parameters have shape (n_joint,), or (n_joint, n_joint) per source."""
+
+    card: ClassVar[Card]
+    place: ClassVar[Place]
+
+    def __init__(self, setting: Setting) -> None:
+        self.setting = setting
+
+    def neutral(self) -> dict[str, np.ndarray]:
+        """Parameters at which the effect is the identity."""
+        n = self.setting.n_joint
+        return {
+            parameter.name: np.full((n, n) if parameter.per_source else (n,), parameter.neutral)
+            for parameter in self.card.parameters
+        }
+
+    def grid(self) -> list[dict[str, float]]:
+        """Points that the search tries of the parameters that the model is not linear in: all combinations."""
+        tried = [parameter for parameter in self.card.parameters if parameter.grid]
+        names = [parameter.name for parameter in tried]
+        return [dict(zip(names, point, strict=True)) for point in product(*(parameter.grid for parameter in tried))]
+
+    def variants(self) -> list[Variant]:
+        """Ways to free the parameters that the model is linear in: by default all of them, each by itself."""
+        sources: list[Freed] = []
+        for parameter in self.card.parameters:
+            if not parameter.grid:
+                indices = range(self.setting.n_joint) if parameter.per_source else [None]
+                sources += [((parameter.name, index),) for index in indices]
+        return [tuple(sources)]
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """State of a machine that has been at rest."""
+        return ()
+
+    def _zeros(self, batch: tuple[int, ...]) -> jax.Array:
+        return jnp.zeros((*batch, self.setting.n_joint))
+
+
+class CommandEffect(Effect):
+    """Changes the commands before f_θ sees them."""
+
+    place = Place.command
+
+    @abstractmethod
+    def apply(self, values: Values, state: State, command: jax.Array) -> tuple[State, jax.Array]:
+        """One step: commands in, commands out, (..., n_joint)."""
+
+
+class VelocityEffect(Effect):
+    """Changes the velocity of the nominal machine."""
+
+    @abstractmethod
+    def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """One step forward: velocity in, velocity out, (..., n_joint)."""
+
+    @abstractmethod
+    def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """One step of measured velocities back to those that came in; keeps the state up to date."""
+
+
+class RatioEffect(VelocityEffect):
+    """Multiplies the velocity: v = ratio · u."""
+
+    place = Place.speed
+
+    @abstractmethod
+    def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """The ratio at one step, (..., n_joint)."""
+
+    def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """v = ratio · u."""
+        state, ratio = self.ratio(values, state, u, signals)
+        return state, ratio * u
+
+    def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """u = v / ratio; the ratio is taken at v, which has the sign of u."""
+        state, ratio = self.ratio(values, state, v, signals)
+        return state, v / jnp.maximum(ratio, SMALLEST_RATIO)
+
+
+class SensorEffect(Effect):
+    """Changes what is measured of the configuration."""
+
+    place = Place.sensor
+
+    @abstractmethod
+    def measured(self, values: Values, q: jax.Array) -> jax.Array:
+        """True to measured configuration."""
+
+    @abstractmethod
+    def true(self, values: Values, q: jax.Array) -> jax.Array:
+        """Measured to true configuration."""
+
+
+SMALLEST_RATIO = 0.05  # slower than this, a measured velocity says nothing about the nominal machine's
+
+
+def direction_weights(u: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Masks of positive and negative motion."""
+    return (u > 0).astype(u.dtype), (u < 0).astype(u.dtype)

@@ -1,0 +1,40 @@
+"""`end_cushion`: a slow zone near a limit."""
+
+import jax
+import jax.numpy as jnp
+
+from pipeline.effects.effect import Card, Parameter, RatioEffect, Scope, Signals, State, Values, Variant, direction_weights
+
+
+class EndCushion(RatioEffect):
+    """A joint slows down as it nears a limit; leaving it, speed is as before."""
+
+    card = Card(
+        family="end_cushion",
+        equation="v = u (1 − (1 − m) (1 − d/L)₊) towards the limit, d the distance to it",
+        source="cylinder end cushioning: Schwartz et al. (2005), Modelling of a cushioning device",
+        signature="residual only near one limit and only towards it, growing with nearness",
+        confounded_with=("load", "sensor_bias"),
+        excitation="slow and fast approaches to both limits",
+        depends_on=("position:{joint}",),
+        scope=Scope.joint,
+        parameters=(
+            Parameter("loss_upper", "1", 0.0, -0.5, 0.95),
+            Parameter("loss_lower", "1", 0.0, -0.5, 0.95),
+            Parameter("zone_share", "1", 0.15, 0.01, 0.5, grid=(0.03, 0.05, 0.08, 0.11, 0.15, 0.2, 0.26, 0.33)),
+        ),
+    )
+
+    def variants(self) -> list[Variant]:
+        """One side or the other."""
+        return [((("loss_upper", None),),), ((("loss_lower", None),),)]
+
+    def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """One minus the loss near the limit ahead."""
+        span = self.setting.upper - self.setting.lower
+        zone = values["zone_share"] * span
+        positive, negative = direction_weights(u)
+        near_upper = jnp.clip(1.0 - (self.setting.upper - signals.q) / zone, 0.0, 1.0)
+        near_lower = jnp.clip(1.0 - (signals.q - self.setting.lower) / zone, 0.0, 1.0)
+        loss = values["loss_upper"] * near_upper * positive + values["loss_lower"] * near_lower * negative
+        return state, 1.0 - loss

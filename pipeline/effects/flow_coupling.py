@@ -1,0 +1,28 @@
+"""`flow_coupling`: a joint loses speed while others draw on the shared supply."""
+
+import jax
+import jax.numpy as jnp
+
+from pipeline.effects.effect import Card, Parameter, RatioEffect, Scope, Signals, State, Values
+
+
+class FlowCoupling(RatioEffect):
+    """Speed falls with the demand of the other joints."""
+
+    card = Card(
+        family="flow_coupling",
+        equation="v_j = u_j (1 − Σ_{i≠j} λ_ji |u_i| / speed scale_i)",
+        source="flow sharing of one pump: Jelali and Kroll (2003), 3.5; Ding et al. (2018) on flow saturation",
+        signature="slower than nominal only while other joints move; the loss grows with their number",
+        confounded_with=("supply_variation", "load"),
+        excitation="each pair of joints at once, and each joint alone",
+        depends_on=("command",),
+        scope=Scope.machine,
+        parameters=(Parameter("loss_fraction", "1", 0.0, 0.0, 0.9, per_source=True),),
+    )
+
+    def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """One minus the loss."""
+        demand = jnp.minimum(jnp.abs(u) / self.setting.speed_scale, 1.5)
+        loss = values["loss_fraction"] * (1.0 - jnp.eye(self.setting.n_joint))
+        return state, 1.0 - jnp.minimum(jnp.einsum("...i,...ji->...j", demand, loss), 0.9)

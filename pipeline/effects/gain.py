@@ -1,0 +1,47 @@
+"""`gain`: an actuator is faster or slower than it was, possibly in one direction only."""
+
+import jax
+
+from pipeline.effects.effect import (
+    Card,
+    Parameter,
+    Place,
+    RatioEffect,
+    Scope,
+    Signals,
+    State,
+    Values,
+    Variant,
+    direction_weights,
+)
+
+
+class Gain(RatioEffect):
+    """Speed ratio per direction of motion."""
+
+    place = Place.speed
+    card = Card(
+        family="gain",
+        equation="v = r₊ u for u > 0, r₋ u for u < 0",
+        source="orifice equation, flow proportional to metering area: Merritt (1967), Hydraulic Control Systems, 3-3",
+        signature="residual proportional to speed in the affected direction, whatever the place, time or other joints",
+        confounded_with=("load", "sensor_bias", "thermal_drift", "lag"),
+        excitation="long single-joint moves in both directions, in several poses, up to both stops",
+        depends_on=("command:{joint}",),
+        scope=Scope.joint,
+        parameters=(
+            Parameter("ratio_positive", "1", 1.0, 0.2, 2.5),
+            Parameter("ratio_negative", "1", 1.0, 0.2, 2.5),
+        ),
+    )
+
+    def variants(self) -> list[Variant]:
+        """One direction, both alike, both by themselves."""
+        positive, negative = ("ratio_positive", None), ("ratio_negative", None)
+        return [((positive,),), ((negative,),), ((positive, negative),), ((positive,), (negative,))]
+
+    def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Ratio of the direction of motion."""
+        positive, negative = direction_weights(u)
+        change = (values["ratio_positive"] - 1.0) * positive + (values["ratio_negative"] - 1.0) * negative
+        return state, 1.0 + change

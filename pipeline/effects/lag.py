@@ -1,0 +1,70 @@
+"""`lag`: the response is slower (or faster) by a first-order time constant; not a delay."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from pipeline.effects.effect import Card, Parameter, Place, Scope, Signals, State, Values, VelocityEffect
+
+
+class Filter(NamedTuple):
+    """Velocities of the last step, (..., n_joint)."""
+
+    u: jax.Array
+    v: jax.Array
+
+
+class Lag(VelocityEffect):
+    """First-order lag on the velocity; a negative time constant is its inverse, a lead."""
+
+    place = Place.response
+    card = Card(
+        family="lag",
+        equation="τ v̇ = u − v for τ > 0, discretised exactly for u held; v = u + |τ| u̇ for τ < 0",
+        source="spool and pressure build-up as one lag: Jelali and Kroll (2003), Hydraulic Servo-systems, 4.5",
+        signature="residual decays over about τ after each change of command, with zero area over start and stop",
+        confounded_with=("delay", "oscillation", "stiction"),
+        excitation="starts and stops of single joints with holds of 1 s and more in between",
+        depends_on=("command:{joint}",),
+        scope=Scope.joint,
+        parameters=(
+            Parameter(
+                "added_time_constant",
+                "s",
+                0.0,
+                -0.5,
+                2.0,
+                grid=(-0.3, -0.2, -0.12, -0.06, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9),
+            ),
+        ),
+    )
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """At rest."""
+        return Filter(self._zeros(batch), self._zeros(batch))
+
+    def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """v moves towards u."""
+        slow, spread = self._factors(values)
+        slower = state.v + slow * (u - state.v)
+        faster = u + spread * (u - state.u)
+        is_lag = values["added_time_constant"] >= 0.0
+        v = jnp.where(is_lag, u + (slower - u), faster)
+        v = jnp.where(values["added_time_constant"] == 0.0, u, v)
+        return Filter(u, v), v
+
+    def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """A lag's inverse is a lead, and the other way round."""
+        slow, spread = self._factors(values)
+        of_lag = v + (1.0 / slow - 1.0) * (v - state.v)
+        of_lead = (v + spread * state.u) / (1.0 + spread)
+        u = jnp.where(values["added_time_constant"] >= 0.0, of_lag, of_lead)
+        u = jnp.where(values["added_time_constant"] == 0.0, v, u)
+        return Filter(u, v), u
+
+    def _factors(self, values: Values) -> tuple[jax.Array, jax.Array]:
+        """Share of the way to u per step (lag), and steps of lead."""
+        tau_steps = values["added_time_constant"] / self.setting.dt_s
+        slow = -jnp.expm1(-1.0 / jnp.maximum(tau_steps, 0.05))
+        return slow, jnp.maximum(-tau_steps, 0.0)

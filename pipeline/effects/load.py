@@ -1,0 +1,32 @@
+"""`load`: speed depends on configuration: gravity, payload."""
+
+import jax
+import jax.numpy as jnp
+
+from pipeline.effects.effect import Card, Parameter, RatioEffect, Scope, Signals, State, Values
+
+
+class Load(RatioEffect):
+    """A load slows a joint against it and speeds it up along with it, by how much depends on the pose."""
+
+    card = Card(
+        family="load",
+        equation="v_j = u_j (1 − sign(u_j) (g_j + Σ_i h_ji q̄_i)), q̄ the position in [-1, 1] of the joint's range",
+        source="pressure drop over the metering edge less load pressure: Merritt (1967), 5-2; linear in the pose",
+        signature="slower one way, faster the other way, by an amount that changes with the joints' positions",
+        confounded_with=("gain", "sensor_bias"),
+        excitation="moves in both directions with the other joints stretched and folded",
+        depends_on=("position",),
+        scope=Scope.joint,
+        parameters=(
+            Parameter("load_constant", "1", 0.0, -0.8, 0.8),
+            Parameter("load_slope", "1", 0.0, -0.8, 0.8, per_source=True),
+        ),
+    )
+
+    def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """One minus the load in the direction of motion."""
+        middle = 0.5 * (self.setting.upper + self.setting.lower)
+        place = (signals.q - middle) / (0.5 * (self.setting.upper - self.setting.lower))
+        load = values["load_constant"] + jnp.einsum("...i,...ji->...j", place, values["load_slope"])
+        return state, 1.0 - jnp.clip(jnp.sign(u) * load, -1.5, 0.9)

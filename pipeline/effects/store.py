@@ -1,0 +1,123 @@
+"""An augmented model's folder: the frozen model's files and `effects.json`."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.atomic_files import write_whole
+from pipeline.dynamics.errors import Predictor
+from pipeline.dynamics.model import DynamicsModel
+from pipeline.dynamics.network import Parameters
+from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.dynamics.store import load_model
+from pipeline.effects.catalogue import CATALOGUE
+from pipeline.effects.chain import Chain
+from pipeline.effects.dependence import DEPENDENCES
+from pipeline.effects.effect import Setting
+from pipeline.effects.predictor import AugmentedPredictor
+from pipeline.errors import InputError
+
+SCHEMA_VERSION = 1
+FILE = "effects.json"
+KNOWN = {**CATALOGUE, **DEPENDENCES}
+
+
+@dataclass(frozen=True)
+class ActiveEffects:
+    """Effects with their values.
+
+    Attributes:
+        setting: Of the machine.
+        values: By family and parameter, (n_joint, ...).
+        onset_ns: Absolute stamp from which on a family acts, where it set in within the logs.
+    """
+
+    setting: Setting
+    values: Mapping[str, Mapping[str, np.ndarray]]
+    onset_ns: Mapping[str, int]
+
+    def families(self) -> list[str]:
+        """Families with a value that is not neutral."""
+        active = []
+        for family, of in self.values.items():
+            neutral = KNOWN[family](self.setting).neutral()
+            if any(np.any(np.asarray(value) != neutral[name]) for name, value in of.items()):
+                active.append(family)
+        return active
+
+    def chain(self, families: Sequence[str]) -> Chain:
+        """The chain of the families named."""
+        return Chain([KNOWN[family] for family in families], self.setting)
+
+
+def predictor(model: DynamicsModel, parameters: Parameters, effects: ActiveEffects | None) -> Predictor:
+    """The model with its effects; without any, or with all at neutral, the frozen model itself."""
+    families = effects.families() if effects is not None else []
+    if effects is None or not families:
+        return LearnedPredictor(model, parameters)
+    values = {family: effects.values[family] for family in families}
+    onset_ns = {family: stamp for family, stamp in effects.onset_ns.items() if family in families}
+    return AugmentedPredictor(model, parameters, effects.chain(families), values, onset_ns)
+
+
+def save_effects(directory: Path, effects: ActiveEffects) -> None:
+    """Write `effects.json` beside a saved model."""
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "setting": {
+            "dt_s": effects.setting.dt_s,
+            **{name: getattr(effects.setting, name).tolist() for name in ("lower", "upper", "speed_scale")},
+        },
+        "values": {
+            family: {name: np.asarray(value).tolist() for name, value in of.items()}
+            for family, of in effects.values.items()
+        },
+        "onset_ns": dict(effects.onset_ns),
+    }
+    write_whole(directory / FILE, (json.dumps(content, indent=1, sort_keys=True) + "\n").encode())
+
+
+def load_effects(directory: Path) -> ActiveEffects | None:
+    """Read `effects.json`; None where there is none.
+
+    Raises:
+        InputError: It is damaged, of another version, or names an effect that this version does not know.
+    """
+    path = directory / FILE
+    if not path.exists():
+        return None
+    try:
+        content: dict[str, Any] = json.loads(path.read_text())
+        if content["schema_version"] != SCHEMA_VERSION:
+            raise InputError(
+                f"{path}: schema version {content['schema_version']}, this program reads {SCHEMA_VERSION}; close the loop again"
+            )
+        setting = Setting(
+            content["setting"]["dt_s"],
+            *(np.asarray(content["setting"][name], np.float64) for name in ("lower", "upper", "speed_scale")),
+        )
+        values = {
+            family: {name: np.asarray(value, np.float64) for name, value in of.items()}
+            for family, of in content["values"].items()
+        }
+        onset_ns = {family: int(stamp) for family, stamp in content["onset_ns"].items()}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not readable as effects ({error}); close the loop again") from error
+    unknown = [family for family in values if family not in KNOWN]
+    if unknown:
+        raise InputError(f"{path}: unknown effects {', '.join(unknown)}; close the loop again with this version")
+    return ActiveEffects(setting, values, onset_ns)
+
+
+def load_predictor(directory: Path) -> Predictor:
+    """Read a model folder of `identify` or `close_loop` as a predictor.
+
+    Raises:
+        InputError: as `load_model` and `load_effects`.
+    """
+    model, parameters = load_model(directory)
+    return predictor(model, parameters, load_effects(directory))
