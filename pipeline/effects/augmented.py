@@ -64,7 +64,9 @@ class AugmentedModel:
         """History of a warm machine that has been at rest in `q` (..., n_joint); all effects have set in."""
         measured = self.frozen.initial_history(q)
         batch = q.shape[:-1]
-        return AugmentedHistory(*measured, measured, self.chain.initial(batch), jnp.full(batch, WARM_S, q.dtype))
+        return AugmentedHistory(
+            *measured, measured, self.chain.initial(batch), jnp.full(batch, WARM_S, q.dtype)
+        )
 
     def features(self, history: AugmentedHistory) -> jax.Array:
         """The policy's x̃_t, from what is measured."""

@@ -20,7 +20,14 @@ class Backlash(VelocityEffect):
         depends_on=("reversal:{joint}",),
         scope=Scope.joint,
         parameters=(
-            Parameter("width", "length", 0.0, 0.0, 0.3, grid=(0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.055, 0.075, 0.1)),
+            Parameter(
+                "width",
+                "length",
+                0.0,
+                0.0,
+                0.3,
+                grid=(0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.055, 0.075, 0.1),
+            ),
         ),
     )
 

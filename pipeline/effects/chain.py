@@ -71,7 +71,9 @@ class Chain:
     def command_sequence(self, values: ChainValues, command: jax.Array) -> jax.Array:
         """`commands` along a whole log from rest: (T, ..., n_joint)."""
         for family, effect in self._command.items():
-            command = along(partial(effect.apply, values[family]), effect.initial(command.shape[1:-1]), command)
+            command = along(
+                partial(effect.apply, values[family]), effect.initial(command.shape[1:-1]), command
+            )
         return command
 
     def velocity_sequence(self, values: ChainValues, u: jax.Array, signals: Signals) -> jax.Array:

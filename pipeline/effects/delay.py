@@ -18,7 +18,16 @@ class Delay(CommandEffect):
         excitation="starts and stops of single joints with holds of 1 s and more in between",
         depends_on=("command:{joint}",),
         scope=Scope.joint,
-        parameters=(Parameter("added_delay", "s", 0.0, 0.0, 0.8, grid=(0.025, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)),),
+        parameters=(
+            Parameter(
+                "added_delay",
+                "s",
+                0.0,
+                0.0,
+                0.8,
+                grid=(0.025, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5),
+            ),
+        ),
     )
 
     def initial(self, batch: tuple[int, ...]) -> State:

@@ -11,7 +11,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.effects.effect import Card, RatioEffect, Scope, Signals, State, Values, Variant, direction_weights
+from pipeline.effects.effect import (
+    Card,
+    RatioEffect,
+    Scope,
+    Signals,
+    State,
+    Values,
+    Variant,
+    direction_weights,
+)
 
 N_DIRECTION = 2
 SMALLEST_COMMAND = 1e-3
@@ -71,18 +80,28 @@ class OnCommand(Dependence):
     """On whether another joint is commanded one way or the other."""
 
     variable, n_basis, per_source = "command", 2, True
-    card = _card("command", "φ = 1[a_s < 0], 1[a_s > 0], s ≠ j", "residual only while another joint is commanded one way")
+    card = _card(
+        "command",
+        "φ = 1[a_s < 0], 1[a_s > 0], s ≠ j",
+        "residual only while another joint is commanded one way",
+    )
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """Indicators, softened for proportional commands."""
-        return state, jnp.stack([jnp.maximum(-signals.command, 0.0), jnp.maximum(signals.command, 0.0)], axis=-1)
+        return state, jnp.stack(
+            [jnp.maximum(-signals.command, 0.0), jnp.maximum(signals.command, 0.0)], axis=-1
+        )
 
 
 class OnPosition(Dependence):
     """On a joint's position, piecewise linear."""
 
     variable, n_basis, per_source = "position", 4, True
-    card = _card("position", "φ: hat functions at -1, -1/2, 1/2, 1 of the range; the middle is the reference", "residual follows one joint's position")
+    card = _card(
+        "position",
+        "φ: hat functions at -1, -1/2, 1/2, 1 of the range; the middle is the reference",
+        "residual follows one joint's position",
+    )
     knots = (-1.0, -0.5, 0.5, 1.0)
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
@@ -97,7 +116,11 @@ class OnHoldTime(Dependence):
     """On how long the present command has been held."""
 
     variable, n_basis = "hold_time", 3
-    card = _card("hold_time", "φ_k = 1 − e^{−h/T_k}, h the time since the command's last change", "residual grows while a command is held")
+    card = _card(
+        "hold_time",
+        "φ_k = 1 − e^{−h/T_k}, h the time since the command's last change",
+        "residual grows while a command is held",
+    )
     times_s = (0.7, 2.0, 5.0)
 
     def initial(self, batch: tuple[int, ...]) -> State:
@@ -116,7 +139,11 @@ class OnRestTime(Dependence):
     """On how long the joint had rested before the present motion."""
 
     variable, n_basis = "rest_time", 2
-    card = _card("rest_time", "φ_k = 1 − e^{−r/T_k}, r the rest before the present motion", "residual of a whole motion depends on the rest before it")
+    card = _card(
+        "rest_time",
+        "φ_k = 1 − e^{−r/T_k}, r the rest before the present motion",
+        "residual of a whole motion depends on the rest before it",
+    )
     times_s = (0.8, 4.0)
 
     def initial(self, batch: tuple[int, ...]) -> State:
@@ -135,7 +162,11 @@ class OnReversal(Dependence):
     """On the time since the joint's command last changed its sign."""
 
     variable, n_basis = "reversal", 2
-    card = _card("reversal", "φ_k = e^{−x/T_k}, x the time since the last reversal", "residual after reversals only")
+    card = _card(
+        "reversal",
+        "φ_k = e^{−x/T_k}, x the time since the last reversal",
+        "residual after reversals only",
+    )
     times_s = (0.4, 1.5)
 
     def initial(self, batch: tuple[int, ...]) -> State:
@@ -154,7 +185,11 @@ class OnVelocity(Dependence):
     """On the speed itself."""
 
     variable, n_basis = "velocity", 2
-    card = _card("velocity", "φ = s, s², s the speed in units of the usual one, less one", "residual not proportional to speed")
+    card = _card(
+        "velocity",
+        "φ = s, s², s the speed in units of the usual one, less one",
+        "residual not proportional to speed",
+    )
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """Powers of the speed."""
@@ -166,7 +201,12 @@ class OnActivity(Dependence):
     """On how much all joints moved over the recent past."""
 
     variable, n_basis, common = "activity", 4, True
-    card = _card("activity", "Ȧ_k = (Σ_i |u_i| / scale_i − A_k) / T_k, φ_k = A_k", "all joints slow down after busy spells", Scope.machine)
+    card = _card(
+        "activity",
+        "Ȧ_k = (Σ_i |u_i| / scale_i − A_k) / T_k, φ_k = A_k",
+        "all joints slow down after busy spells",
+        Scope.machine,
+    )
     times_s = (4.0, 10.0, 25.0, 60.0)
 
     def initial(self, batch: tuple[int, ...]) -> State:
@@ -185,7 +225,11 @@ class OnTravel(Dependence):
     """On the way that the joint has gone since the start of the log."""
 
     variable, n_basis = "travel", 1
-    card = _card("travel", "φ = 1 − e^{−s/S}, s the joint's way since the start, S ten times its range", "residual grows with the joint's own way, not with time")
+    card = _card(
+        "travel",
+        "φ = 1 − e^{−s/S}, s the joint's way since the start, S ten times its range",
+        "residual grows with the joint's own way, not with time",
+    )
     ranges = 10.0
 
     def initial(self, batch: tuple[int, ...]) -> State:
@@ -205,5 +249,14 @@ def _rising(time_s: jax.Array, constants_s: tuple[float, ...]) -> jax.Array:
 
 DEPENDENCES: dict[str, type[Dependence]] = {
     dependence.card.family: dependence
-    for dependence in (OnCommand, OnPosition, OnHoldTime, OnRestTime, OnReversal, OnVelocity, OnActivity, OnTravel)
+    for dependence in (
+        OnCommand,
+        OnPosition,
+        OnHoldTime,
+        OnRestTime,
+        OnReversal,
+        OnVelocity,
+        OnActivity,
+        OnTravel,
+    )
 }

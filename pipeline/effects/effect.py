@@ -153,7 +153,10 @@ class Effect(ABC):
         """Points that the search tries of the parameters that the model is not linear in: all combinations."""
         tried = [parameter for parameter in self.card.parameters if parameter.grid]
         names = [parameter.name for parameter in tried]
-        return [dict(zip(names, point, strict=True)) for point in product(*(parameter.grid for parameter in tried))]
+        return [
+            dict(zip(names, point, strict=True))
+            for point in product(*(parameter.grid for parameter in tried))
+        ]
 
     def variants(self) -> list[Variant]:
         """Ways to free the parameters that the model is linear in: by default all of them, each by itself."""
@@ -204,12 +207,12 @@ class RatioEffect(VelocityEffect):
         """The ratio at one step, (..., n_joint)."""
 
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """v = ratio · u."""
+        """Multiply by the ratio."""
         state, ratio = self.ratio(values, state, u, signals)
         return state, ratio * u
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """u = v / ratio; the ratio is taken at v, which has the sign of u."""
+        """Divide by the ratio; it is taken at v, which has the sign of u."""
         state, ratio = self.ratio(values, state, v, signals)
         return state, v / jnp.maximum(ratio, SMALLEST_RATIO)
 

@@ -3,7 +3,17 @@
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, Parameter, RatioEffect, Scope, Signals, State, Values, Variant, direction_weights
+from pipeline.effects.effect import (
+    Card,
+    Parameter,
+    RatioEffect,
+    Scope,
+    Signals,
+    State,
+    Values,
+    Variant,
+    direction_weights,
+)
 
 
 class EndCushion(RatioEffect):
@@ -21,7 +31,9 @@ class EndCushion(RatioEffect):
         parameters=(
             Parameter("loss_upper", "1", 0.0, -0.5, 0.95),
             Parameter("loss_lower", "1", 0.0, -0.5, 0.95),
-            Parameter("zone_share", "1", 0.15, 0.01, 0.5, grid=(0.03, 0.05, 0.08, 0.11, 0.15, 0.2, 0.26, 0.33)),
+            Parameter(
+                "zone_share", "1", 0.15, 0.01, 0.5, grid=(0.03, 0.05, 0.08, 0.11, 0.15, 0.2, 0.26, 0.33)
+            ),
         ),
     )
 

@@ -45,7 +45,7 @@ class Lag(VelocityEffect):
         return Filter(self._zeros(batch), self._zeros(batch))
 
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """v moves towards u."""
+        """Let v move towards u."""
         slow, spread = self._factors(values)
         slower = state.v + slow * (u - state.v)
         faster = u + spread * (u - state.u)

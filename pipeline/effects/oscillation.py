@@ -31,7 +31,14 @@ class Oscillation(VelocityEffect):
         scope=Scope.joint,
         parameters=(
             Parameter("share", "1", 0.0, 0.0, 1.5),
-            Parameter("frequency", "Hz", 1.5, 0.3, 8.0, grid=(0.6, 0.8, 1.0, 1.25, 1.5, 1.8, 2.2, 2.7, 3.3, 4.0, 5.0)),
+            Parameter(
+                "frequency",
+                "Hz",
+                1.5,
+                0.3,
+                8.0,
+                grid=(0.6, 0.8, 1.0, 1.25, 1.5, 1.8, 2.2, 2.7, 3.3, 4.0, 5.0),
+            ),
             Parameter("damping_ratio", "1", 0.1, 0.01, 0.9, grid=(0.05, 0.1, 0.2, 0.35)),
         ),
     )

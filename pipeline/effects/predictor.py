@@ -39,7 +39,9 @@ class AugmentedPredictor:
     ) -> None:
         self.model = AugmentedModel(model, chain)
         self.onset_ns = dict(onset_ns or {})
-        self._values = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), {f: dict(of) for f, of in values.items()})
+        self._values = jax.tree.map(
+            lambda value: jnp.asarray(value, jnp.float32), {f: dict(of) for f, of in values.items()}
+        )
         self._parameters = parameters
         self._observe = jax.jit(self._observed)
         self._rollout = jax.jit(self._rolled_out)

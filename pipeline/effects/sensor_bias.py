@@ -18,8 +18,17 @@ class SensorBias(SensorEffect):
         depends_on=("position:{joint}",),
         scope=Scope.joint,
         parameters=(
-            Parameter("offset", "length", 0.0, -0.5, 0.5, grid=(-0.12, -0.08, -0.05, -0.03, -0.015, 0.015, 0.03, 0.05, 0.08, 0.12)),
-            Parameter("scale", "1", 1.0, 0.7, 1.4, grid=(0.86, 0.9, 0.93, 0.96, 0.98, 1.02, 1.04, 1.07, 1.1, 1.14)),
+            Parameter(
+                "offset",
+                "length",
+                0.0,
+                -0.5,
+                0.5,
+                grid=(-0.12, -0.08, -0.05, -0.03, -0.015, 0.015, 0.03, 0.05, 0.08, 0.12),
+            ),
+            Parameter(
+                "scale", "1", 1.0, 0.7, 1.4, grid=(0.86, 0.9, 0.93, 0.96, 0.98, 1.02, 1.04, 1.07, 1.1, 1.14)
+            ),
         ),
     )
 

@@ -34,7 +34,9 @@ class Stiction(CommandEffect):
         depends_on=("rest_time:{joint}",),
         scope=Scope.joint,
         parameters=(
-            Parameter("mean_extra_time", "s", 0.0, 0.0, 1.5, grid=(0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.7)),
+            Parameter(
+                "mean_extra_time", "s", 0.0, 0.0, 1.5, grid=(0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.7)
+            ),
             Parameter("rest_threshold", "s", 0.0, 0.0, 10.0, grid=(0.15, 0.4, 0.8, 1.5, 3.0)),
         ),
     )

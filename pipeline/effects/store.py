@@ -94,7 +94,8 @@ def load_effects(directory: Path) -> ActiveEffects | None:
         content: dict[str, Any] = json.loads(path.read_text())
         if content["schema_version"] != SCHEMA_VERSION:
             raise InputError(
-                f"{path}: schema version {content['schema_version']}, this program reads {SCHEMA_VERSION}; close the loop again"
+                f"{path}: schema version {content['schema_version']}, this program reads {SCHEMA_VERSION}; "
+                "close the loop again"
             )
         setting = Setting(
             content["setting"]["dt_s"],
@@ -109,7 +110,9 @@ def load_effects(directory: Path) -> ActiveEffects | None:
         raise InputError(f"{path}: not readable as effects ({error}); close the loop again") from error
     unknown = [family for family in values if family not in KNOWN]
     if unknown:
-        raise InputError(f"{path}: unknown effects {', '.join(unknown)}; close the loop again with this version")
+        raise InputError(
+            f"{path}: unknown effects {', '.join(unknown)}; close the loop again with this version"
+        )
     return ActiveEffects(setting, values, onset_ns)
 
 

@@ -21,7 +21,14 @@ class ThermalDrift(RatioEffect):
         parameters=(
             Parameter("cold_speed_loss", "1", 0.0, -0.5, 0.8),
             Parameter("warm_gain", "1", 0.0, -0.5, 0.5),
-            Parameter("time_constant", "s", 300.0, 20.0, 2000.0, grid=(40.0, 80.0, 140.0, 220.0, 330.0, 500.0, 800.0, 1300.0)),
+            Parameter(
+                "time_constant",
+                "s",
+                300.0,
+                20.0,
+                2000.0,
+                grid=(40.0, 80.0, 140.0, 220.0, 330.0, 500.0, 800.0, 1300.0),
+            ),
         ),
     )
 

@@ -22,7 +22,11 @@ class Timing(CommandEffect):
         excitation="starts and stops of every joint",
         depends_on=("clock",),
         scope=Scope.machine,
-        parameters=(Parameter("latency", "s", 0.0, 0.0, 0.8, grid=(0.025, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)),),
+        parameters=(
+            Parameter(
+                "latency", "s", 0.0, 0.0, 0.8, grid=(0.025, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+            ),
+        ),
     )
 
     def initial(self, batch: tuple[int, ...]) -> State:
