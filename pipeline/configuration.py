@@ -57,6 +57,7 @@ class PipelineConfiguration:
     ppo: Any = MISSING
     search: Any = MISSING
     judge: Any = MISSING
+    close_loop: Any = MISSING
 
 
 def load_machine(name: str) -> MachineSpecification:

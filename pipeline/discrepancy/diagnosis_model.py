@@ -130,11 +130,8 @@ def train_diagnosis_model(
     parts = _parts(nominal.is_row, config.members)
     segments = _segments(nominal.is_row, parts, config)
     scales = _scales(nominal, lower, upper)
-    data = (
-        jnp.asarray(nominal.command, jnp.float32),
-        jnp.asarray(nominal.q, jnp.float32),
-        jnp.asarray(nominal.velocity, jnp.float32),
-    )
+    columns = (nominal.command, nominal.q, nominal.velocity, ~standing(nominal, scales))
+    data = tuple(jnp.asarray(column, jnp.float32) for column in columns)
     keys = jax.random.split(jax.random.key(seed), config.members)
     n_in = nominal.command.shape[-1] * (config.lags + 1)
     compiled = _train.lower(keys[0], jnp.asarray(segments[0]), data, scales, dt_s, n_in, _Static(config)).compile()
@@ -165,20 +162,20 @@ def _train(
 ) -> Weights:
     """Train one member on the segments that begin at `starts`."""
     config = static.config
-    command, q, velocity = data
+    command, q, velocity, weight = data
     n_joint = command.shape[-1]
     inputs = _inputs(command, q, scales, config.lags)
     lower = jnp.minimum((scales.stop_lower - q) / dt_s, 0.0) / scales.speed
     upper = jnp.maximum((scales.stop_upper - q) / dt_s, 0.0) / scales.speed
-    flat = [array.reshape(-1, array.shape[-1]) for array in (inputs, velocity / scales.speed, lower, upper)]
+    flat = [array.reshape(-1, array.shape[-1]) for array in (inputs, velocity / scales.speed, lower, upper, weight)]
     optimiser = optax.adamw(
         optax.cosine_decay_schedule(config.learning_rate, config.updates), weight_decay=config.weight_decay
     )
 
     def loss(weights: Weights, starts: jax.Array) -> jax.Array:
         rows = starts[:, None] + jnp.arange(config.segment_rows)
-        x, y, low, high = (array[rows] for array in flat)
-        error = jnp.clip(_network(weights, x), low, high) - y
+        x, y, low, high, weight = (array[rows] for array in flat)
+        error = weight * (jnp.clip(_network(weights, x), low, high) - y)
         displacement = jnp.cumsum(error, axis=1)
         return jnp.mean(error**2) + config.displacement_weight * jnp.mean(displacement**2)
 
@@ -251,6 +248,10 @@ def _segments(is_row: np.ndarray, parts: np.ndarray, config: DiagnosisModelConfi
     return np.stack([np.resize(starts, longest) for starts in allowed])
 
 
+PARTS_OF_RANGE = 20
+SMALLEST_VISITS_SHARE = 0.008  # of moving rows, per part of the range
+NEAR_SHARE = 0.02  # of the range, from the stop
+STANDING_SHARE = 0.15  # of the usual speed
 BEYOND_SHARE = 0.01  # of the range: a joint that passes its stated limit by more has no stop there
 
 
@@ -268,3 +269,28 @@ def _scales(nominal: Sequences, lower: np.ndarray, upper: np.ndarray) -> Scales:
         stop_lower=np.where(q.min(axis=0) > lower - beyond, lower, -np.inf),
         stop_upper=np.where(q.max(axis=0) < upper + beyond, upper, np.inf),
     )
+
+
+def standing(sequences: Sequences, scales: Scales) -> np.ndarray:
+    """Where a joint is pushed against its stop, (B, T, n_joint): how exactly it stands there says nothing of speeds."""
+    span = NEAR_SHARE * (scales.upper - scales.lower)
+    slow = np.abs(sequences.velocity) < STANDING_SHARE * scales.speed
+    above = (sequences.q > scales.stop_upper - span) & (sequences.command > 0.0)
+    below = (sequences.q < scales.stop_lower + span) & (sequences.command < 0.0)
+    return slow & (above | below)
+
+
+def is_known(nominal: Sequences, sequences: Sequences, scales: Scales) -> np.ndarray:
+    """Where a joint stands in a part of its range that it often moved through in nominal logs, (B, T, n_joint).
+
+    Elsewhere the diagnosis model extrapolates, and what it is off there is no sign of an effect.
+    """
+    n_joint = nominal.q.shape[-1]
+    result = np.zeros(sequences.q.shape, bool)
+    for joint in range(n_joint):
+        edges = np.linspace(scales.lower[joint], scales.upper[joint], PARTS_OF_RANGE + 1)[1:-1]
+        moving = nominal.is_row & (np.abs(nominal.velocity[..., joint]) > STANDING_SHARE * scales.speed[joint])
+        visits = np.bincount(np.digitize(nominal.q[..., joint][moving], edges), minlength=PARTS_OF_RANGE)
+        often = visits >= SMALLEST_VISITS_SHARE * max(int(moving.sum()), 1)
+        result[..., joint] = often[np.digitize(sequences.q[..., joint], edges)]
+    return result

@@ -8,13 +8,13 @@ units of the joint's noise floor.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import jax
+import jax.numpy as jnp
 import numpy as np
 
 from pipeline.discrepancy.regression import Evidence, Folds, evidence
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 from pipeline.effects.dependence import N_DIRECTION, Dependence
-from pipeline.effects.effect import Effect, Variant
+from pipeline.effects.effect import Effect, Variant, VelocityEffect
 
 ROWS_AVERAGED = 2  # velocities over one step carry the encoders' noise twice
 
@@ -33,6 +33,7 @@ class Candidate:
         gain: Held-out reduction of squares, in units of the joint's noise floor.
         share: The same as a share of the squares before.
         gain_by_block: The same as `gain`, per block.
+        onset: Absolute stamp, ns, from which on it acts; None: all the time.
     """
 
     family: str
@@ -44,6 +45,7 @@ class Candidate:
     gain: float
     share: float
     gain_by_block: np.ndarray = field(repr=False)
+    onset: int | None = None
 
     @property
     def n_parameters(self) -> int:
@@ -59,11 +61,13 @@ class Rows:
         is_used: (B, T) bool.
         folds: Of the used rows after averaging.
         floor: (n_joint,) mean square of the noise floor after averaging.
+        weight: (N, n_joint) 0 where a joint stands against a stop, 1 elsewhere.
     """
 
     is_used: np.ndarray
     folds: Folds
     floor: np.ndarray
+    weight: np.ndarray
 
     def averaged(self, values: np.ndarray) -> np.ndarray:
         """(B, T, ...) to the used rows, means over `ROWS_AVERAGED` rows: (N, ...)."""
@@ -125,12 +129,16 @@ class _Screen:
         self.joints = range(self.n_joint) if joints is None else joints
         self.u = simulation.nominal_velocities([active])[0]
         self.measured = rows.averaged(simulation.sequences.velocity)
-        self.reference = self.measured - rows.averaged(simulation.velocities([active], self.u)[0])
+        velocity = simulation.velocities([active])[0]
+        self.reference = self._residual(velocity)
+        # Beside effects that were found before, an effect on the velocity acts on what they leave: so hypotheses of one
+        # family each are enough, whose compilations are there already.
+        self.before = jnp.asarray(np.moveaxis(velocity, 1, 0), jnp.float32) if active else self.u
         self.best: dict[tuple[str, int, int | None], Candidate] = {}
 
     def run(self) -> list[Candidate]:
         for family, effect in self.simulation.effects.items():
-            if family in self.excluded:
+            if family in self.excluded or family in MERGED:
                 continue
             if isinstance(effect, Dependence):
                 self._dependence(family, effect)
@@ -138,17 +146,24 @@ class _Screen:
                 self._named(family, effect)
         return sorted(self.best.values(), key=lambda candidate: -candidate.gain)
 
+    def _residual(self, velocity: np.ndarray) -> np.ndarray:
+        return self.rows.weight * (self.measured - self.rows.averaged(velocity))
+
+    def _tangent(self, tangent: np.ndarray) -> np.ndarray:
+        return self.rows.weight * self.rows.averaged(tangent)
+
     def _named(self, family: str, effect: Effect) -> None:
         points = effect.grid()
         free = [joint for joint in self.joints if not self._is_active(family, joint)]
         if not free:
             return
-        hypotheses = [self._at(family, effect, point, free) for point in points]
-        shared = self.u if isinstance_velocity(effect) else None
+        is_velocity = isinstance(effect, VelocityEffect)
+        hypotheses = [self._at(family, effect, point, free, alone=is_velocity) for point in points]
+        shared = self.before if is_velocity else None
         if points == [{}]:
             residuals = self.reference[None]
         elif not effect.variants()[0] or shared is None:
-            residuals = self.measured - np.stack([self.rows.averaged(v) for v in self.simulation.velocities(hypotheses, shared)])
+            residuals = np.stack([self._residual(v) for v in self.simulation.velocities(hypotheses, shared)])
         else:
             residuals = np.broadcast_to(self.reference, (len(points), *self.reference.shape))
         variants = effect.variants()
@@ -160,7 +175,7 @@ class _Screen:
             flat_h = [hypothesis for hypothesis in hypotheses for _ in range(n)]
             flat_d = directions * len(points)
             tangents = np.stack(
-                [self.rows.averaged(t) for t in self.simulation.tangents(flat_h, flat_d, self.u)]
+                [self._tangent(t) for t in self.simulation.tangents(flat_h, flat_d, self.before)]
             ).reshape(len(points), n, *self.reference.shape)
         for joint in free:
             for index, point in enumerate(points):
@@ -180,8 +195,10 @@ class _Screen:
                 for k in range(effect.n_basis)
             )
             directions = [self._direction(family, effect, one, free) for one in freed]
-            hypotheses = [self.active] * len(directions)
-            tangents = np.stack([self.rows.averaged(t) for t in self.simulation.tangents(hypotheses, directions, self.u)])
+            hypotheses: list[Hypothesis] = [{}] * len(directions)
+            tangents = np.stack(
+                [self._tangent(t) for t in self.simulation.tangents(hypotheses, directions, self.before)]
+            )
             for joint in free:
                 if effect.variable == "command" and source == joint:
                     continue
@@ -208,8 +225,10 @@ class _Screen:
         neutral = self.simulation.effects[family].neutral()
         return any(np.any(np.asarray(value)[joint] != neutral[name][joint]) for name, value in self.active[family].items())
 
-    def _at(self, family: str, effect: Effect, point: Mapping[str, float], joints: Sequence[int]) -> dict:
-        values = {f: dict(of) for f, of in self.active.items()}
+    def _at(
+        self, family: str, effect: Effect, point: Mapping[str, float], joints: Sequence[int], alone: bool
+    ) -> dict:
+        values = {} if alone else {f: dict(of) for f, of in self.active.items()}
         of = {name: np.array(value, np.float64) for name, value in (values.get(family) or effect.neutral()).items()}
         for name, value in point.items():
             of[name][list(joints)] = value
@@ -232,10 +251,4 @@ class _Screen:
 
 
 PARSIMONY = 0.03
-
-
-def isinstance_velocity(effect: Effect) -> bool:
-    """Whether the effect acts behind f_θ, so that f_θ need not be run again."""
-    from pipeline.effects.effect import VelocityEffect
-
-    return isinstance(effect, VelocityEffect)
+MERGED = ("timing",)  # on one joint the same wrapper as `delay`; the verdict merges equal delays of all joints

@@ -55,6 +55,7 @@ class Simulation:
         self._rows = [jnp.asarray(np.moveaxis(array, 1, 0), jnp.float32) for array in rows]  # time in front
         self._rows.append(jnp.asarray(member))  # (E, T, B)
         self._compiled: dict[tuple, Callable] = {}
+        self.onsets: dict[tuple[str, int], int] = {}  # stamp, ns, from which on a family acts on a joint
 
     def nominal_velocities(self, hypotheses: Sequence[Hypothesis]) -> jax.Array:
         """Velocities of the nominal machine under the commands that reach it, (n_hypotheses, T, B, n_joint)."""
@@ -70,6 +71,23 @@ class Simulation:
             hypotheses: Any number.
             u: Of `nominal_velocities`, of all hypotheses alike (T, B, n_joint), where it is known already.
         """
+        velocities = self._present(hypotheses, u)
+        if self.onsets:
+            earlier = self._present([self._before_onsets(hypothesis) for hypothesis in hypotheses], None)
+            for (_, joint), onset in self.onsets.items():
+                not_yet = self.sequences.stamp_ns < onset
+                velocities[..., joint] = np.where(not_yet, earlier[..., joint], velocities[..., joint])
+        return velocities
+
+    def _before_onsets(self, hypothesis: Hypothesis) -> dict:
+        values = {family: {name: np.array(value) for name, value in of.items()} for family, of in hypothesis.items()}
+        for family, joint in self.onsets:
+            if family in values:
+                for name, neutral in self.effects[family].neutral().items():
+                    values[family][name][joint] = neutral[joint]
+        return values
+
+    def _present(self, hypotheses: Sequence[Hypothesis], u: jax.Array | None) -> np.ndarray:
         results = []
         for chunk, values, chain in self._chunks(hypotheses, DRIVEN_AT_ONCE if u is None else RESPONDING_AT_ONCE):
             if u is None:

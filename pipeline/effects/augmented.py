@@ -88,7 +88,7 @@ class AugmentedModel:
         # The window of a Δq model holds positions: it is moved as a whole, so that the nominal machine's steps stay.
         motion = after.motion + shift[..., None, :] if is_dq else after.motion
         q = self.chain.measured(values, true)
-        newest = q if is_dq else (q - history.q) / dt_s if self.has_sensor else v
+        newest = q if is_dq else v * self.chain.sensor_scale(values, true)
         return AugmentedHistory(
             motion=push(history.motion, newest),
             commands=push(history.commands, command),

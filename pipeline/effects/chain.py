@@ -19,6 +19,7 @@ from pipeline.effects.effect import (
 )
 
 ChainValues = Mapping[str, Values]  # by family
+NeutralValues = Mapping[str, Mapping[str, np.ndarray]]
 ChainState = dict[str, Any]
 
 
@@ -95,8 +96,8 @@ class Chain:
         return q
 
     def sensor_scale(self, values: ChainValues, q: jax.Array) -> jax.Array:
-        """Measured per true displacement, (..., n_joint)."""
-        return self.measured(values, q + 1.0) - self.measured(values, q)
+        """Measured per true displacement, (..., n_joint): a derivative, so that neutral values give exactly one."""
+        return jax.jvp(lambda q: self.measured(values, q), (q,), (jnp.ones_like(q),))[1]
 
 
 def along(step: Callable[..., tuple[Any, jax.Array]], state: Any, *rows: Any) -> jax.Array:
@@ -106,7 +107,7 @@ def along(step: Callable[..., tuple[Any, jax.Array]], state: Any, *rows: Any) ->
     return jax.lax.scan(lambda state, row: step(state, *row), state, rows)[1]
 
 
-def set_in(values: ChainValues, neutral: ChainValues, share: Mapping[str, jax.Array]) -> ChainValues:
+def set_in(values: ChainValues, neutral: NeutralValues, share: Mapping[str, jax.Array]) -> ChainValues:
     """Values of effects that have set in by `share` (..., in [0, 1]) of their size.
 
     Families that `share` does not name act in full.

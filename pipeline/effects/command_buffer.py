@@ -23,8 +23,14 @@ def delayed(buffer: jax.Array, command: jax.Array, delay_steps: jax.Array) -> tu
         The new buffer, and (..., n_joint).
     """
     known = jnp.concatenate([command[..., None, :], buffer], axis=-2)
-    steps = jnp.arange(LONGEST_STEPS + 1, dtype=command.dtype)[:, None]
-    # Hat functions: at a whole number of steps exactly one weight is one.
-    late = jnp.clip(delay_steps, 0.0, LONGEST_STEPS)[..., None, :]
-    weights = jnp.maximum(0.0, 1.0 - jnp.abs(steps - late))
+    steps = jnp.arange(LONGEST_STEPS + 1)[:, None]
+    # No clip and no hat functions, whose derivatives at a whole number of steps, zero among them, would be wrong:
+    # this way it is that towards longer delays. At a whole number exactly one weight is one.
+    late = jnp.where(
+        delay_steps > LONGEST_STEPS, 1.0 * LONGEST_STEPS, jnp.where(delay_steps < 0.0, 0.0, delay_steps)
+    )
+    whole = jnp.floor(late)
+    part = (late - whole)[..., None, :]
+    newer = whole.astype(steps.dtype)[..., None, :]
+    weights = jnp.where(steps == newer, 1.0 - part, jnp.where(steps == newer + 1, part, 0.0))
     return known[..., :-1, :], jnp.sum(known * weights, axis=-2)

@@ -185,6 +185,7 @@ class OnVelocity(Dependence):
     """On the speed itself."""
 
     variable, n_basis = "velocity", 2
+    passes = 8
     card = _card(
         "velocity",
         "φ = s, s², s the speed in units of the usual one, less one",
@@ -201,6 +202,7 @@ class OnActivity(Dependence):
     """On how much all joints moved over the recent past."""
 
     variable, n_basis, common = "activity", 4, True
+    passes = 3
     card = _card(
         "activity",
         "Ȧ_k = (Σ_i |u_i| / scale_i − A_k) / T_k, φ_k = A_k",
@@ -225,6 +227,7 @@ class OnTravel(Dependence):
     """On the way that the joint has gone since the start of the log."""
 
     variable, n_basis = "travel", 1
+    passes = 3
     card = _card(
         "travel",
         "φ = 1 − e^{−s/S}, s the joint's way since the start, S ten times its range",

@@ -198,9 +198,14 @@ class VelocityEffect(Effect):
 
 
 class RatioEffect(VelocityEffect):
-    """Multiplies the velocity: v = ratio · u."""
+    """Multiplies the velocity: v = ratio · u.
+
+    Attributes:
+        passes: Fixed-point passes of the inverse: more than one where the ratio depends on the size of u.
+    """
 
     place = Place.speed
+    passes: ClassVar[int] = 1
 
     @abstractmethod
     def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
@@ -212,9 +217,12 @@ class RatioEffect(VelocityEffect):
         return state, ratio * u
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """Divide by the ratio; it is taken at v, which has the sign of u."""
-        state, ratio = self.ratio(values, state, v, signals)
-        return state, v / jnp.maximum(ratio, SMALLEST_RATIO)
+        """Divide by the ratio; it is first taken at v, which has the sign of u, and then at what that gives for u."""
+        u = v
+        for _ in range(self.passes):
+            after, ratio = self.ratio(values, state, u, signals)
+            u = v / jnp.maximum(ratio, SMALLEST_RATIO)
+        return after, u
 
 
 class SensorEffect(Effect):

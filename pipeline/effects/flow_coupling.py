@@ -9,6 +9,7 @@ from pipeline.effects.effect import Card, Parameter, RatioEffect, Scope, Signals
 class FlowCoupling(RatioEffect):
     """Speed falls with the demand of the other joints."""
 
+    passes = 12  # each halves the error at least, short of saturation
     card = Card(
         family="flow_coupling",
         equation="v_j = u_j (1 − Σ_{i≠j} λ_ji |u_i| / speed scale_i)",

@@ -3,7 +3,16 @@
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, Parameter, RatioEffect, Scope, Signals, State, Values
+from pipeline.effects.effect import (
+    Card,
+    Parameter,
+    RatioEffect,
+    Scope,
+    Signals,
+    State,
+    Values,
+    direction_weights,
+)
 
 
 class Load(RatioEffect):
@@ -11,7 +20,7 @@ class Load(RatioEffect):
 
     card = Card(
         family="load",
-        equation="v_j = u_j (1 − sign(u_j) (g_j + Σ_i h_ji q̄_i)), q̄ the position in [-1, 1] of the joint's range",
+        equation="v_j = u_j (r_j± − sign(u_j) Σ_i h_ji q̄_i), r± per direction, q̄ the position in [-1, 1] of the range",
         source="pressure drop over the metering edge less load pressure: Merritt (1967), 5-2; linear in the pose",
         signature="slower one way, faster the other way, by an amount that changes with the joints' positions",
         confounded_with=("gain", "sensor_bias"),
@@ -19,7 +28,8 @@ class Load(RatioEffect):
         depends_on=("position",),
         scope=Scope.joint,
         parameters=(
-            Parameter("load_constant", "1", 0.0, -0.8, 0.8),
+            Parameter("mean_speed_ratio_up", "1", 1.0, 0.2, 2.0),
+            Parameter("mean_speed_ratio_down", "1", 1.0, 0.2, 2.0),
             Parameter("load_slope", "1", 0.0, -0.8, 0.8, per_source=True),
         ),
     )
@@ -28,5 +38,8 @@ class Load(RatioEffect):
         """One minus the load in the direction of motion."""
         middle = 0.5 * (self.setting.upper + self.setting.lower)
         place = (signals.q - middle) / (0.5 * (self.setting.upper - self.setting.lower))
-        load = values["load_constant"] + jnp.einsum("...i,...ji->...j", place, values["load_slope"])
-        return state, 1.0 - jnp.clip(jnp.sign(u) * load, -1.5, 0.9)
+        slope = jnp.einsum("...i,...ji->...j", place, values["load_slope"])
+        positive, negative = direction_weights(u)
+        change = (values["mean_speed_ratio_up"] - 1.0 - slope) * positive
+        change = change + (values["mean_speed_ratio_down"] - 1.0 + slope) * negative
+        return state, 1.0 + jnp.clip(change, -0.9, 1.5)

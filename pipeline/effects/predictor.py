@@ -89,13 +89,16 @@ class AugmentedPredictor:
         chain, dt_s = self.model.chain, self.model.specification.dt_s
         q, qd, a, time_s = rows
         neutral = chain.neutral()
-        true = chain.true(values, q)
-        scale = 1.0 / chain.sensor_scale(values, q) if self.model.has_sensor else 1.0
+        present = set_in(values, neutral, share)
+        true = chain.true(present, q)
+        scale = 1.0 / chain.sensor_scale(present, true) if self.model.has_sensor else 1.0
         is_dq = self.model.specification.target is Target.dq
         earlier = jnp.concatenate([true[:1], true[:-1]])
         v = (true - earlier) / dt_s if is_dq else qd * scale
         a_before = jnp.concatenate([jnp.zeros_like(a[:1]), a[:-1]])
         t_before = jnp.concatenate([time_s[:1], time_s[:-1]])
+        # What sets in with a row acts on the step that starts there.
+        share_before = {family: jnp.concatenate([of[:1], of[:-1]]) for family, of in share.items()}
 
         def advance(state: ChainState, row: tuple) -> tuple[ChainState, tuple]:
             v, a_before, q_before, t_before, share = row
@@ -105,7 +108,7 @@ class AugmentedPredictor:
             return state, (state, reaching, u)
 
         _, (states, reaching, u) = jax.lax.scan(
-            advance, chain.initial(()), (v, a_before, earlier, t_before, dict(share))
+            advance, chain.initial(()), (v, a_before, earlier, t_before, share_before)
         )
         return true, v, u, reaching, states
 
@@ -126,8 +129,8 @@ class AugmentedPredictor:
         is_dq = model.specification.target is Target.dq
         if is_dq:
             # From each row of the window on, by how much the nominal machine would have gone less far.
-            away = jnp.cumsum((v - u) * dt_s, axis=0)
-            nominal_motion = true[window] + (away[starts][:, None] - away[window])
+            ahead = ((v - u) * dt_s)[window]
+            nominal_motion = true[window] + (jax.lax.cumsum(ahead, axis=1, reverse=True) - ahead)
         else:
             nominal_motion = u[window]
         history = AugmentedHistory(

@@ -21,7 +21,10 @@ class Rest(NamedTuple):
 
 
 class Stiction(CommandEffect):
-    """After a rest longer than the threshold the command acts only after some extra time."""
+    """After a rest longer than the threshold the command acts only after some extra time.
+
+    The threshold is soft, over a tenth of itself, so that it has a derivative.
+    """
 
     card = Card(
         family="stiction",
@@ -35,9 +38,9 @@ class Stiction(CommandEffect):
         scope=Scope.joint,
         parameters=(
             Parameter(
-                "mean_extra_time", "s", 0.0, 0.0, 1.5, grid=(0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.55, 0.7)
+                "mean_extra_time", "s", 0.0, 0.0, 1.5, grid=(0.05, 0.1, 0.2, 0.3, 0.45, 0.65)
             ),
-            Parameter("rest_threshold", "s", 0.0, 0.0, 10.0, grid=(0.15, 0.4, 0.8, 1.5, 3.0)),
+            Parameter("rest_threshold", "s", 0.0, 0.0, 10.0, grid=(0.2, 0.6, 1.5, 3.0)),
         ),
     )
 

@@ -76,7 +76,7 @@ def save_effects(directory: Path, effects: ActiveEffects) -> None:
             family: {name: np.asarray(value).tolist() for name, value in of.items()}
             for family, of in effects.values.items()
         },
-        "onset_ns": dict(effects.onset_ns),
+        "onset_ns": {family: int(stamp) for family, stamp in effects.onset_ns.items()},
     }
     write_whole(directory / FILE, (json.dumps(content, indent=1, sort_keys=True) + "\n").encode())
 
@@ -92,35 +92,74 @@ def load_effects(directory: Path) -> ActiveEffects | None:
         return None
     try:
         content: dict[str, Any] = json.loads(path.read_text())
-        if content["schema_version"] != SCHEMA_VERSION:
+        version = content["schema_version"]
+        if version != SCHEMA_VERSION:
             raise InputError(
-                f"{path}: schema version {content['schema_version']}, this program reads {SCHEMA_VERSION}; "
-                "close the loop again"
+                f"{path}: schema version {version}, this program reads {SCHEMA_VERSION}; close the loop again"
             )
-        setting = Setting(
-            content["setting"]["dt_s"],
-            *(np.asarray(content["setting"][name], np.float64) for name in ("lower", "upper", "speed_scale")),
-        )
+        limits = (_numbers(content["setting"][name]) for name in ("lower", "upper", "speed_scale"))
+        setting = Setting(float(content["setting"]["dt_s"]), *limits)
         values = {
-            family: {name: np.asarray(value, np.float64) for name, value in of.items()}
+            family: {name: _numbers(value) for name, value in of.items()}
             for family, of in content["values"].items()
         }
         onset_ns = {family: int(stamp) for family, stamp in content["onset_ns"].items()}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        ArithmeticError,
+        RecursionError,
+    ) as error:
         raise InputError(f"{path}: not readable as effects ({error}); close the loop again") from error
-    unknown = [family for family in values if family not in KNOWN]
+    effects = ActiveEffects(setting, values, onset_ns)
+    fault = _fault(effects)
+    if fault:
+        raise InputError(f"{path}: {fault}; close the loop again with this version")
+    return effects
+
+
+def _numbers(value: Any) -> np.ndarray:
+    numbers = np.asarray(value, np.float64)
+    if not np.all(np.isfinite(numbers)):
+        raise ValueError("a value is not finite")
+    return numbers
+
+
+def _fault(effects: ActiveEffects) -> str | None:
+    """What is wrong with effects that were read, in a clause."""
+    setting = effects.setting
+    if {setting.lower.shape, setting.upper.shape, setting.speed_scale.shape} != {(setting.lower.size,)}:
+        return "the setting's limits and speeds are not one number per joint"
+    if not (0.0 < setting.dt_s < np.inf and np.all(setting.speed_scale > 0.0)):
+        return "the setting's time step or a speed is not positive"
+    if not np.all(setting.lower < setting.upper):
+        return "a joint's lower limit is not below its upper limit"
+    unknown = [family for family in effects.values if family not in KNOWN]
     if unknown:
-        raise InputError(
-            f"{path}: unknown effects {', '.join(unknown)}; close the loop again with this version"
-        )
-    return ActiveEffects(setting, values, onset_ns)
+        return f"unknown effects {', '.join(unknown)}"
+    for family, of in effects.values.items():
+        expected = {name: value.shape for name, value in KNOWN[family](setting).neutral().items()}
+        if {name: value.shape for name, value in of.items()} != expected:
+            return f"the values of {family} are not {', '.join(expected)} with one row per joint"
+    without = [family for family in effects.onset_ns if family not in effects.values]
+    return f"an onset of {', '.join(without)}, which has no values" if without else None
 
 
 def load_predictor(directory: Path) -> Predictor:
     """Read a model folder of `identify` or `close_loop` as a predictor.
 
     Raises:
-        InputError: as `load_model` and `load_effects`.
+        InputError: as `load_model` and `load_effects`, or the effects are of another machine than the model.
     """
     model, parameters = load_model(directory)
-    return predictor(model, parameters, load_effects(directory))
+    effects = load_effects(directory)
+    expected = (model.specification.n_joint, model.specification.dt_s)
+    if effects is not None and not np.allclose((effects.setting.n_joint, effects.setting.dt_s), expected):
+        raise InputError(
+            f"{directory / FILE}: effects of {effects.setting.n_joint} joints at steps of {effects.setting.dt_s} s, "
+            f"the model has {expected[0]} joints and steps of {expected[1]} s; close the loop again"
+        )
+    return predictor(model, parameters, effects)

@@ -1,0 +1,82 @@
+"""The gate: what an effect has to pass on confirmation rows and against placebos before it is reported."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from pipeline.discrepancy.screen import Rows
+from pipeline.errors import InputError
+
+PLACEBOS = 200
+
+
+@dataclass
+class GateConfig:
+    """Thresholds of the gate.
+
+    Attributes:
+        smallest_improvement: Lower 95 % bound of the held-out reduction of an effect's squared residual.
+        largest_p: After correction for all hypotheses searched.
+        worse_margin: Relative rise of a joint's open-loop error that still counts as none.
+        resamples: Of the bootstrap.
+        model_error: Share of a parameter by which the idealised effect may differ from the real one; widens intervals.
+        smallest_excitation_s: Time in motion that a joint has to have in the logs for a verdict on it.
+    """
+
+    smallest_improvement: float
+    largest_p: float
+    worse_margin: float
+    resamples: int
+    model_error: float
+    smallest_excitation_s: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.largest_p < 1:
+            raise InputError(f"close_loop.gate.largest_p is {self.largest_p}; it must be in (0, 1)")
+        if not self.model_error >= 0:
+            raise InputError(f"close_loop.gate.model_error is {self.model_error}; it must not be negative")
+
+
+def lower_bound(before: np.ndarray, after: np.ndarray, rows: Rows, resamples: int, seed: int) -> tuple[float, float]:
+    """Held-out share of the squares that an effect removes, and its lower 95 % bound by a block bootstrap.
+
+    Args:
+        before: (N,) residual without the effect.
+        after: (N,) with it.
+        rows: The rows.
+        resamples: Of the bootstrap.
+        seed: Of the resampling.
+    """
+    n = rows.folds.n_blocks
+    squares = [np.bincount(rows.folds.block, residual**2, minlength=n) for residual in (before, after)]
+    drawn = np.random.default_rng(seed).integers(n, size=(resamples, n))
+    share = 1.0 - squares[1][drawn].sum(axis=1) / np.maximum(squares[0][drawn].sum(axis=1), 1e-12)
+    total = 1.0 - squares[1].sum() / max(squares[0].sum(), 1e-12)
+    return float(total), float(np.quantile(share, 0.05))
+
+
+def placebo_p(residual: np.ndarray, change: np.ndarray, n_hypotheses: int, seed: int) -> float:
+    """How probable so large a gain is for a change of the same size at the wrong time.
+
+    The change that the effect makes is shifted in time (cyclically) and scaled to fit best; the gain's distribution
+    over shifts is taken for normal beyond what can be counted, and the result is corrected for all hypotheses
+    searched (Bonferroni).
+
+    Args:
+        residual: (N,) without the effect.
+        change: (N,) of the velocity by the effect.
+        n_hypotheses: Number of hypotheses searched.
+        seed: Of the shifts.
+    """
+    square = float(change @ change)
+    if square <= 0.0:
+        return 1.0
+
+    def root_gain(shifted: np.ndarray) -> float:
+        return float(shifted @ residual) / np.sqrt(square)
+
+    shifts = np.random.default_rng(seed).integers(len(residual) // 20, len(residual) - len(residual) // 20, PLACEBOS)
+    placebos = np.array([root_gain(np.roll(change, shift)) for shift in shifts])
+    z = (root_gain(change) - placebos.mean()) / max(float(placebos.std()), 1e-12)
+    return float(min(1.0, norm.sf(z) * n_hypotheses))

@@ -1,0 +1,79 @@
+"""Effects that set in at some moment: the search for the moment (Page, 1954; one change, by least squares).
+
+Before the onset the residual is that without the effect, after it that with the effect; the best moment has the
+smallest sum of squares over both. Coefficients are fitted again on the rows after it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.discrepancy.screen import Candidate, Rows, averaged, with_candidate
+from pipeline.discrepancy.simulation import Hypothesis, Simulation
+
+TRIED_PER_JOINT = 4  # named families, by gain
+SMALLEST_PART = 0.08  # of the squared velocity: less before or after the moment tells nothing
+SMALLEST_GAIN = 1.2  # of the gain without onset
+SMALLEST_T = 2.5  # of what the effect would do harm before its onset, by blocks
+SETS_IN = ("gain", "delay", "lag", "leakage", "backlash", "stiction", "end_cushion", "sensor_bias", "oscillation", "flow_coupling")
+ITERATIONS = 3
+
+
+def with_onsets(
+    simulation: Simulation, active: Hypothesis, rows: Rows, candidates: Sequence[Candidate]
+) -> list[Candidate]:
+    """The candidates; each of the best per joint is replaced by itself with an onset, where that is clearly better."""
+    result = []
+    count: dict[int, int] = {}
+    for candidate in sorted(candidates, key=lambda c: -c.gain):
+        count.setdefault(candidate.joint, 0)
+        if candidate.family in SETS_IN and candidate.share > 0.02 and count[candidate.joint] < TRIED_PER_JOINT:
+            count[candidate.joint] += 1
+            candidate = _with_onset(simulation, active, rows, candidate)
+        result.append(candidate)
+    return result
+
+
+def _with_onset(simulation: Simulation, active: Hypothesis, rows: Rows, candidate: Candidate) -> Candidate:
+    joint = candidate.joint
+    order = np.argsort(averaged(simulation.sequences.stamp_ns.astype(np.float64), rows.is_used), kind="stable")
+    stamps = averaged(simulation.sequences.stamp_ns - simulation.sequences.stamp_ns.min(), rows.is_used)
+    velocity = simulation.velocities([active])[0]
+    before = rows.weight[:, joint] * averaged((simulation.sequences.velocity - velocity)[..., joint], rows.is_used)
+    excited = np.cumsum(averaged(velocity[..., joint], rows.is_used)[order] ** 2)
+    excited /= max(excited[-1], 1e-12)
+    current, place = candidate, 0
+    for _ in range(ITERATIONS):
+        changed = simulation.velocities([with_candidate(simulation, active, current)])[0]
+        after = rows.weight[:, joint] * averaged((simulation.sequences.velocity - changed)[..., joint], rows.is_used)
+        if current.freed:
+            # The change is close to linear in its coefficients: scale it as the rows after the moment want it.
+            change = before - after
+            late = order[place:]
+            scale = float(change[late] @ before[late] / max(change[late] @ change[late], 1e-12))
+            scale = float(np.clip(scale, 0.2, 5.0))
+            current = replace(current, coefficients=np.clip(current.coefficients * scale, -2.0, 2.0))
+            after = before - scale * change
+        advantage = np.concatenate([[0.0], np.cumsum((before**2 - after**2)[order])])
+        total = advantage[-1] - advantage  # gain if it sets in at this place of the order
+        inside = np.flatnonzero((excited > SMALLEST_PART) & (excited < 1.0 - SMALLEST_PART))
+        if len(inside) == 0:
+            return candidate
+        place = int(inside[np.argmax(total[inside])])
+    by_row = np.zeros(len(before))
+    late = order[place:]
+    by_row[late] = (before**2 - after**2)[late]
+    gain_by_block = np.bincount(rows.folds.block, by_row, minlength=rows.folds.n_blocks) / rows.floor[joint]
+    gain = float(gain_by_block.sum())
+    early = order[:place]
+    harm = np.bincount(rows.folds.block[early], (after**2 - before**2)[early], minlength=rows.folds.n_blocks)
+    harm = harm[np.bincount(rows.folds.block[early], minlength=rows.folds.n_blocks) > 0]
+    is_harm = harm.sum() > SMALLEST_T * np.std(harm) * np.sqrt(len(harm))
+    if gain < SMALLEST_GAIN * candidate.gain or not is_harm:
+        return candidate
+    onset = int(stamps[order[place]] + simulation.sequences.stamp_ns.min())
+    share = gain * rows.floor[joint] / max(float(np.sum(before**2)), 1e-12)
+    return replace(current, gain=gain, share=share, gain_by_block=gain_by_block, onset=onset)
+
+

@@ -1,0 +1,122 @@
+"""From a candidate's values to the parameters that the contract names (section 4), with 95 % intervals."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pipeline.discrepancy.refine import Coordinate
+from pipeline.discrepancy.screen import Candidate
+from pipeline.effects.effect import Effect
+
+Quantity = dict[str, object]
+
+
+def describe(
+    candidate: Candidate,
+    effect: Effect,
+    spread: Mapping[str, float],
+    joints: Sequence[str],
+    unit: str,
+) -> dict[str, Quantity]:
+    """Parameters of one effect on one joint.
+
+    Args:
+        candidate: The effect.
+        effect: Its wrapper.
+        spread: Standard deviation per point's name, and `coefficient:<index>`.
+        joints: All joints' names.
+        unit: `rad` or `m`.
+    """
+    point, coefficients = candidate.point, candidate.coefficients
+    setting, joint = effect.setting, candidate.joint
+    span = float(setting.upper[joint] - setting.lower[joint])
+    family = candidate.family
+
+    def of(value: float, unit: str, name: str, factor: float = 1.0) -> Quantity:
+        return quantity(value, unit, abs(factor) * spread.get(name, 0.0))
+
+    if family == "gain":
+        freed = [name for one in candidate.freed for name, _ in one]
+        direction = 0 if len(freed) == 2 else (1 if freed[0] == "ratio_positive" else -1)
+        value = 1.0 + float(np.mean(coefficients))
+        sign: Quantity = {"value": direction, "unit": "sign"}
+        result = {"speed_ratio": of(value, "1", "coefficient:0"), "direction": sign}
+        if len(coefficients) == 2:
+            result["speed_ratio_positive"] = of(1.0 + float(coefficients[0]), "1", "coefficient:0")
+            result["speed_ratio_negative"] = of(1.0 + float(coefficients[1]), "1", "coefficient:1")
+        return result
+    if family == "load":
+        return {
+            "mean_speed_ratio_up": of(1.0 + float(coefficients[0]), "1", "coefficient:0"),
+            "mean_speed_ratio_down": of(1.0 + float(coefficients[1]), "1", "coefficient:1"),
+        }
+    if family == "flow_coupling":
+        of_source = {
+            f"loss_fraction:{joints[freed[0][1]]}": of(float(value), "1", f"coefficient:{index}")  # type: ignore[index]
+            for index, (freed, value) in enumerate(zip(candidate.freed, coefficients, strict=True))
+            if freed[0][1] != joint
+        }
+        total = float(np.sum([v for f, v in zip(candidate.freed, coefficients, strict=True) if f[0][1] != joint]))
+        deviation = float(np.sqrt(np.sum([spread.get(f"coefficient:{i}", 0.0) ** 2 for i in range(len(coefficients))])))
+        return {"loss_fraction": quantity(total, "1", deviation), **of_source}
+    if family == "thermal_drift":
+        warm = 1.0 + float(coefficients[1])
+        return {
+            "cold_speed_loss": of(float(coefficients[0]) / warm, "1", "coefficient:0", 1.0 / warm),
+            "time_constant": of(point["time_constant"], "s", "time_constant"),
+        }
+    if family == "leakage":
+        return {"sag_rate": of(float(coefficients[0]), f"{unit}/s", "coefficient:0")}
+    if family == "end_cushion":
+        upper = candidate.freed[0][0][0] == "loss_upper"
+        return {
+            "zone_length": of(point["zone_share"] * span, unit, "zone_share", span),
+            "min_speed_ratio": of(1.0 - float(coefficients[0]), "1", "coefficient:0"),
+            "side": {"value": 1 if upper else -1, "unit": "sign"},
+        }
+    if family == "oscillation":
+        return {
+            "frequency": of(point["frequency"], "Hz", "frequency"),
+            "damping_ratio": of(point["damping_ratio"], "1", "damping_ratio"),
+            "share": of(float(coefficients[0]), "1", "coefficient:0"),
+        }
+    if family == "sensor_bias":
+        return {
+            "offset": of(point.get("offset", 0.0), unit, "offset"),
+            "scale": of(point.get("scale", 1.0), "1", "scale"),
+        }
+    if family.startswith("other:"):
+        return {}
+    units = {parameter.name: {"length": unit, "speed": f"{unit}/s"}.get(parameter.unit, parameter.unit) for parameter in effect.card.parameters}
+    return {name: of(value, units[name], name) for name, value in point.items()}
+
+
+def quantity(value: float, unit: str, deviation: float) -> Quantity:
+    """A value with its 95 % interval."""
+    return {
+        "value": float(value),
+        "unit": unit,
+        "ci95": [float(value - 1.96 * deviation), float(value + 1.96 * deviation)],
+    }
+
+
+def spreads(
+    coordinates: Sequence[Coordinate], covariance: np.ndarray, number: int, candidate: Candidate, model_error: float
+) -> dict[str, float]:
+    """Standard deviations of one effect's values: of sampling, and of the model that the effect is an idealisation of.
+
+    Args:
+        coordinates: Of the joint.
+        covariance: Of the coordinates.
+        number: Of the effect among those found.
+        candidate: The effect.
+        model_error: Share of a value by which the idealised effect may differ from the real one.
+    """
+    result = {}
+    for index, coordinate in enumerate(coordinates):
+        if coordinate.effect != number:
+            continue
+        name = coordinate.name or f"coefficient:{coordinate.index}"
+        value = candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index]
+        result[name] = float(np.hypot(np.sqrt(max(covariance[index, index], 0.0)), model_error * abs(value)))
+    return result

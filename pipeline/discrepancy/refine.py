@@ -1,0 +1,213 @@
+"""All parameters of all effects found, at once: Gauss-Newton on the velocities' squared residual, joint by joint.
+
+Derivatives are finite differences of the compiled simulation; parameters of different joints are moved at the same
+time, as an effect on one joint changes the others' velocities by next to nothing.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
+from pipeline.discrepancy.screen import Candidate, Rows, with_candidate
+from pipeline.discrepancy.simulation import Simulation
+
+if TYPE_CHECKING:
+    from pipeline.discrepancy.search import Found
+
+ITERATIONS = 5
+RELATIVE_STEP = 0.04
+SMALLEST_STEP = 0.004
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One value that can be moved: a parameter on the grid (`name`) or a coefficient (`index`) of one effect."""
+
+    effect: int
+    name: str | None
+    index: int
+    lower: float
+    upper: float
+
+
+def refine(simulation: Simulation, rows: Rows, found: Sequence["Found"]) -> list["Found"]:
+    """Gauss-Newton from where the search left off; a joint's step is kept only if its squares fall."""
+    found = list(found)
+    coordinates = _coordinates(simulation, found)
+    if not any(coordinates.values()):
+        return found
+    damping = dict.fromkeys(coordinates, 1e-3)
+    for _ in range(ITERATIONS):
+        residual, jacobian = residual_and_jacobian(simulation, rows, found, coordinates)
+        trial = list(found)
+        for joint, of_joint in coordinates.items():
+            if not of_joint:
+                continue
+            a, r = jacobian[joint], residual[:, joint]
+            gram = a.T @ a
+            step = np.linalg.solve(gram + damping[joint] * np.diag(np.diag(gram) + 1e-12), a.T @ r)
+            for coordinate, change in zip(of_joint, step, strict=True):
+                value = _value(trial, coordinate)
+                limit = 0.5 * max(abs(value), 0.1)
+                moved = float(np.clip(value + np.clip(change, -limit, limit), coordinate.lower, coordinate.upper))
+                trial = _with_value(trial, coordinate, moved)
+        after = _residual(simulation, rows, trial)
+        moved_any = False
+        for joint in coordinates:
+            before_squares, after_squares = np.sum(residual[:, joint] ** 2), np.sum(after[:, joint] ** 2)
+            if after_squares <= before_squares:
+                moved_any = moved_any or after_squares < before_squares * (1.0 - 1e-4)
+                damping[joint] = max(0.3 * damping[joint], 1e-6)
+            else:
+                damping[joint] *= 10.0
+                for index, effect in enumerate(found):
+                    if effect.candidate.joint == joint:
+                        trial[index] = effect
+        found = trial
+        if not moved_any:
+            break
+    return found
+
+
+def refine_alone(simulation: Simulation, rows: Rows, found: Sequence["Found"], candidate: Candidate) -> Candidate:
+    """Move one candidate off its grid, the effects that were found before held where they are."""
+    from pipeline.discrepancy.search import Found
+
+    if not candidate.point:
+        return candidate
+    others = list(found)
+    reference = _residual(simulation, rows, others)[:, candidate.joint]
+    refined = refine(simulation, rows, [*others, Found(candidate)])[-1].candidate
+    after = _residual(simulation, rows, [*others, Found(refined)])[:, candidate.joint]
+    floor = rows.floor[candidate.joint]
+    by_block = np.bincount(rows.folds.block, reference**2 - after**2, minlength=rows.folds.n_blocks) / floor
+    gain = float(by_block.sum())
+    if gain <= candidate.gain:
+        return candidate
+    share = gain * floor / max(float(np.sum(reference**2)), 1e-12)
+    return replace(refined, gain=gain, share=share, gain_by_block=by_block)
+
+
+def values_of(simulation: Simulation, found: Sequence["Found"]) -> dict:
+    """The hypothesis of several effects."""
+    values: dict = {}
+    for effect in found:
+        if effect.candidate.family != SUPPLY:
+            values = with_candidate(simulation, values, effect.candidate)
+    return values
+
+
+def gain_without(simulation: Simulation, rows: Rows, found: Sequence["Found"], left_out: "Found") -> np.ndarray:
+    """What an effect takes off the squares beside the others, per block, in units of the floor."""
+    joint = left_out.candidate.joint
+    others = [effect for effect in found if effect is not left_out]
+    others = refine(simulation, rows, others)
+    with_all = _residual(simulation, rows, list(found))[:, joint]
+    without = _residual(simulation, rows, others)[:, joint]
+    return np.bincount(rows.folds.block, without**2 - with_all**2, minlength=rows.folds.n_blocks) / rows.floor[joint]
+
+
+def residual_and_jacobian(
+    simulation: Simulation, rows: Rows, found: list["Found"], coordinates: dict[int, list[Coordinate]]
+) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+    """Residual (N, n_joint), and per joint the derivatives (N, k) of its velocity by its coordinates."""
+    most = max(len(of_joint) for of_joint in coordinates.values())
+    hypotheses, steps = [values_of(simulation, found)], []
+    for place in range(most):
+        moved, taken = list(found), {}
+        for joint, of_joint in coordinates.items():
+            if place < len(of_joint):
+                coordinate = of_joint[place]
+                value = _value(found, coordinate)
+                step = max(RELATIVE_STEP * abs(value), SMALLEST_STEP)
+                step = -step if value + step > coordinate.upper else step
+                moved = _with_value(moved, coordinate, value + step)
+                taken[joint] = step
+        hypotheses.append(values_of(simulation, moved))
+        steps.append(taken)
+    onsets = simulation.onsets
+    simulation.onsets = _onsets(found)
+    velocities = [rows.weight * rows.averaged(v) for v in simulation.velocities(hypotheses)]
+    simulation.onsets = onsets
+    residual = rows.weight * rows.averaged(simulation.sequences.velocity) - velocities[0]
+    jacobian = {
+        joint: np.stack(
+            [(velocities[1 + place][:, joint] - velocities[0][:, joint]) / steps[place][joint] for place in range(len(of_joint))],
+            axis=1,
+        )
+        for joint, of_joint in coordinates.items()
+        if of_joint
+    }
+    return residual, jacobian
+
+
+def _onsets(found: Sequence["Found"]) -> dict[tuple[str, int], int]:
+    return {(f.candidate.family, f.candidate.joint): f.candidate.onset for f in found if f.candidate.onset is not None}
+
+
+def _residual(simulation: Simulation, rows: Rows, found: list["Found"]) -> np.ndarray:
+    onsets = simulation.onsets
+    simulation.onsets = _onsets(found)
+    velocity = simulation.velocities([values_of(simulation, found)])[0]
+    simulation.onsets = onsets
+    return rows.weight * rows.averaged(simulation.sequences.velocity - velocity)
+
+
+def _coordinates(simulation: Simulation, found: Sequence["Found"]) -> dict[int, list[Coordinate]]:
+    result: dict[int, list[Coordinate]] = {}
+    for number, effect in enumerate(found):
+        candidate = effect.candidate
+        of_joint = result.setdefault(candidate.joint, [])
+        if candidate.family == SUPPLY:
+            continue
+        by_name = {p.name: p for p in simulation.effects[candidate.family].card.parameters}
+        for name in candidate.point:
+            of_joint.append(Coordinate(number, name, 0, by_name[name].lower, by_name[name].upper))
+        for index, freed in enumerate(candidate.freed):
+            parameter = by_name.get(freed[0][0])
+            lower = parameter.lower - parameter.neutral if parameter else -2.0
+            upper = parameter.upper - parameter.neutral if parameter else 2.0
+            of_joint.append(Coordinate(number, None, index, lower, upper))
+    return result
+
+
+def _value(found: Sequence["Found"], coordinate: Coordinate) -> float:
+    candidate = found[coordinate.effect].candidate
+    return float(candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index])
+
+
+def _with_value(found: list["Found"], coordinate: Coordinate, value: float) -> list["Found"]:
+    candidate = found[coordinate.effect].candidate
+    if coordinate.name:
+        changed = replace(candidate, point={**candidate.point, coordinate.name: value})
+    else:
+        coefficients = np.array(candidate.coefficients)
+        coefficients[coordinate.index] = value
+        changed = replace(candidate, coefficients=coefficients)
+    result = list(found)
+    result[coordinate.effect] = replace(found[coordinate.effect], candidate=changed)
+    return result
+
+
+def parameter_covariance(
+    simulation: Simulation, rows: Rows, found: list["Found"]
+) -> dict[int, tuple[list[Coordinate], np.ndarray]]:
+    """Per joint the coordinates and their covariance, robust against any correlation within blocks.
+
+    Source: Liang and Zeger (1986), Longitudinal data analysis using generalized linear models (sandwich estimator).
+    """
+    coordinates = _coordinates(simulation, found)
+    if not any(coordinates.values()):
+        return {}
+    residual, jacobian = residual_and_jacobian(simulation, rows, found, coordinates)
+    result = {}
+    for joint, a in jacobian.items():
+        scores = np.stack(
+            [np.bincount(rows.folds.block, column * residual[:, joint], minlength=rows.folds.n_blocks) for column in a.T], axis=1
+        )
+        bread = np.linalg.pinv(a.T @ a + 1e-12 * np.eye(a.shape[1]))
+        result[joint] = (coordinates[joint], bread @ (scores.T @ scores) @ bread)
+    return result

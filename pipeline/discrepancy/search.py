@@ -1,0 +1,292 @@
+"""Forward selection of effects: screen, take the simplest of the best, refine, look again, and at last look back.
+
+A candidate's gain is compared with what the same candidate gains on the nominal logs, where there is nothing to find
+but the diagnosis model's own misfit. Among those that are not significantly worse than the best, the simplest is
+taken; what is as simple and as good is kept as its equivalent.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
+from pipeline.discrepancy.common_speed import common_speed_candidates
+from pipeline.discrepancy.onset import with_onsets
+from pipeline.discrepancy.screen import Candidate, Rows, screen, with_candidate
+from pipeline.discrepancy.simulation import Simulation
+from pipeline.errors import InputError
+
+Null = Mapping[tuple[str, int, int | None], float]
+
+
+@dataclass
+class SearchConfig:
+    """Thresholds of the search.
+
+    Attributes:
+        smallest_share: Of the squared residual; an effect that removes less is not looked for.
+        smallest_gain: The same in units of the noise floor's squares.
+        second_share: A further effect on a joint has to gain this share of what the first gained there.
+        null_factor: How many times its gain on nominal logs a candidate has to exceed.
+        smallest_t: Of the gain over its standard error by blocks.
+        equivalent_t: A candidate is worse than the best only if the difference is so many standard errors.
+        maximum_effects: The search ends when it has found so many.
+        block_s: Length of a block of the bootstrap, longer than the residual's correlation.
+    """
+
+    smallest_share: float
+    smallest_gain: float
+    second_share: float
+    null_factor: float
+    smallest_t: float
+    equivalent_t: float
+    maximum_effects: int
+    block_s: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.smallest_share < 1:
+            raise InputError(f"close_loop.search.smallest_share is {self.smallest_share}; it must be in (0, 1)")
+        if self.maximum_effects < 1:
+            raise InputError("close_loop.search.maximum_effects must be at least 1")
+
+
+@dataclass(frozen=True)
+class Found:
+    """One effect on one joint that the search took.
+
+    Attributes:
+        candidate: The effect.
+        equivalents: Others that are as simple and not significantly worse.
+        losers: The next best, with a clause that says why they lost.
+    """
+
+    candidate: Candidate
+    equivalents: list[Candidate] = field(default_factory=list)
+    losers: list[tuple[Candidate, str]] = field(default_factory=list)
+
+
+# From the simplest to the most general; a named family that says as much is preferred to one that says less.
+COMPLEXITY = {
+    "gain": 1.0,
+    "delay": 1.0,
+    "leakage": 1.0,
+    "backlash": 1.0,
+    "lag": 1.0,
+    "sensor_bias": 1.0,
+    "stiction": 1.5,
+    "end_cushion": 2.0,
+    "flow_coupling": 2.5,
+    "oscillation": 2.5,
+    "thermal_drift": 2.5,
+    "load": 3.0,
+    SUPPLY: 4.0,
+}
+OTHER_COMPLEXITY = 5.0
+
+
+def complexity(candidate: Candidate) -> float:
+    """How much a candidate can fit; an onset is one choice more."""
+    two_ways = 2.2 * (candidate.family == "gain" and len(candidate.freed) > 1)
+    return COMPLEXITY.get(candidate.family, OTHER_COMPLEXITY) + two_ways + 0.6 * (candidate.onset is not None)
+
+
+def null_gains(simulation: Simulation, rows: Rows, excluded: Sequence[str]) -> dict[tuple[str, int, int | None], float]:
+    """Gain per used row that each candidate has on nominal logs."""
+    candidates = screen(simulation, {}, rows, excluded) + common_speed_candidates(simulation, {}, rows)
+    n = len(rows.folds.fold)
+    return {(c.family, c.joint, c.source): max(0.0, c.gain) / n for c in candidates}
+
+
+class Search:
+    """The state of a forward selection on one set of measured logs."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        rows: Rows,
+        null: Null,
+        config: SearchConfig,
+        excluded: Sequence[str] = (),
+        say: Callable[[str], None] | None = None,
+    ) -> None:
+        self.simulation, self.rows, self.null, self.config = simulation, rows, null, config
+        self.excluded = tuple(excluded)
+        self.found: list[Found] = []
+        self.first: list[Candidate] = []  # of the first screen, for the ranking
+        self._say = say or (lambda _: None)
+
+    @property
+    def hypothesis(self) -> dict:
+        """Values of all effects found."""
+        values: dict = {}
+        for found in self.found:
+            if found.candidate.family != SUPPLY:
+                values = with_candidate(self.simulation, values, found.candidate)
+        return values
+
+    def onsets(self) -> dict[tuple[str, int], int]:
+        """Stamp at which an effect on a joint sets in, where it does."""
+        return {(f.candidate.family, f.candidate.joint): f.candidate.onset for f in self.found if f.candidate.onset is not None}
+
+    def net(self, candidate: Candidate) -> float:
+        """Gain beyond what the candidate gains on nominal logs."""
+        null = self.null.get((candidate.family, candidate.joint, candidate.source), 0.0)
+        return candidate.gain - self.config.null_factor * null * len(self.rows.folds.fold)
+
+    def passes(self, candidate: Candidate) -> bool:
+        """Whether it removes enough, beyond chance and beyond the model's own misfit."""
+        squares = candidate.gain / candidate.share if candidate.share > 0 else np.inf
+        return (
+            candidate.share > self.config.smallest_share
+            and self.net(candidate)
+            > max(self.config.smallest_share * squares, self.config.smallest_gain * len(self.rows.folds.fold))
+            and _t(candidate.gain_by_block) > self.config.smallest_t
+        )
+
+    def run(self) -> list[Found]:
+        """Find effects until none is left that passes."""
+        for _ in range(self.config.maximum_effects):
+            candidates = self._candidates()
+            passing = [candidate for candidate in candidates if self.passes(candidate)]
+            passing = self._without_repairs(passing)
+            if not passing:
+                break
+            self.found += self._choose(passing, candidates)
+            self._refit()
+            self.simulation.onsets = self.onsets()
+        self._look_back()
+        return self.found
+
+    def _candidates(self) -> list[Candidate]:
+        active = self.hypothesis
+        candidates = screen(self.simulation, active, self.rows, self.excluded)
+        if SUPPLY not in self.excluded and not any(f.candidate.family == SUPPLY for f in self.found):
+            candidates += common_speed_candidates(self.simulation, active, self.rows)
+        taken = {(f.candidate.family, f.candidate.joint, f.candidate.source) for f in self.found}
+        candidates = [c for c in candidates if (c.family, c.joint, c.source) not in taken]
+        candidates = with_onsets(self.simulation, active, self.rows, candidates)
+        if not self.first:
+            self.first = sorted(candidates, key=self.net, reverse=True)
+        return candidates
+
+    def _without_repairs(self, passing: list[Candidate]) -> list[Candidate]:
+        """Candidates that are not just a repair of an effect that was found on their joint before.
+
+        Where something is left beside a named effect, and a dependence that no family describes had explained more than
+        that name in the first place, the dependence takes its place.
+        """
+        kept = []
+        for candidate in passing:
+            place = next((i for i, f in enumerate(self.found) if f.candidate.joint == candidate.joint), None)
+            if place is None:
+                kept.append(candidate)
+                continue
+            first = self.found[place].candidate
+            if candidate.gain > self.config.second_share * first.gain:
+                kept.append(candidate)
+                continue
+            rivals = [c for c in self.first if c.joint == first.joint and c.family.startswith("other") and self.passes(c)]
+            better = max(rivals, key=self.net, default=None)
+            if better is not None and not first.family.startswith("other") and self.net(better) > (1.0 + NEGLIGIBLE) * self.net(first):
+                self._say(f"{better.family} explains more than {first.family} and what is left beside it")
+                self.found[place] = Found(better, [], [(first, "leaves structure behind that this does not")])
+                self._refit()
+        return kept
+
+    def _choose(self, passing: list[Candidate], candidates: list[Candidate]) -> list[Found]:
+        """The joint with most to gain; the simplest of its candidates that are not significantly worse."""
+        best = max(passing, key=self.net)
+        rivals = [c for c in passing if c.joint == best.joint]
+        rivals = self._refined(sorted(rivals, key=self.net, reverse=True)[:REFINED]) + sorted(rivals, key=self.net, reverse=True)[REFINED:]
+        best = max(rivals, key=self.net)
+        as_good = [c for c in rivals if not self._is_worse(c, best)]
+        chosen = min(as_good, key=lambda c: (complexity(c), -self.net(c)))
+        equivalents = [
+            c for c in as_good if c.family != chosen.family and abs(complexity(c) - complexity(chosen)) < 0.75 and not _same(c, chosen)
+        ]
+        self._say(
+            f"{chosen.family} on joint {chosen.joint}: removes {chosen.share:.0%} of the squared residual there"
+            + (f"; as good: {', '.join(c.family for c in equivalents)}" if equivalents else "")
+        )
+        losers = []
+        for rival in sorted(rivals, key=self.net, reverse=True):
+            if rival is not chosen and rival not in equivalents:
+                losers.append((rival, _why(rival, chosen, best)))
+        found = [Found(chosen, equivalents, losers[:6])]
+        if chosen.family in WHOLE_MACHINE:
+            # An effect of the whole machine is taken on every joint on which it shows.
+            found += [
+                Found(c)
+                for c in candidates
+                if c.family == chosen.family and c.joint != chosen.joint and c.source == chosen.source and self._shows(c)
+            ]
+        return found
+
+    def _refined(self, candidates: list[Candidate]) -> list[Candidate]:
+        """Candidates moved off their grids; dependences are linear and stay."""
+        from pipeline.discrepancy.refine import refine_alone
+
+        return [
+            c if c.family.startswith("other") or c.family == SUPPLY else refine_alone(self.simulation, self.rows, self.found, c)
+            for c in candidates
+        ]
+
+    def _shows(self, candidate: Candidate) -> bool:
+        return self.net(candidate) > 0.0 and candidate.share > 0.5 * self.config.smallest_share and _t(candidate.gain_by_block) > 2.0
+
+    def _is_worse(self, candidate: Candidate, best: Candidate) -> bool:
+        difference = best.gain_by_block - candidate.gain_by_block
+        allowance = self.null.get((best.family, best.joint, best.source), 0.0) * len(self.rows.folds.fold)
+        significant = _t(difference) > self.config.equivalent_t
+        return bool(significant and difference.sum() > max(allowance, NEGLIGIBLE * best.gain))
+
+    def _refit(self) -> None:
+        from pipeline.discrepancy.refine import refine
+
+        self.found = refine(self.simulation, self.rows, self.found)
+
+    def _look_back(self) -> None:
+        """Drop what the others made superfluous."""
+        from pipeline.discrepancy.refine import gain_without
+
+        kept = list(self.found)
+        for found in sorted(kept, key=lambda f: -complexity(f.candidate)):
+            if len(kept) == 1 or found.candidate.family == SUPPLY:
+                continue
+            by_block = gain_without(self.simulation, self.rows, kept, found)
+            squares = found.candidate.gain / max(found.candidate.share, 1e-9)
+            if by_block.sum() < 0.4 * self.config.smallest_share * squares or _t(by_block) < self.config.smallest_t:
+                kept.remove(found)
+                self._say(f"{found.candidate.family} on joint {found.candidate.joint} is superfluous beside the others")
+        if len(kept) != len(self.found):
+            self.found = kept
+            self._refit()
+
+
+REFINED = 3  # of a joint's candidates
+WHOLE_MACHINE = ("thermal_drift", "timing", SUPPLY, "other:activity", "flow_coupling")
+NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
+
+
+def _same(one: Candidate, other: Candidate) -> bool:
+    """`timing` is the delay of all joints: on one joint alone they are the same wrapper."""
+    return {one.family, other.family} == {"delay", "timing"}
+
+
+def _t(by_block: np.ndarray) -> float:
+    spread = np.std(by_block, ddof=1) * np.sqrt(len(by_block))
+    return float(by_block.sum() / max(spread, 1e-12))
+
+
+def _why(rival: Candidate, chosen: Candidate, best: Candidate) -> str:
+    if complexity(rival) > complexity(chosen) and rival.gain <= 1.02 * best.gain:
+        return f"removes {rival.share:.0%} with more freedom, {chosen.family} {chosen.share:.0%} with less"
+    return f"removes {rival.share:.0%} of the squared residual, {chosen.family} {chosen.share:.0%}"
+
+
+def drop_onset(candidate: Candidate) -> Candidate:
+    """The same candidate, present all the time."""
+    return replace(candidate, onset=None)
+
+

@@ -1,0 +1,35 @@
+"""Section `close_loop` of a profile."""
+
+from dataclasses import dataclass, field
+
+from pipeline.discrepancy.continued_training import BaselinesConfig
+from pipeline.discrepancy.diagnosis_model import DiagnosisModelConfig
+from pipeline.discrepancy.gate import GateConfig
+from pipeline.discrepancy.search import SearchConfig
+from pipeline.discrepancy.splits import SplitConfig
+from pipeline.dynamics.settings import TrainingConfig
+
+
+@dataclass
+class CloseLoopConfig:
+    """How the loop is closed.
+
+    Attributes:
+        seed: Of all networks, and of resampling.
+        baseline: Training of the model, where none is given.
+        diagnosis: Training of the diagnosis model.
+        split: Of the measured rows.
+        search: Thresholds of the search.
+        gate: Thresholds of the gate.
+        baselines: Budget of the trained baselines.
+        exclude: Families that are not tried.
+    """
+
+    seed: int
+    baseline: TrainingConfig
+    diagnosis: DiagnosisModelConfig
+    split: SplitConfig
+    search: SearchConfig
+    gate: GateConfig
+    baselines: BaselinesConfig
+    exclude: list[str] = field(default_factory=list)

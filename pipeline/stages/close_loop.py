@@ -1,0 +1,109 @@
+"""Stage `close_loop`: from logs measured on the machine to the effect that its model lacks."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import MISSING
+
+from pipeline.atomic_files import write_whole
+from pipeline.configuration import ControlConfiguration, PipelineConfiguration, stage
+from pipeline.discrepancy.close_loop import close_loop
+from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.fit import fit
+from pipeline.dynamics.model import DynamicsModel, Target
+from pipeline.dynamics.network import Parameterization, Parameters
+from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.dynamics.store import load_model, save_model
+from pipeline.effects.store import FILE, save_effects
+from pipeline.errors import InputError
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.trajectories import load_trajectories
+from pipeline.logs.tuples import Trajectory
+from pipeline.reporting.closed_loop import write_closed_loop_report
+from pipeline.tracking import StageRun, flatten_metrics
+
+
+@dataclass
+class CloseLoopStage(PipelineConfiguration):
+    """Keys of `conf/close_loop.yaml`."""
+
+    control: ControlConfiguration = MISSING
+    ingest: IngestConfig = MISSING
+    identify: IdentifyConfig = MISSING
+    close_loop: CloseLoopConfig = MISSING
+    nominal: str = MISSING
+    measured: str = MISSING
+    output: str = MISSING
+    model: str | None = None
+    kind: str = MISSING
+
+
+@stage(CloseLoopStage)
+def main(configuration: CloseLoopStage, run: StageRun) -> None:
+    """Write `closed_loop.json`, `report.html`, `model_before` and `model_after`."""
+    machine, output = configuration.machine, Path(configuration.output)
+    nominal, measured = (
+        load_trajectories(Path(folder), machine, configuration.ingest, configuration.control.loop_tracker)
+        for folder in (configuration.nominal, configuration.measured)
+    )
+    model, parameters = baseline(configuration, nominal)
+    print(f"close_loop: {len(nominal)} nominal and {len(measured)} measured trajectories", flush=True)
+    result = close_loop(
+        nominal,
+        measured,
+        machine,
+        model,
+        parameters,
+        configuration.close_loop,
+        lambda sentence: print(f"close_loop: {sentence}", flush=True),
+    )
+    lineage = {"machine": machine.name, "trajectories": [trajectory.name for trajectory in nominal]}
+    for name in ("model_before", "model_after"):
+        save_model(output / name, model, parameters, lineage, {}, {})
+        (output / name / FILE).unlink(missing_ok=True)
+    if result.effects is not None:
+        save_effects(output / "model_after", result.effects)
+    content = json.dumps(result.document, indent=1, allow_nan=False) + "\n"
+    write_closed_loop_report(
+        output / "report.html",
+        result.document,
+        result.evidence,
+        machine.name,
+        configuration.nominal,
+        configuration.measured,
+    )
+    write_whole(output / "closed_loop.json", content.encode())
+    print(f"close_loop: verdict {result.document['verdict']}; see {output / 'report.html'}")
+    run.metrics(flatten_metrics({"error": result.document["error"], "baselines": result.document["baselines"]}))
+    run.artifact(output)
+
+
+def baseline(configuration: CloseLoopStage, nominal: list[Trajectory]) -> tuple[DynamicsModel, Parameters]:
+    """The model that was given, or one identified from the nominal logs.
+
+    Raises:
+        InputError: The model is of another machine, or cannot be read.
+    """
+    machine = configuration.machine
+    if configuration.model is not None:
+        model, parameters = load_model(Path(configuration.model))
+        specification = model.specification
+        if specification.joints != list(machine.joint_names) or specification.rate_hz != machine.rate_hz:
+            raise InputError(
+                f"model={configuration.model}: is of joints {', '.join(specification.joints)} at "
+                f"{specification.rate_hz:g} Hz, not of machine {machine.name}; name its machine or another model"
+            )
+        return model, parameters
+    parameterization, _, target = configuration.kind.partition("_")
+    try:
+        kind = Parameterization(parameterization), Target(target)
+    except ValueError as error:
+        raise InputError(f"kind={configuration.kind}: not a model kind; use mlp_dq, mlp_dqdot, kan_dq or kan_dqdot") from error
+    settings = configuration.close_loop
+    result = fit(nominal, machine, *kind, settings.baseline, configuration.identify, settings.seed)
+    return result.model, result.parameters
+
+
+if __name__ == "__main__":
+    main()
