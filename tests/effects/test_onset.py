@@ -1,0 +1,66 @@
+"""Effects that set in at a stamp: the frozen model before it, the full effect after it."""
+
+import jax
+import numpy as np
+import pytest
+
+from pipeline.effects.chain import Chain
+from pipeline.effects.predictor import AugmentedPredictor
+from pipeline.effects.store import KNOWN
+
+from .conftest import SETTING, VALUES, make_model, random_trajectory
+from .linear_machine import commands, simulated
+from .test_predictor import CASES, late, measured, predicted
+
+ONSET_ROW = 60
+BEFORE, AFTER = np.array([10, 30, 49]), np.array([62, 70, 80])
+TARGETS = ["dq", "dqdot"]
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("family", ["gain", "delay", "lag", "leakage", "sensor_bias", "backlash", "stiction"])
+def test_before_the_stamp_the_model_is_the_frozen_one(family, target):
+    model, log = make_model("mlp", target), random_trajectory(4, 100)
+    theta = model.initialise(jax.random.key(0))
+    chain, values = Chain([KNOWN[family]], SETTING), {family: VALUES[family]}
+    bare = AugmentedPredictor(model, theta, Chain([], SETTING), {}).predict(log, BEFORE, 11)
+    onset_ns = {family: int(log.stamp_ns[ONSET_ROW])}
+    found = AugmentedPredictor(model, theta, chain, values, onset_ns).predict(log, BEFORE, 11)
+    np.testing.assert_array_equal(found, bare)
+    in_full = AugmentedPredictor(model, theta, chain, values).predict(log, BEFORE, 11)
+    if family != "backlash":  # which shows at reversals only
+        assert np.abs(in_full - bare).max() > 1e-4
+    from_start = AugmentedPredictor(model, theta, chain, values, {family: 0}).predict(log, AFTER, 11)
+    expected = AugmentedPredictor(model, theta, chain, values).predict(log, AFTER, 11)
+    np.testing.assert_allclose(from_start, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("family", ["gain", "delay", "leakage", "flow_coupling"])
+def test_a_machine_that_changes_within_the_log_is_predicted_throughout(family, target):
+    values, machine = CASES[family]
+    on_command = machine.get("on_command", late(0))
+    on_velocity = machine.get("on_velocity", lambda t, u, v, a, q: u)
+    log = simulated(
+        commands(7, 130),
+        on_command=lambda t, a: on_command(t, a) if t >= ONSET_ROW else a[t],
+        on_velocity=lambda t, u, v, a, q: on_velocity(t, u, v, a, q) if t >= ONSET_ROW else u,
+    )
+    starts = np.concatenate([BEFORE, [59, 60, 61], AFTER])  # windows before, across and after
+    onset_ns = {family: int(log.stamp_ns[ONSET_ROW])}
+    found = predicted(family, values, log, target, starts=starts, onset_ns=onset_ns)
+    np.testing.assert_allclose(found, measured(log, starts), atol=2e-4)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_an_encoder_that_slips_within_the_log_is_corrected_from_then_on(target):
+    values, _ = CASES["sensor_bias"]
+    log = simulated(commands(7, 130))
+    q, qd = log.q.copy(), log.qd.copy()
+    q[ONSET_ROW:] = q[ONSET_ROW:] * [1.2, 0.9] + [0.1, -0.02]
+    qd[ONSET_ROW:] *= [1.2, 0.9]
+    log = type(log)(**{**vars(log), "q": q, "qd": qd})
+    onset_ns = {"sensor_bias": int(log.stamp_ns[ONSET_ROW])}
+    starts = np.concatenate([[10, 29], AFTER])  # no window across
+    found = predicted("sensor_bias", values, log, target, starts=starts, onset_ns=onset_ns)
+    np.testing.assert_allclose(found, measured(log, starts), atol=2e-4)
