@@ -22,7 +22,11 @@ VALUES = {
     "delay": {"added_delay": [0.13, 0.06]},
     "lag": {"added_time_constant": [0.12, -0.15]},
     "flow_coupling": {"loss_fraction": [[0.0, 0.35], [0.25, 0.0]]},
-    "load": {"load_constant": [0.2, -0.1], "load_slope": [[0.1, 0.3], [0.0, -0.2]]},
+    "load": {
+        "mean_speed_ratio_up": [0.8, 1.1],
+        "mean_speed_ratio_down": [1.2, 0.9],
+        "load_slope": [[0.1, 0.3], [0.0, -0.2]],
+    },
     "thermal_drift": {"cold_speed_loss": [0.4, 0.2], "warm_gain": [0.1, 0.05], "time_constant": [40.0, 40.0]},
     "leakage": {"sag_rate": [-0.04, 0.01]},
     "backlash": {"width": [0.03, 0.008]},
@@ -54,11 +58,13 @@ def compilation_cache(tmp_path_factory):
 
 @pytest.fixture
 def float64():
-    """Double precision within a test, for comparisons with closed forms."""
-    jax.clear_caches()  # JAX keeps traces whose NumPy constants have the other precision
+    """Double precision within a test, for comparisons with closed forms; the values for it."""
+    used = vars(SETTING).copy()
+    # JAX remembers, array by array, in which precision it made a NumPy array a constant: it must not be the same array.
+    vars(SETTING).update({name: np.copy(used[name]) for name in ("lower", "upper", "speed_scale")})
     with jax.enable_x64(True):
-        yield
-    jax.clear_caches()
+        yield jax.tree.map(np.copy, VALUES)
+    vars(SETTING).update(used)
 
 
 def rows(seed: int, n_rows: int, batch: tuple = ()) -> tuple[np.ndarray, Signals]:
@@ -78,7 +84,7 @@ def rows(seed: int, n_rows: int, batch: tuple = ()) -> tuple[np.ndarray, Signals
 
 def signals_at(command=(0.0, 0.0), q=(0.0, 0.2), time_s=0.0) -> Signals:
     """One row."""
-    return Signals(jnp.asarray(command), jnp.asarray(q), jnp.asarray(time_s))
+    return Signals(jnp.array(command), jnp.array(np.copy(q)), jnp.array(time_s))
 
 
 def respond(effect, values, u, signals=None, step="apply") -> np.ndarray:

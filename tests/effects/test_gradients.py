@@ -9,7 +9,7 @@ from pipeline.effects.chain import Chain
 from pipeline.effects.effect import SensorEffect, Signals
 from pipeline.effects.store import KNOWN
 
-from .conftest import SETTING, VALUES, WRAPPED, rows
+from .conftest import SETTING, WRAPPED, rows
 
 STEP = 1e-5
 
@@ -31,7 +31,7 @@ def response(family):
 @pytest.mark.parametrize("family", WRAPPED)
 def test_gradients_equal_central_differences(family, float64):
     total = response(family)
-    values = VALUES[family]
+    values = float64[family]
     gradient = jax.jit(jax.grad(total))(values)
     for name, value in values.items():
         places = list(np.ndindex(value.shape))
@@ -56,6 +56,6 @@ def test_inverses_of_sensors_are_differentiable(float64):
         if issubclass(KNOWN[family], SensorEffect):
             effect = KNOWN[family](SETTING)
             gradient = jax.grad(lambda values, effect=effect: effect.true(values, jnp.ones(2)).sum())(
-                VALUES[family]
+                float64[family]
             )
             assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(gradient))

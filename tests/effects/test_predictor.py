@@ -29,8 +29,8 @@ def cushioned(t, u, v, a, q):
 
 
 def loaded(t, u, v, a, q):
-    load = 0.2 + np.array([[0.0, 0.3], [-0.2, 0.0]]) @ ((q - MIDDLE) / HALF)
-    return u * (1 - np.sign(u) * load)
+    slope = np.array([[0.0, 0.3], [-0.2, 0.0]]) @ ((q - MIDDLE) / HALF)
+    return u * np.where(u > 0, np.array([0.8, 0.9]) - slope, np.array([1.2, 1.0]) + slope)
 
 
 # Family, values, and the machine's difference from the nominal one, each written from the card's equation.
@@ -54,7 +54,14 @@ CASES = {
         {"loss_fraction": [[0.0, 0.3], [0.2, 0.0]]},
         {"on_velocity": lambda t, u, v, a, q: u * (1 - np.array([0.3, 0.2]) * (np.abs(u) / SPEED)[::-1])},
     ),
-    "load": ({"load_constant": [0.2, 0.2], "load_slope": [[0.0, 0.3], [-0.2, 0.0]]}, {"on_velocity": loaded}),
+    "load": (
+        {
+            "mean_speed_ratio_up": [0.8, 0.9],
+            "mean_speed_ratio_down": [1.2, 1.0],
+            "load_slope": [[0.0, 0.3], [-0.2, 0.0]],
+        },
+        {"on_velocity": loaded},
+    ),
     "end_cushion": (
         {"loss_upper": [0.6, 0.3], "loss_lower": [0.0, 0.0], "zone_share": [0.4, 0.4]},
         {"on_velocity": cushioned},
