@@ -11,8 +11,9 @@ from omegaconf import MISSING
 from pipeline.atomic_files import write_whole
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.dynamics.errors import Predictor, prediction_errors
-from pipeline.dynamics.predictor import LearnedPredictor
 from pipeline.dynamics.store import load_model
+from pipeline.effects.store import load_effects
+from pipeline.effects.store import predictor as build_predictor
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import LogTrajectories, load_logs
@@ -61,13 +62,14 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
 def predictor_of(path: Path, machine: MachineSpecification) -> Predictor:
     """The saved model, which must be of this machine."""
     model, parameters = load_model(path)
+    effects = load_effects(path)
     joints, rate_hz = model.specification.joints, model.specification.rate_hz
     if list(joints) != list(machine.joint_names) or rate_hz != machine.rate_hz:
         raise InputError(
             f"{path}: the model is of joints {', '.join(joints)} at {rate_hz:g} Hz, machine {machine.name} has "
             f"{', '.join(machine.joint_names)} at {machine.rate_hz:g} Hz; give the model's machine=NAME"
         )
-    return LearnedPredictor(model, parameters)
+    return build_predictor(model, parameters, effects)
 
 
 def evaluate_model(
