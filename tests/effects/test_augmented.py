@@ -14,7 +14,7 @@ from pipeline.effects.store import KNOWN
 from .conftest import DT_S, SETTING, VALUES, make_model, make_trajectory
 from .linear_machine import FULL_SPEED, commands, linear_model
 
-KINDS = [("mlp", "dq"), ("mlp", "dqdot"), ("kan", "dq"), ("kan", "dqdot")]
+KINDS = [("kan", "dq"), ("mlp", "dqdot")]
 TARGETS = ["dq", "dqdot"]
 NAMES = ["delay", "stiction", "gain", "load", "thermal_drift", "end_cushion", "lag", "leakage", "sensor_bias"]
 

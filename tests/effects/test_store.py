@@ -55,11 +55,12 @@ def test_a_model_folder_is_a_predictor_with_its_effects(saved):
     parameters = model.initialise(jax.random.key(0))
     save_model(saved, model, parameters, {}, {}, {})
     starts = np.array([10, 20])
+    effects = ActiveEffects(SETTING, {"gain": VALUES["gain"], "lag": VALUES["lag"]}, EFFECTS.onset_ns)
+    save_effects(saved, effects)
     found = load_predictor(saved)
-    assert found.onset_ns == EFFECTS.onset_ns
-    expected = AugmentedPredictor(
-        model, parameters, EFFECTS.chain(EFFECTS.families()), VALUES, EFFECTS.onset_ns
-    )
+    assert found.onset_ns == effects.onset_ns
+    chain = effects.chain(["gain", "lag"])
+    expected = AugmentedPredictor(model, parameters, chain, effects.values, effects.onset_ns)
     np.testing.assert_array_equal(found.predict(log, starts, 5), expected.predict(log, starts, 5))
     (saved / FILE).unlink()
     assert isinstance(load_predictor(saved), LearnedPredictor)
