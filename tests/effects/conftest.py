@@ -44,7 +44,10 @@ def _coefficients(family: str) -> dict:
 
 
 VALUES |= {family: _coefficients(family) for family in KNOWN if family.startswith("other:")}
-VALUES = {family: {name: np.array(value) for name, value in of.items()} for family, of in VALUES.items()}
+VALUES = {  # what is not named is neutral
+    family: KNOWN[family](SETTING).neutral() | {name: np.array(value) for name, value in of.items()}
+    for family, of in VALUES.items()
+}
 
 
 @pytest.fixture(scope="package", autouse=True)
