@@ -76,9 +76,7 @@ CASES = {
 def make_predictor(family, values, target, share=SHARE, onset_ns=None) -> AugmentedPredictor:
     model, theta = linear_model(target, share)
     complete = KNOWN[family](SETTING).neutral() | as_arrays(values)
-    return AugmentedPredictor(
-        model, theta, Chain([KNOWN[family]], SETTING), {family: as_arrays(values)}, onset_ns
-    )
+    return AugmentedPredictor(model, theta, Chain([KNOWN[family]], SETTING), {family: complete}, onset_ns)
 
 
 def as_arrays(values):
