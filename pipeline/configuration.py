@@ -50,6 +50,7 @@ class PipelineConfiguration:
     profile: str = "${hydra:runtime.choices.profile}"
     control: Any = MISSING
     record: Any = MISSING
+    record_changed: Any = MISSING
     ingest: Any = MISSING
     identify: Any = MISSING
     episodes: Any = MISSING

@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
-from pipeline.discrepancy.evidence import Evidence
 from pipeline.reporting.closed_loop_clauses import clause
 from pipeline.reporting.closed_loop_quantities import (
     number,
@@ -31,7 +30,19 @@ VERDICT_WORDS = {
 }
 
 
-def verdict_sentence(document: Document, evidence: Evidence) -> str:
+class JointUnits(Protocol):
+    """Joints with the units of their positions; the evidence of a closed loop has them."""
+
+    @property
+    def joints(self) -> Sequence[str]:
+        """Names."""
+
+    @property
+    def units(self) -> Sequence[str]:
+        """`rad` or `m`, per joint."""
+
+
+def verdict_sentence(document: Document, evidence: JointUnits) -> str:
     """The finding in one sentence: effect, joints, size, certainty, held-out error before and after."""
     verdict, effects = document["verdict"], list(document.get("effects") or [])
     if verdict == "none":
@@ -104,7 +115,7 @@ def _size(effect: Document, certainty: bool = True) -> str:
     return f" ({'; '.join(parts)})" if parts else ""
 
 
-def _outcome(document: Document, evidence: Evidence, effects: Sequence[Document], added: str) -> str:
+def _outcome(document: Document, evidence: JointUnits, effects: Sequence[Document], added: str) -> str:
     changes, falls = [], []
     joints = affected_joints({"effects": effects})
     for joint in joints:
@@ -132,7 +143,7 @@ def _outcome(document: Document, evidence: Evidence, effects: Sequence[Document]
     return f"; {added}, the 4 s error on held-out logs {how} {listed(changes)}"
 
 
-def _beside_nominal(document: Document, evidence: Evidence) -> str:
+def _beside_nominal(document: Document, evidence: JointUnits) -> str:
     """The joint whose error is largest beside the model's own on held-out nominal logs."""
     floor = document.get("baselines", {}).get("nominal_floor", {}).get(HORIZON) or {}
     ratios = {
@@ -155,7 +166,7 @@ def _beside_nominal(document: Document, evidence: Evidence) -> str:
     )
 
 
-def _unit(evidence: Evidence, joint: str) -> str:
+def _unit(evidence: JointUnits, joint: str) -> str:
     return dict(zip(evidence.joints, evidence.units, strict=True)).get(joint, "rad")
 
 

@@ -51,6 +51,17 @@ class ControllerResult:
 
 
 @dataclass(frozen=True)
+class ClosedLoopResult:
+    """The closed loop and what its seal said: content of `artifacts/close_loop`."""
+
+    document: dict[
+        str, Any
+    ]  # contract, section 4; or a `note` where there was nothing to close the loop with
+    judgement: dict[str, Any]  # of the stage unseal; or a `note` where there is no seal
+    page: Path  # the loop's own report
+
+
+@dataclass(frozen=True)
 class PipelineResults:
     """Everything that the report shows."""
 
@@ -58,6 +69,7 @@ class PipelineResults:
     models: list[ModelResult]
     judgements: list[JudgementResult]
     controllers: list[ControllerResult]
+    closed_loop: ClosedLoopResult
 
     def controllers_of(self, kind: str) -> list[ControllerResult]:
         """The controllers synthesised on one model, by seed."""
@@ -80,7 +92,8 @@ def read_results(artifacts: Path, kinds: Sequence[str], seeds: Sequence[int]) ->
         _controller(artifacts / "ppo" / kind / f"seed_{seed}", artifacts) for kind in kinds for seed in seeds
     ]
     judgements = [_judgement(artifacts / "judge" / kind) for kind in kinds]
-    return PipelineResults(_json(artifacts / "ingest/sessions/quality.json"), models, judgements, controllers)
+    quality = _json(artifacts / "ingest/sessions/quality.json")
+    return PipelineResults(quality, models, judgements, controllers, _closed_loop(artifacts / "close_loop"))
 
 
 def _model(folder: Path) -> ModelResult:
@@ -95,6 +108,11 @@ def _model(folder: Path) -> ModelResult:
 def _judgement(folder: Path) -> JudgementResult:
     figures = {path.stem: path.read_bytes() for path in sorted((folder / "figures").glob("*.svg"))}
     return JudgementResult(folder.name, _json(folder / "comparisons.json"), figures)
+
+
+def _closed_loop(folder: Path) -> ClosedLoopResult:
+    document, judgement = (_json(folder / name) for name in ("closed_loop.json", "judgement.json"))
+    return ClosedLoopResult(document, judgement, folder / "report.html")
 
 
 def _controller(folder: Path, artifacts: Path) -> ControllerResult:

@@ -21,6 +21,7 @@ from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import Trajectory
 from pipeline.reporting.closed_loop import write_closed_loop_report
+from pipeline.reporting.page import render_page
 from pipeline.tracking import StageRun, flatten_metrics
 
 
@@ -37,12 +38,16 @@ class CloseLoopStage(PipelineConfiguration):
     output: str = MISSING
     model: str | None = None
     kind: str = MISSING
+    allow_empty: bool = False
 
 
 @stage(CloseLoopStage)
 def main(configuration: CloseLoopStage, run: StageRun) -> None:
     """Write `closed_loop.json`, `report.html`, `model_before` and `model_after`."""
     machine, output = configuration.machine, Path(configuration.output)
+    if configuration.allow_empty and is_empty(Path(configuration.measured)):
+        write_note(configuration)
+        return
     nominal, measured = (
         load_trajectories(Path(folder), machine, configuration.ingest, configuration.control.loop_tracker)
         for folder in (configuration.nominal, configuration.measured)
@@ -75,8 +80,31 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
     )
     write_whole(output / "closed_loop.json", content.encode())
     print(f"close_loop: verdict {result.document['verdict']}; see {output / 'report.html'}")
-    run.metrics(flatten_metrics({"error": result.document["error"], "baselines": result.document["baselines"]}))
+    run.metrics(
+        flatten_metrics({"error": result.document["error"], "baselines": result.document["baselines"]})
+    )
     run.artifact(output)
+
+
+def is_empty(folder: Path) -> bool:
+    """Whether there is nothing in the folder."""
+    return folder.is_dir() and not any(folder.iterdir())
+
+
+def write_note(configuration: CloseLoopStage) -> None:
+    """Say in all outputs that there was nothing to close the loop with; the model stays as it is."""
+    output = Path(configuration.output)
+    if configuration.model is None:
+        raise InputError(f"measured={configuration.measured}: holds no logs, and no model is named; name one")
+    note = f"{configuration.measured} holds no logs; name logs of the machine as it is (params.yaml: measured_logs)"
+    model, parameters = load_model(Path(configuration.model))
+    for name in ("model_before", "model_after"):
+        save_model(output / name, model, parameters, {"machine": configuration.machine.name}, {}, {})
+        (output / name / FILE).unlink(missing_ok=True)
+    page = render_page("The loop was not closed", f"{note}.", [], [], [])
+    write_whole(output / "report.html", page.encode())
+    write_whole(output / "closed_loop.json", (json.dumps({"note": note}, indent=1) + "\n").encode())
+    print(f"close_loop: {note}")
 
 
 def baseline(configuration: CloseLoopStage, nominal: list[Trajectory]) -> tuple[DynamicsModel, Parameters]:
@@ -99,7 +127,9 @@ def baseline(configuration: CloseLoopStage, nominal: list[Trajectory]) -> tuple[
     try:
         kind = Parameterization(parameterization), Target(target)
     except ValueError as error:
-        raise InputError(f"kind={configuration.kind}: not a model kind; use mlp_dq, mlp_dqdot, kan_dq or kan_dqdot") from error
+        raise InputError(
+            f"kind={configuration.kind}: not a model kind; use mlp_dq, mlp_dqdot, kan_dq or kan_dqdot"
+        ) from error
     settings = configuration.close_loop
     result = fit(nominal, machine, *kind, settings.baseline, configuration.identify, settings.seed)
     return result.model, result.parameters

@@ -62,13 +62,19 @@ def main(configuration: RecordStage, run: StageRun) -> None:
         )
         return
     sessions = [(folder, minutes) for folder, durations in folders.items() for minutes in durations]
-    style_seed, *seeds = np.random.SeedSequence(record.seed).generate_state(1 + len(sessions)).tolist()
+    style_seed, seeds = operator_and_sessions(record.seed, len(sessions))
     first = datetime.fromisoformat(record.first_session)
     for number, ((folder, minutes), seed) in enumerate(zip(sessions, seeds, strict=True)):
         start = first + timedelta(days=number)
         path = output / folder / start.strftime("%Y-%m-%d-%H-%M-%S")
         record_bag(path, machine, effects, number, style_seed, minutes, seed, start)
     run.metrics({"recorded_minutes": sum(minutes for _, minutes in sessions)})
+
+
+def operator_and_sessions(seed: int, n_sessions: int) -> tuple[int, list[int]]:
+    """Seeds of the operator's style and of each session; the style's is the same for any number of sessions."""
+    style_seed, *seeds = np.random.SeedSequence(seed).generate_state(1 + n_sessions).tolist()
+    return style_seed, seeds
 
 
 def clear(output: Path, folders: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, sta
 from pipeline.logs.tuples import read_tuples
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.offscreen import RenderingUnavailableError
+from pipeline.reporting.closed_loop_chapter import closed_loop_section, closed_loop_table
 from pipeline.reporting.episode import episode_film
 from pipeline.reporting.page import Section, render_page
 from pipeline.reporting.results import read_results
@@ -32,7 +33,13 @@ from pipeline.tracking import StageRun, dvc_hashes, flatten_metrics
 
 RECORDED = "data/raw/sessions"  # where the stage record puts its logs
 EPISODE = 0  # of the evaluation
-DATA = ["data/raw/sessions", "data/raw/held_out", "data/processed/sessions", "data/processed/held_out"]
+DATA = [
+    "data/raw/sessions",
+    "data/raw/held_out",
+    "data/raw/changed/sessions",
+    "data/processed/sessions",
+    "data/processed/held_out",
+]
 FRAMES_PER_SECOND = 10
 
 
@@ -59,6 +66,7 @@ def main(configuration: ReportStage, run: StageRun) -> None:
         data_section(machine, arm, read_tuples(Path(configuration.sessions), machine)),
         model_section(machine, results.models, origin),
         *map(judgement_section, results.judgements),
+        closed_loop_section(machine, results.closed_loop, output),
     ]
     tables = {"selected_models": selected_models_table(results.models, origin)}
     tables |= {f"prediction_error_{model.kind}": error_table(machine, model) for model in results.models}
@@ -66,6 +74,8 @@ def main(configuration: ReportStage, run: StageRun) -> None:
         sections.append(controller_section(results, origin))
         sections.append(episode_section(configuration, results.controllers[0].evaluation))
         tables["brax_evaluation"] = brax_evaluation_table(results, origin)
+    if (closed_loop := closed_loop_table(machine, results.closed_loop)) is not None:
+        tables["closed_loop"] = closed_loop
     page = render_page(
         f"Reaching with {machine.name}: from teleoperation logs to a policy",
         verdict(results, configuration.profile),
@@ -83,6 +93,10 @@ def main(configuration: ReportStage, run: StageRun) -> None:
         summary |= {
             f"ppo.{kind}.{key}": value for key, value in evaluated(results.controllers_of(kind)).items()
         }
+    summary |= {
+        f"close_loop.{key}": value
+        for key, value in flatten_metrics({"error": results.closed_loop.document.get("error", {})}).items()
+    }
     run.metrics(summary)
     run.parent_metrics(summary, {f"dvc.{path}": digest for path, digest in dvc_hashes(DATA).items()})
     run.artifact(output, "report")

@@ -1,0 +1,104 @@
+"""Stage `record_changed`: the simulated machine again, days later, with an effect that nobody is told of."""
+
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+from omegaconf import MISSING
+
+from pipeline.configuration import PipelineConfiguration, stage
+from pipeline.errors import InputError
+from pipeline.plant.seal import write_seal
+from pipeline.plant.session import RecordConfig
+from pipeline.plant.simulated import simulated_machine
+from pipeline.plant.undeclared import draw_effects
+from pipeline.stages.record import SEAL, clear, operator_and_sessions, record_bag
+from pipeline.tracking import StageRun
+
+SESSIONS = "sessions"
+
+
+@dataclass
+class RecordChangedConfig:
+    """Section `record_changed` of a profile: what there is to know of the recording, but not what changed.
+
+    Attributes:
+        session_minutes: Duration of each session.
+        days_later: Between the first session of `record` and the first of these; then one a day.
+        seed: Of where the operator goes; the operator is that of `record`.
+    """
+
+    session_minutes: list[float]
+    days_later: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        if not self.session_minutes or any(not minutes > 0.0 for minutes in self.session_minutes):
+            raise InputError(
+                f"record_changed.session_minutes is {self.session_minutes}; list positive durations in minutes"
+            )
+        for name in ("days_later", "seed"):
+            if getattr(self, name) < 0:
+                raise InputError(f"record_changed.{name} is {getattr(self, name)}; it must not be negative")
+
+
+@dataclass
+class RecordChangedStage(PipelineConfiguration):
+    """Keys of `conf/record_changed.yaml`."""
+
+    record: RecordConfig = MISSING
+    record_changed: RecordChangedConfig = MISSING
+    logs: str | None = None
+    measured: str | None = None
+    recorded: str = MISSING
+    effects: list[str] = field(default_factory=list)
+    effects_seed: int = MISSING
+    effect_size: float = MISSING
+    output: str = MISSING
+
+
+@stage(RecordChangedStage)
+def main(configuration: RecordChangedStage, run: StageRun) -> None:
+    """Record the changed machine and seal what changed, unless the user named logs of their own."""
+    output, machine, settings = (
+        Path(configuration.output),
+        configuration.machine,
+        configuration.record_changed,
+    )
+    own = [
+        given
+        for given, recorded in (
+            (configuration.logs, Path(configuration.recorded)),
+            (configuration.measured, output / SESSIONS),
+        )
+        if given is not None and Path(given).resolve() != recorded.resolve()
+    ]
+    effects = []
+    if not own:
+        effects = draw_effects(
+            configuration.effects,
+            configuration.effects_seed,
+            simulated_machine(machine.name),
+            configuration.effect_size,
+            60.0 * settings.session_minutes[0],
+        )
+    clear(output, [SESSIONS])
+    write_seal(output / SEAL, effects)
+    if own:
+        print(f"record_changed: the logs in {', '.join(own)} are your own; nothing is recorded")
+        return
+    style_seed, _ = operator_and_sessions(configuration.record.seed, 0)
+    seeds = np.random.SeedSequence([configuration.record.seed, settings.seed]).generate_state(
+        len(settings.session_minutes)
+    )
+    first = datetime.fromisoformat(configuration.record.first_session) + timedelta(days=settings.days_later)
+    for number, (minutes, seed) in enumerate(zip(settings.session_minutes, seeds.tolist(), strict=True)):
+        start = first + timedelta(days=number)
+        path = output / SESSIONS / start.strftime("%Y-%m-%d-%H-%M-%S")
+        record_bag(path, machine, effects, number, style_seed, minutes, seed, start)
+    run.metrics({"recorded_minutes": sum(settings.session_minutes)})
+
+
+if __name__ == "__main__":
+    main()
