@@ -37,14 +37,14 @@ def case_name(kind: str, seed: int) -> str:
     return hashlib.sha256(f"closed loop, {kind}, {seed}".encode()).hexdigest()[:NAME_LENGTH]
 
 
-def variant_of(kind: str, seed: int) -> int:
+def variant_of(kind: str, seed: int, n_variant: int) -> int:
     """Consecutive seeds of a kind meet all variants in turn, each kind beginning elsewhere."""
-    return (seed + kinds.KINDS.index(kind)) % N_VARIANT
+    return (seed + kinds.KINDS.index(kind)) % n_variant
 
 
-def write_case(folders: Folders, kind: str, seed: int) -> bool:
+def write_case(folders: Folders, kind: str, seed: int, n_variant: int = N_VARIANT) -> bool:
     """Draw one case and write it, its seal before the file that makes it complete. False: it is there already."""
-    name, number = case_name(kind, seed), variant_of(kind, seed)
+    name, number = case_name(kind, seed), variant_of(kind, seed, n_variant)
     folder = folders.cases / name
     if (folder / CASE_FILE).exists():
         return False
@@ -92,9 +92,9 @@ def prepare_variant(root: Path, number: int) -> None:
     yardstick(root, number)
 
 
-def _timed(root: Path, wanted: tuple[str, int]) -> tuple[bool, float]:
+def _timed(root: Path, n_variant: int, wanted: tuple[str, int]) -> tuple[bool, float]:
     begin = time.monotonic()
-    written = write_case(Folders(root), *wanted)
+    written = write_case(Folders(root), *wanted, n_variant)
     return written, time.monotonic() - begin
 
 
@@ -105,6 +105,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, required=True, help="cases of each kind")
     parser.add_argument("--null-seeds", type=int, help="cases without effect (default: as the others)")
     parser.add_argument("--kinds", nargs="+", choices=kinds.KINDS, default=kinds.KINDS, metavar="KIND")
+    parser.add_argument("--variants", type=int, default=N_VARIANT, help="how many machines (default: all)")
     parser.add_argument("--workers", type=int, default=1)
     arguments = parser.parse_args()
     root = arguments.root.resolve()
@@ -118,10 +119,12 @@ def main() -> None:
         for kind in arguments.kinds
         if number < (n_null if kind == kinds.NULL else arguments.seeds)
     ]
-    for number in sorted({variant_of(*case) for case in wanted}):
+    for number in sorted({variant_of(*case, arguments.variants) for case in wanted}):
         prepare_variant(root, number)
     with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
-        for number, (written, seconds) in enumerate(pool.map(partial(_timed, root), wanted), start=1):
+        for number, (written, seconds) in enumerate(
+            pool.map(partial(_timed, root, arguments.variants), wanted), start=1
+        ):
             note = f"{seconds:.0f} s" if written else "there already"
             print(f"case {number} of {len(wanted)}: {note}", file=sys.stderr, flush=True)
 

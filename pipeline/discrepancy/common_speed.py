@@ -40,13 +40,25 @@ def common_speed_candidates(simulation: Simulation, active: Hypothesis, rows: Ro
             z = z * information / (information + 1.0 / PRIOR_STD**2)
             regressor = rows.weight[:, joint] * averaged(z * moving[..., joint], rows.is_used)
             found = evidence(
-                reference[:, joint], reference[:, joint], regressor[:, None], rows.folds, np.array([0.0]), np.array([2.0])
+                reference[:, joint],
+                reference[:, joint],
+                regressor[:, None],
+                rows.folds,
+                np.array([0.0]),
+                np.array([2.0]),
             )
             floor = rows.floor[joint]
             squares = float(np.sum(reference[:, joint] ** 2))
             candidate = Candidate(
-                FAMILY, joint, None, {"width": width_s}, (), found.coefficients, found.gain / floor,
-                found.gain / max(squares, 1e-12), found.gain_by_block / floor,
+                FAMILY,
+                joint,
+                None,
+                {"width": width_s},
+                (),
+                found.coefficients,
+                found.gain / floor,
+                found.gain / max(squares, 1e-12),
+                found.gain_by_block / floor,
             )
             if joint not in best or candidate.gain > best[joint].gain:
                 best[joint] = candidate
@@ -66,10 +78,16 @@ def common_speed_parameters(simulation: Simulation, active: Hypothesis, rows: Ro
     denominator = (moving**2 / rows.floor).sum(axis=-1)
     step = round(0.5 / simulation.setting.dt_s)
     n = numerator.shape[1] // step * step
-    numerator, denominator = (x[:, :n].reshape(len(x), -1, step).sum(axis=-1) for x in (numerator, denominator))
+    numerator, denominator = (
+        x[:, :n].reshape(len(x), -1, step).sum(axis=-1) for x in (numerator, denominator)
+    )
     lags = np.arange(2, 41)
     covariance = np.array(
-        [np.sum(numerator[:, lag:] * numerator[:, :-lag]) / max(np.sum(denominator[:, lag:] * denominator[:, :-lag]), 1e-9) for lag in lags]
+        [
+            np.sum(numerator[:, lag:] * numerator[:, :-lag])
+            / max(np.sum(denominator[:, lag:] * denominator[:, :-lag]), 1e-9)
+            for lag in lags
+        ]
     )
     best, value = (np.inf, 0.0, 1.0), covariance
     for time_s in np.geomspace(0.5, 60.0, 60):
@@ -79,5 +97,3 @@ def common_speed_parameters(simulation: Simulation, active: Hypothesis, rows: Ro
         if loss < best[0]:
             best = (loss, variance, float(time_s))
     return {"std_log_speed": float(np.sqrt(best[1])), "correlation_time": best[2]}
-
-

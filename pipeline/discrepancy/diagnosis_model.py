@@ -70,7 +70,8 @@ class Scales(NamedTuple):
         lower: Joint limits, rad or m.
         upper: Joint limits.
         speed: Root mean square of the velocity while moving, rad/s or m/s.
-        stop_lower: The lower limit, as far as the logs keep to it; -inf where they do not.
+        stop_lower: Where the joint stands against its lower stop, or the lower limit where unknown; -inf where
+            logs go beyond it.
         stop_upper: The same above.
     """
 
@@ -112,7 +113,12 @@ class DiagnosisModel:
 
 
 def train_diagnosis_model(
-    nominal: Sequences, lower: np.ndarray, upper: np.ndarray, dt_s: float, config: DiagnosisModelConfig, seed: int
+    nominal: Sequences,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    dt_s: float,
+    config: DiagnosisModelConfig,
+    seed: int,
 ) -> DiagnosisModel:
     """Train all members at once.
 
@@ -134,9 +140,13 @@ def train_diagnosis_model(
     data = tuple(jnp.asarray(column, jnp.float32) for column in columns)
     keys = jax.random.split(jax.random.key(seed), config.members)
     n_in = nominal.command.shape[-1] * (config.lags + 1)
-    compiled = _train.lower(keys[0], jnp.asarray(segments[0]), data, scales, dt_s, n_in, _Static(config)).compile()
+    compiled = _train.lower(
+        keys[0], jnp.asarray(segments[0]), data, scales, dt_s, n_in, _Static(config)
+    ).compile()
     with ThreadPoolExecutor() as pool:  # matrices this small do not fill a core each
-        trained = list(pool.map(lambda key, starts: compiled(key, starts, data, scales), keys, jnp.asarray(segments)))
+        trained = list(
+            pool.map(lambda key, starts: compiled(key, starts, data, scales), keys, jnp.asarray(segments))
+        )
     weights = jax.tree.map(lambda *members: jnp.stack(members), *trained)
     left_out = np.stack([parts == member for member in range(config.members)])
     return DiagnosisModel(weights, scales, config.lags, dt_s, left_out)
@@ -167,7 +177,10 @@ def _train(
     inputs = _inputs(command, q, scales, config.lags)
     lower = jnp.minimum((scales.stop_lower - q) / dt_s, 0.0) / scales.speed
     upper = jnp.maximum((scales.stop_upper - q) / dt_s, 0.0) / scales.speed
-    flat = [array.reshape(-1, array.shape[-1]) for array in (inputs, velocity / scales.speed, lower, upper, weight)]
+    flat = [
+        array.reshape(-1, array.shape[-1])
+        for array in (inputs, velocity / scales.speed, lower, upper, weight)
+    ]
     optimiser = optax.adamw(
         optax.cosine_decay_schedule(config.learning_rate, config.updates), weight_decay=config.weight_decay
     )
@@ -250,6 +263,7 @@ def _segments(is_row: np.ndarray, parts: np.ndarray, config: DiagnosisModelConfi
 
 PARTS_OF_RANGE = 20
 SMALLEST_VISITS_SHARE = 0.008  # of moving rows, per part of the range
+SMALLEST_STANDS = 10  # rows from which a stop is known more exactly than its stated limit
 NEAR_SHARE = 0.02  # of the range, from the stop
 STANDING_SHARE = 0.15  # of the usual speed
 BEYOND_SHARE = 0.01  # of the range: a joint that passes its stated limit by more has no stop there
@@ -262,13 +276,21 @@ def _scales(nominal: Sequences, lower: np.ndarray, upper: np.ndarray) -> Scales:
     mean_square = np.sum(np.where(moving, velocity**2, 0.0), axis=0) / np.maximum(moving.sum(axis=0), 1)
     speed = np.where(mean_square > 0.0, np.sqrt(mean_square), 1.0)  # a joint that never moves predicts rest
     beyond = BEYOND_SHARE * (upper - lower)
-    return Scales(
+    scales = Scales(
         lower,
         upper,
         speed,
         stop_lower=np.where(q.min(axis=0) > lower - beyond, lower, -np.inf),
         stop_upper=np.where(q.max(axis=0) < upper + beyond, upper, np.inf),
     )
+    stands = standing(nominal, scales) & rows[..., None]
+    stops = {"stop_lower": scales.stop_lower.copy(), "stop_upper": scales.stop_upper.copy()}
+    for joint in range(len(speed)):
+        for name, sign in (("stop_lower", -1.0), ("stop_upper", 1.0)):
+            there = stands[..., joint] & (sign * nominal.command[..., joint] > 0.0)
+            if there.sum() >= SMALLEST_STANDS:
+                stops[name][joint] = np.median(nominal.q[..., joint][there])
+    return scales._replace(**stops)
 
 
 def standing(sequences: Sequences, scales: Scales) -> np.ndarray:
@@ -289,7 +311,9 @@ def is_known(nominal: Sequences, sequences: Sequences, scales: Scales) -> np.nda
     result = np.zeros(sequences.q.shape, bool)
     for joint in range(n_joint):
         edges = np.linspace(scales.lower[joint], scales.upper[joint], PARTS_OF_RANGE + 1)[1:-1]
-        moving = nominal.is_row & (np.abs(nominal.velocity[..., joint]) > STANDING_SHARE * scales.speed[joint])
+        moving = nominal.is_row & (
+            np.abs(nominal.velocity[..., joint]) > STANDING_SHARE * scales.speed[joint]
+        )
         visits = np.bincount(np.digitize(nominal.q[..., joint][moving], edges), minlength=PARTS_OF_RANGE)
         often = visits >= SMALLEST_VISITS_SHARE * max(int(moving.sum()), 1)
         result[..., joint] = often[np.digitize(sequences.q[..., joint], edges)]

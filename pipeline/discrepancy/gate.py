@@ -38,7 +38,9 @@ class GateConfig:
             raise InputError(f"close_loop.gate.model_error is {self.model_error}; it must not be negative")
 
 
-def lower_bound(before: np.ndarray, after: np.ndarray, rows: Rows, resamples: int, seed: int) -> tuple[float, float]:
+def lower_bound(
+    before: np.ndarray, after: np.ndarray, rows: Rows, resamples: int, seed: int
+) -> tuple[float, float]:
     """Held-out share of the squares that an effect removes, and its lower 95 % bound by a block bootstrap.
 
     Args:
@@ -76,7 +78,20 @@ def placebo_p(residual: np.ndarray, change: np.ndarray, n_hypotheses: int, seed:
     def root_gain(shifted: np.ndarray) -> float:
         return float(shifted @ residual) / np.sqrt(square)
 
-    shifts = np.random.default_rng(seed).integers(len(residual) // 20, len(residual) - len(residual) // 20, PLACEBOS)
+    shifts = np.random.default_rng(seed).integers(
+        len(residual) // 20, len(residual) - len(residual) // 20, PLACEBOS
+    )
     placebos = np.array([root_gain(np.roll(change, shift)) for shift in shifts])
     z = (root_gain(change) - placebos.mean()) / max(float(placebos.std()), 1e-12)
-    return float(min(1.0, norm.sf(z) * n_hypotheses))
+    return float(np.clip(norm.sf(z) * n_hypotheses, np.finfo(float).tiny, 1.0))
+
+
+def normal_p(gain_by_block: np.ndarray, n_hypotheses: int) -> float:
+    """How probable so large a mean gain per block is, were its mean zero; corrected for all hypotheses searched."""
+    error = np.std(gain_by_block, ddof=1) * np.sqrt(len(gain_by_block))
+    return float(
+        min(
+            1.0,
+            norm.sf(gain_by_block.sum() / max(float(error), 1e-12)) * min(n_hypotheses, len(gain_by_block)),
+        )
+    )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.dynamics.errors import Predictor, open_loop_residuals, open_loop_starts, one_step_starts
+from pipeline.dynamics.errors import Predictor, one_step_starts, open_loop_residuals, open_loop_starts
 from pipeline.dynamics.windows import FIRST_JUDGED_ROW
 from pipeline.logs.tuples import Trajectory
 

@@ -3,20 +3,35 @@
 from pipeline.effects.catalogue import CATALOGUE
 
 PAIRS = {
-    frozenset(("gain", "sensor_bias")): "drive {joint} slowly against both of its stops: a stop that reads elsewhere means the "
+    frozenset(
+        ("gain", "sensor_bias")
+    ): "drive {joint} slowly against both of its stops: a stop that reads elsewhere means the "
     "encoder, the same stops with another speed mean the actuator",
-    frozenset(("delay", "lag")): "give {joint} ten starts and stops, each held for 2 s: a delay shifts the whole rise, a lag stretches it",
-    frozenset(("delay", "stiction")): "start {joint} after rests of 0.2, 1 and 5 s, and reverse it without rest: stiction delays only "
+    frozenset(
+        ("delay", "lag")
+    ): "give {joint} ten starts and stops, each held for 2 s: a delay shifts the whole rise, a lag stretches it",
+    frozenset(
+        ("delay", "stiction")
+    ): "start {joint} after rests of 0.2, 1 and 5 s, and reverse it without rest: stiction delays only "
     "starts after rest",
-    frozenset(("lag", "stiction")): "start {joint} after rests of 0.2, 1 and 5 s, and stop it from full speed: stiction leaves stops as "
+    frozenset(
+        ("lag", "stiction")
+    ): "start {joint} after rests of 0.2, 1 and 5 s, and stop it from full speed: stiction leaves stops as "
     "they were, a lag does not",
-    frozenset(("backlash", "stiction")): "start {joint} five times in the same direction after rests, then reverse it five times: backlash "
+    frozenset(
+        ("backlash", "stiction")
+    ): "start {joint} five times in the same direction after rests, then reverse it five times: backlash "
     "shows after reversals only",
-    frozenset(("gain", "load")): "move {joint} through its range with the other joints stretched, then folded: a load's influence changes "
+    frozenset(
+        ("gain", "load")
+    ): "move {joint} through its range with the other joints stretched, then folded: a load's influence changes "
     "with the pose, a gain does not",
-    frozenset(("gain", "thermal_drift")): "let the machine stand for an hour, then repeat the same move of {joint} every minute for ten "
-    "minutes",
-    frozenset(("gain", "leakage")): "let {joint} rest for 20 s in two poses, then move it at full command both ways",
+    frozenset(
+        ("gain", "thermal_drift")
+    ): "let the machine stand for an hour, then repeat the same move of {joint} every minute for ten minutes",
+    frozenset(
+        ("gain", "leakage")
+    ): "let {joint} rest for 20 s in two poses, then move it at full command both ways",
 }
 
 
@@ -35,13 +50,25 @@ def next_experiment(verdict: str, families: list[str], joint: str | None, idle: 
     if verdict == "ambiguous" and len(families) > 1:
         sentence = PAIRS.get(frozenset(families[:2]))
         if sentence is None:
-            sentence = " and ".join(CATALOGUE[f].card.excitation for f in families[:2] if f in CATALOGUE) + " (on {joint})"
+            sentence = (
+                " and ".join(CATALOGUE[f].card.excitation for f in families[:2] if f in CATALOGUE)
+                + " (on {joint})"
+            )
         return sentence.format(joint=joint).capitalize() + "."
     if verdict == "outside_catalogue":
         return (
-            f"Repeat the same move of {joint} while only the variable named in depends_on changes, in five steps over its range."
+            f"Repeat the same move of {joint} while only the variable named in depends_on changes, in five steps of its "
+            "range."
         )
     if verdict == "named":
         card = CATALOGUE.get(families[0])
-        return f"To narrow the interval: {card.card.excitation}." if card else "To narrow the interval: longer logs."
-    return (f"Nothing was found. For joints that hardly moved: {moves}." if moves else "None needed: nothing was found.")
+        return (
+            f"To narrow the interval: {card.card.excitation}."
+            if card
+            else "To narrow the interval: longer logs."
+        )
+    return (
+        f"Nothing was found. For joints that hardly moved: {moves}."
+        if moves
+        else "None needed: nothing was found."
+    )

@@ -16,7 +16,18 @@ TRIED_PER_JOINT = 4  # named families, by gain
 SMALLEST_PART = 0.08  # of the squared velocity: less before or after the moment tells nothing
 SMALLEST_GAIN = 1.2  # of the gain without onset
 SMALLEST_T = 2.5  # of what the effect would do harm before its onset, by blocks
-SETS_IN = ("gain", "delay", "lag", "leakage", "backlash", "stiction", "end_cushion", "sensor_bias", "oscillation", "flow_coupling")
+SETS_IN = (
+    "gain",
+    "delay",
+    "lag",
+    "leakage",
+    "backlash",
+    "stiction",
+    "end_cushion",
+    "sensor_bias",
+    "oscillation",
+    "flow_coupling",
+)
 ITERATIONS = 3
 
 
@@ -28,7 +39,11 @@ def with_onsets(
     count: dict[int, int] = {}
     for candidate in sorted(candidates, key=lambda c: -c.gain):
         count.setdefault(candidate.joint, 0)
-        if candidate.family in SETS_IN and candidate.share > 0.02 and count[candidate.joint] < TRIED_PER_JOINT:
+        if (
+            candidate.family in SETS_IN
+            and candidate.share > 0.02
+            and count[candidate.joint] < TRIED_PER_JOINT
+        ):
             count[candidate.joint] += 1
             candidate = _with_onset(simulation, active, rows, candidate)
         result.append(candidate)
@@ -37,16 +52,22 @@ def with_onsets(
 
 def _with_onset(simulation: Simulation, active: Hypothesis, rows: Rows, candidate: Candidate) -> Candidate:
     joint = candidate.joint
-    order = np.argsort(averaged(simulation.sequences.stamp_ns.astype(np.float64), rows.is_used), kind="stable")
+    order = np.argsort(
+        averaged(simulation.sequences.stamp_ns.astype(np.float64), rows.is_used), kind="stable"
+    )
     stamps = averaged(simulation.sequences.stamp_ns - simulation.sequences.stamp_ns.min(), rows.is_used)
     velocity = simulation.velocities([active])[0]
-    before = rows.weight[:, joint] * averaged((simulation.sequences.velocity - velocity)[..., joint], rows.is_used)
+    before = rows.weight[:, joint] * averaged(
+        (simulation.sequences.velocity - velocity)[..., joint], rows.is_used
+    )
     excited = np.cumsum(averaged(velocity[..., joint], rows.is_used)[order] ** 2)
     excited /= max(excited[-1], 1e-12)
     current, place = candidate, 0
     for _ in range(ITERATIONS):
         changed = simulation.velocities([with_candidate(simulation, active, current)])[0]
-        after = rows.weight[:, joint] * averaged((simulation.sequences.velocity - changed)[..., joint], rows.is_used)
+        after = rows.weight[:, joint] * averaged(
+            (simulation.sequences.velocity - changed)[..., joint], rows.is_used
+        )
         if current.freed:
             # The change is close to linear in its coefficients: scale it as the rows after the moment want it.
             change = before - after
@@ -75,5 +96,3 @@ def _with_onset(simulation: Simulation, active: Hypothesis, rows: Rows, candidat
     onset = int(stamps[order[place]] + simulation.sequences.stamp_ns.min())
     share = gain * rows.floor[joint] / max(float(np.sum(before**2)), 1e-12)
     return replace(current, gain=gain, share=share, gain_by_block=gain_by_block, onset=onset)
-
-

@@ -56,8 +56,12 @@ def describe(
             for index, (freed, value) in enumerate(zip(candidate.freed, coefficients, strict=True))
             if freed[0][1] != joint
         }
-        total = float(np.sum([v for f, v in zip(candidate.freed, coefficients, strict=True) if f[0][1] != joint]))
-        deviation = float(np.sqrt(np.sum([spread.get(f"coefficient:{i}", 0.0) ** 2 for i in range(len(coefficients))])))
+        total = float(
+            np.sum([v for f, v in zip(candidate.freed, coefficients, strict=True) if f[0][1] != joint])
+        )
+        deviation = float(
+            np.sqrt(np.sum([spread.get(f"coefficient:{i}", 0.0) ** 2 for i in range(len(coefficients))]))
+        )
         return {"loss_fraction": quantity(total, "1", deviation), **of_source}
     if family == "thermal_drift":
         warm = 1.0 + float(coefficients[1])
@@ -87,7 +91,10 @@ def describe(
         }
     if family.startswith("other:"):
         return {}
-    units = {parameter.name: {"length": unit, "speed": f"{unit}/s"}.get(parameter.unit, parameter.unit) for parameter in effect.card.parameters}
+    units = {
+        parameter.name: {"length": unit, "speed": f"{unit}/s"}.get(parameter.unit, parameter.unit)
+        for parameter in effect.card.parameters
+    }
     return {name: of(value, units[name], name) for name, value in point.items()}
 
 
@@ -101,7 +108,11 @@ def quantity(value: float, unit: str, deviation: float) -> Quantity:
 
 
 def spreads(
-    coordinates: Sequence[Coordinate], covariance: np.ndarray, number: int, candidate: Candidate, model_error: float
+    coordinates: Sequence[Coordinate],
+    covariance: np.ndarray,
+    number: int,
+    candidate: Candidate,
+    model_error: float,
 ) -> dict[str, float]:
     """Standard deviations of one effect's values: of sampling, and of the model that the effect is an idealisation of.
 
@@ -117,6 +128,8 @@ def spreads(
         if coordinate.effect != number:
             continue
         name = coordinate.name or f"coefficient:{coordinate.index}"
-        value = candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index]
+        value = (
+            candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index]
+        )
         result[name] = float(np.hypot(np.sqrt(max(covariance[index, index], 0.0)), model_error * abs(value)))
     return result

@@ -52,7 +52,9 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence["Found"]) -> list
             for coordinate, change in zip(of_joint, step, strict=True):
                 value = _value(trial, coordinate)
                 limit = 0.5 * max(abs(value), 0.1)
-                moved = float(np.clip(value + np.clip(change, -limit, limit), coordinate.lower, coordinate.upper))
+                moved = float(
+                    np.clip(value + np.clip(change, -limit, limit), coordinate.lower, coordinate.upper)
+                )
                 trial = _with_value(trial, coordinate, moved)
         after = _residual(simulation, rows, trial)
         moved_any = False
@@ -72,7 +74,9 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence["Found"]) -> list
     return found
 
 
-def refine_alone(simulation: Simulation, rows: Rows, found: Sequence["Found"], candidate: Candidate) -> Candidate:
+def refine_alone(
+    simulation: Simulation, rows: Rows, found: Sequence["Found"], candidate: Candidate
+) -> Candidate:
     """Move one candidate off its grid, the effects that were found before held where they are."""
     from pipeline.discrepancy.search import Found
 
@@ -100,14 +104,19 @@ def values_of(simulation: Simulation, found: Sequence["Found"]) -> dict:
     return values
 
 
-def gain_without(simulation: Simulation, rows: Rows, found: Sequence["Found"], left_out: "Found") -> np.ndarray:
+def gain_without(
+    simulation: Simulation, rows: Rows, found: Sequence["Found"], left_out: "Found"
+) -> np.ndarray:
     """What an effect takes off the squares beside the others, per block, in units of the floor."""
     joint = left_out.candidate.joint
     others = [effect for effect in found if effect is not left_out]
     others = refine(simulation, rows, others)
     with_all = _residual(simulation, rows, list(found))[:, joint]
     without = _residual(simulation, rows, others)[:, joint]
-    return np.bincount(rows.folds.block, without**2 - with_all**2, minlength=rows.folds.n_blocks) / rows.floor[joint]
+    return (
+        np.bincount(rows.folds.block, without**2 - with_all**2, minlength=rows.folds.n_blocks)
+        / rows.floor[joint]
+    )
 
 
 def residual_and_jacobian(
@@ -135,7 +144,10 @@ def residual_and_jacobian(
     residual = rows.weight * rows.averaged(simulation.sequences.velocity) - velocities[0]
     jacobian = {
         joint: np.stack(
-            [(velocities[1 + place][:, joint] - velocities[0][:, joint]) / steps[place][joint] for place in range(len(of_joint))],
+            [
+                (velocities[1 + place][:, joint] - velocities[0][:, joint]) / steps[place][joint]
+                for place in range(len(of_joint))
+            ],
             axis=1,
         )
         for joint, of_joint in coordinates.items()
@@ -145,7 +157,11 @@ def residual_and_jacobian(
 
 
 def _onsets(found: Sequence["Found"]) -> dict[tuple[str, int], int]:
-    return {(f.candidate.family, f.candidate.joint): f.candidate.onset for f in found if f.candidate.onset is not None}
+    return {
+        (f.candidate.family, f.candidate.joint): f.candidate.onset
+        for f in found
+        if f.candidate.onset is not None
+    }
 
 
 def _residual(simulation: Simulation, rows: Rows, found: list["Found"]) -> np.ndarray:
@@ -176,7 +192,9 @@ def _coordinates(simulation: Simulation, found: Sequence["Found"]) -> dict[int, 
 
 def _value(found: Sequence["Found"], coordinate: Coordinate) -> float:
     candidate = found[coordinate.effect].candidate
-    return float(candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index])
+    return float(
+        candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index]
+    )
 
 
 def _with_value(found: list["Found"], coordinate: Coordinate, value: float) -> list["Found"]:
@@ -206,7 +224,11 @@ def parameter_covariance(
     result = {}
     for joint, a in jacobian.items():
         scores = np.stack(
-            [np.bincount(rows.folds.block, column * residual[:, joint], minlength=rows.folds.n_blocks) for column in a.T], axis=1
+            [
+                np.bincount(rows.folds.block, column * residual[:, joint], minlength=rows.folds.n_blocks)
+                for column in a.T
+            ],
+            axis=1,
         )
         bread = np.linalg.pinv(a.T @ a + 1e-12 * np.eye(a.shape[1]))
         result[joint] = (coordinates[joint], bread @ (scores.T @ scores) @ bread)

@@ -107,7 +107,10 @@ def screen(
 
 def with_candidate(simulation: Simulation, active: Hypothesis, candidate: Candidate) -> dict:
     """The active effects and the candidate."""
-    values = {family: {name: np.array(value, np.float64) for name, value in of.items()} for family, of in active.items()}
+    values = {
+        family: {name: np.array(value, np.float64) for name, value in of.items()}
+        for family, of in active.items()
+    }
     neutral = simulation.effects[candidate.family].neutral()
     of = values.setdefault(candidate.family, neutral)
     j = candidate.joint
@@ -122,7 +125,12 @@ def with_candidate(simulation: Simulation, active: Hypothesis, candidate: Candid
 
 class _Screen:
     def __init__(
-        self, simulation: Simulation, active: Hypothesis, rows: Rows, excluded: Sequence[str], joints: Sequence[int] | None
+        self,
+        simulation: Simulation,
+        active: Hypothesis,
+        rows: Rows,
+        excluded: Sequence[str],
+        joints: Sequence[int] | None,
     ) -> None:
         self.simulation, self.active, self.rows, self.excluded = simulation, active, rows, excluded
         self.n_joint = simulation.setting.n_joint
@@ -181,9 +189,23 @@ class _Screen:
             for index, point in enumerate(points):
                 for variant in variants:
                     chosen = [freed.index(one) for one in variant]
-                    regressors = tangents[index][chosen][..., joint].T if tangents is not None else np.zeros((len(self.reference), 0))
+                    regressors = (
+                        tangents[index][chosen][..., joint].T
+                        if tangents is not None
+                        else np.zeros((len(self.reference), 0))
+                    )
                     lower, upper = self._bounds(effect, variant)
-                    self._score(family, joint, None, point, variant, residuals[index][:, joint], regressors, lower, upper)
+                    self._score(
+                        family,
+                        joint,
+                        None,
+                        point,
+                        variant,
+                        residuals[index][:, joint],
+                        regressors,
+                        lower,
+                        upper,
+                    )
 
     def _dependence(self, family: str, effect: Dependence) -> None:
         sources = range(self.n_joint) if effect.per_source else [0]
@@ -204,32 +226,60 @@ class _Screen:
                     continue
                 lower, upper = np.full(len(freed), -2.0), np.full(len(freed), 2.0)
                 named = source if effect.per_source else None
-                self._score(family, joint, named, {}, freed, self.reference[:, joint], tangents[..., joint].T, lower, upper)
+                self._score(
+                    family,
+                    joint,
+                    named,
+                    {},
+                    freed,
+                    self.reference[:, joint],
+                    tangents[..., joint].T,
+                    lower,
+                    upper,
+                )
 
     def _score(self, family, joint, source, point, variant, residual, regressors, lower, upper) -> None:  # type: ignore[no-untyped-def]
-        found: Evidence = evidence(self.reference[:, joint], residual, regressors, self.rows.folds, lower, upper)
+        found: Evidence = evidence(
+            self.reference[:, joint], residual, regressors, self.rows.folds, lower, upper
+        )
         floor = self.rows.floor[joint]
         squares = float(np.sum(self.reference[:, joint] ** 2))
         candidate = Candidate(
-            family, joint, source, point, variant, found.coefficients, found.gain / floor, found.gain / max(squares, 1e-12), found.gain_by_block / floor
+            family,
+            joint,
+            source,
+            point,
+            variant,
+            found.coefficients,
+            found.gain / floor,
+            found.gain / max(squares, 1e-12),
+            found.gain_by_block / floor,
         )
         key = (family, joint, source)
         present = self.best.get(key)
         # A variant with more parameters has to be better by a margin, not by chance.
-        if present is None or candidate.gain > present.gain + PARSIMONY * abs(present.gain) * (candidate.n_parameters > present.n_parameters):
+        if present is None or candidate.gain > present.gain + PARSIMONY * abs(present.gain) * (
+            candidate.n_parameters > present.n_parameters
+        ):
             self.best[key] = candidate
 
     def _is_active(self, family: str, joint: int) -> bool:
         if family not in self.active:
             return False
         neutral = self.simulation.effects[family].neutral()
-        return any(np.any(np.asarray(value)[joint] != neutral[name][joint]) for name, value in self.active[family].items())
+        return any(
+            np.any(np.asarray(value)[joint] != neutral[name][joint])
+            for name, value in self.active[family].items()
+        )
 
     def _at(
         self, family: str, effect: Effect, point: Mapping[str, float], joints: Sequence[int], alone: bool
     ) -> dict:
         values = {} if alone else {f: dict(of) for f, of in self.active.items()}
-        of = {name: np.array(value, np.float64) for name, value in (values.get(family) or effect.neutral()).items()}
+        of = {
+            name: np.array(value, np.float64)
+            for name, value in (values.get(family) or effect.neutral()).items()
+        }
         for name, value in point.items():
             of[name][list(joints)] = value
         return {**values, family: of}
@@ -251,4 +301,6 @@ class _Screen:
 
 
 PARSIMONY = 0.03
-MERGED = ("timing",)  # on one joint the same wrapper as `delay`; the verdict merges equal delays of all joints
+MERGED = (
+    "timing",
+)  # on one joint the same wrapper as `delay`; the verdict merges equal delays of all joints

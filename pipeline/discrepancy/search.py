@@ -46,7 +46,9 @@ class SearchConfig:
 
     def __post_init__(self) -> None:
         if not 0 < self.smallest_share < 1:
-            raise InputError(f"close_loop.search.smallest_share is {self.smallest_share}; it must be in (0, 1)")
+            raise InputError(
+                f"close_loop.search.smallest_share is {self.smallest_share}; it must be in (0, 1)"
+            )
         if self.maximum_effects < 1:
             raise InputError("close_loop.search.maximum_effects must be at least 1")
 
@@ -87,11 +89,13 @@ OTHER_COMPLEXITY = 5.0
 
 def complexity(candidate: Candidate) -> float:
     """How much a candidate can fit; an onset is one choice more."""
-    two_ways = 2.2 * (candidate.family == "gain" and len(candidate.freed) > 1)
+    two_ways = 2.8 * (candidate.family == "gain" and len(candidate.freed) > 1)
     return COMPLEXITY.get(candidate.family, OTHER_COMPLEXITY) + two_ways + 0.6 * (candidate.onset is not None)
 
 
-def null_gains(simulation: Simulation, rows: Rows, excluded: Sequence[str]) -> dict[tuple[str, int, int | None], float]:
+def null_gains(
+    simulation: Simulation, rows: Rows, excluded: Sequence[str]
+) -> dict[tuple[str, int, int | None], float]:
     """Gain per used row that each candidate has on nominal logs."""
     candidates = screen(simulation, {}, rows, excluded) + common_speed_candidates(simulation, {}, rows)
     n = len(rows.folds.fold)
@@ -127,7 +131,11 @@ class Search:
 
     def onsets(self) -> dict[tuple[str, int], int]:
         """Stamp at which an effect on a joint sets in, where it does."""
-        return {(f.candidate.family, f.candidate.joint): f.candidate.onset for f in self.found if f.candidate.onset is not None}
+        return {
+            (f.candidate.family, f.candidate.joint): f.candidate.onset
+            for f in self.found
+            if f.candidate.onset is not None
+        }
 
     def net(self, candidate: Candidate) -> float:
         """Gain beyond what the candidate gains on nominal logs."""
@@ -149,7 +157,11 @@ class Search:
         for _ in range(self.config.maximum_effects):
             candidates = self._candidates()
             passing = [candidate for candidate in candidates if self.passes(candidate)]
-            passing = self._without_repairs(passing)
+            if any(f.candidate.family in COMMON_CAUSES for f in self.found):
+                passing = [c for c in passing if c.family not in COMMON_CAUSES]
+            passing = self._without_repairs(
+                [c for c in passing if c.family != "thermal_drift" or _is_plausible(c.family, [c])]
+            )
             if not passing:
                 break
             self.found += self._choose(passing, candidates)
@@ -186,9 +198,17 @@ class Search:
             if candidate.gain > self.config.second_share * first.gain:
                 kept.append(candidate)
                 continue
-            rivals = [c for c in self.first if c.joint == first.joint and c.family.startswith("other") and self.passes(c)]
+            rivals = [
+                c
+                for c in self.first
+                if c.joint == first.joint and c.family.startswith("other") and self.passes(c)
+            ]
             better = max(rivals, key=self.net, default=None)
-            if better is not None and not first.family.startswith("other") and self.net(better) > (1.0 + NEGLIGIBLE) * self.net(first):
+            if (
+                better is not None
+                and not first.family.startswith("other")
+                and self.net(better) > (1.0 + NEGLIGIBLE) * self.net(first)
+            ):
                 self._say(f"{better.family} explains more than {first.family} and what is left beside it")
                 self.found[place] = Found(better, [], [(first, "leaves structure behind that this does not")])
                 self._refit()
@@ -197,13 +217,26 @@ class Search:
     def _choose(self, passing: list[Candidate], candidates: list[Candidate]) -> list[Found]:
         """The joint with most to gain; the simplest of its candidates that are not significantly worse."""
         best = max(passing, key=self.net)
+        common = self._common(best, passing, candidates)
+        if common is not None:
+            self._say(
+                f"{common[0].candidate.family} on {len(common)} joints explains more together than anything on one"
+            )
+            return common
         rivals = [c for c in passing if c.joint == best.joint]
-        rivals = self._refined(sorted(rivals, key=self.net, reverse=True)[:REFINED]) + sorted(rivals, key=self.net, reverse=True)[REFINED:]
+        rivals = (
+            self._refined(sorted(rivals, key=self.net, reverse=True)[:REFINED])
+            + sorted(rivals, key=self.net, reverse=True)[REFINED:]
+        )
         best = max(rivals, key=self.net)
         as_good = [c for c in rivals if not self._is_worse(c, best)]
         chosen = min(as_good, key=lambda c: (complexity(c), -self.net(c)))
         equivalents = [
-            c for c in as_good if c.family != chosen.family and abs(complexity(c) - complexity(chosen)) < 0.75 and not _same(c, chosen)
+            c
+            for c in as_good
+            if c.family != chosen.family
+            and complexity(c) < complexity(chosen) + AS_SIMPLE
+            and not _same(c, chosen)
         ]
         self._say(
             f"{chosen.family} on joint {chosen.joint}: removes {chosen.share:.0%} of the squared residual there"
@@ -219,21 +252,62 @@ class Search:
             found += [
                 Found(c)
                 for c in candidates
-                if c.family == chosen.family and c.joint != chosen.joint and c.source == chosen.source and self._shows(c)
+                if c.family == chosen.family
+                and c.joint != chosen.joint
+                and c.source == chosen.source
+                and self._shows(c)
             ]
         return found
+
+    def _common(
+        self, best: Candidate, passing: list[Candidate], candidates: list[Candidate]
+    ) -> list[Found] | None:
+        """An effect of the whole machine, where it explains more on all joints together than the best does alone."""
+        options: list[tuple[float, list[Candidate]]] = []
+        if any(f.candidate.family in COMMON_CAUSES for f in self.found):
+            return None  # one cause of what all joints have in common; a second would only mend the first
+        for family in COMMON_CAUSES:
+            showing = [c for c in candidates if c.family == family and self._shows(c)]
+            if len(showing) < 2 or not _is_plausible(family, showing):
+                continue
+            here = next((c for c in candidates if c.family == family and c.joint == best.joint), None)
+            total = sum(self.net(c) for c in showing)
+            is_rival = (
+                here is None
+                or here.gain > RIVAL_SHARE * best.gain
+                or here.joint not in {c.joint for c in showing}
+            )
+            if (
+                is_rival
+                and total > COMMON_FACTOR * self.net(best)
+                and max(map(self.net, showing)) > 0.4 * self.net(best)
+            ):
+                penalty = complexity(showing[0])
+                options.append((total * (1.0 - 0.03 * penalty), showing))
+        if not options:
+            return None
+        showing = max(options, key=lambda option: option[0])[1]
+        if not any(self.passes(c) for c in showing):
+            return None
+        return [Found(c) for c in sorted(showing, key=self.net, reverse=True)]
 
     def _refined(self, candidates: list[Candidate]) -> list[Candidate]:
         """Candidates moved off their grids; dependences are linear and stay."""
         from pipeline.discrepancy.refine import refine_alone
 
         return [
-            c if c.family.startswith("other") or c.family == SUPPLY else refine_alone(self.simulation, self.rows, self.found, c)
+            c
+            if c.family.startswith("other") or c.family == SUPPLY
+            else refine_alone(self.simulation, self.rows, self.found, c)
             for c in candidates
         ]
 
     def _shows(self, candidate: Candidate) -> bool:
-        return self.net(candidate) > 0.0 and candidate.share > 0.5 * self.config.smallest_share and _t(candidate.gain_by_block) > 2.0
+        return (
+            self.net(candidate) > 0.0
+            and candidate.share > 0.5 * self.config.smallest_share
+            and _t(candidate.gain_by_block) > 2.0
+        )
 
     def _is_worse(self, candidate: Candidate, best: Candidate) -> bool:
         difference = best.gain_by_block - candidate.gain_by_block
@@ -256,17 +330,33 @@ class Search:
                 continue
             by_block = gain_without(self.simulation, self.rows, kept, found)
             squares = found.candidate.gain / max(found.candidate.share, 1e-9)
-            if by_block.sum() < 0.4 * self.config.smallest_share * squares or _t(by_block) < self.config.smallest_t:
+            if (
+                by_block.sum() < 0.4 * self.config.smallest_share * squares
+                or _t(by_block) < self.config.smallest_t
+            ):
                 kept.remove(found)
-                self._say(f"{found.candidate.family} on joint {found.candidate.joint} is superfluous beside the others")
+                self._say(
+                    f"{found.candidate.family} on joint {found.candidate.joint} is superfluous beside the others"
+                )
         if len(kept) != len(self.found):
             self.found = kept
             self._refit()
 
 
 REFINED = 3  # of a joint's candidates
+COMMON_CAUSES = ("thermal_drift", SUPPLY, "other:activity")
+COMMON_FACTOR = 1.3
+RIVAL_SHARE = 0.7
 WHOLE_MACHINE = ("thermal_drift", "timing", SUPPLY, "other:activity", "flow_coupling")
+AS_SIMPLE = 0.4
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
+
+
+def _is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
+    """Warming up makes a machine faster: of most joints the speed has to rise."""
+    if family != "thermal_drift":
+        return True
+    return sum(c.coefficients[0] > 0.0 for c in showing) > 0.5 * len(showing)
 
 
 def _same(one: Candidate, other: Candidate) -> bool:
@@ -288,5 +378,3 @@ def _why(rival: Candidate, chosen: Candidate, best: Candidate) -> str:
 def drop_onset(candidate: Candidate) -> Candidate:
     """The same candidate, present all the time."""
     return replace(candidate, onset=None)
-
-

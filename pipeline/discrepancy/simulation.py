@@ -50,7 +50,9 @@ class Simulation:
         self._model = model
         n_members = len(model.left_out)
         member = model.left_out if leave_out else np.full((n_members, 1, 1), 1.0 / n_members)
-        member = np.broadcast_to(np.moveaxis(np.asarray(member, np.float32), 1, 2), (n_members, *sequences.time_s.T.shape))
+        member = np.broadcast_to(
+            np.moveaxis(np.asarray(member, np.float32), 1, 2), (n_members, *sequences.time_s.T.shape)
+        )
         rows = (sequences.command, sequences.q, sequences.time_s)
         self._rows = [jnp.asarray(np.moveaxis(array, 1, 0), jnp.float32) for array in rows]  # time in front
         self._rows.append(jnp.asarray(member))  # (E, T, B)
@@ -80,7 +82,9 @@ class Simulation:
         return velocities
 
     def _before_onsets(self, hypothesis: Hypothesis) -> dict:
-        values = {family: {name: np.array(value) for name, value in of.items()} for family, of in hypothesis.items()}
+        values = {
+            family: {name: np.array(value) for name, value in of.items()} for family, of in hypothesis.items()
+        }
         for family, joint in self.onsets:
             if family in values:
                 for name, neutral in self.effects[family].neutral().items():
@@ -89,7 +93,9 @@ class Simulation:
 
     def _present(self, hypotheses: Sequence[Hypothesis], u: jax.Array | None) -> np.ndarray:
         results = []
-        for chunk, values, chain in self._chunks(hypotheses, DRIVEN_AT_ONCE if u is None else RESPONDING_AT_ONCE):
+        for chunk, values, chain in self._chunks(
+            hypotheses, DRIVEN_AT_ONCE if u is None else RESPONDING_AT_ONCE
+        ):
             if u is None:
                 driven = self._call(_driven, chain, (0, None), values, self._rows)
                 found = self._call(_responding, chain, (0, 0, None), values, driven, self._rows)
@@ -108,7 +114,7 @@ class Simulation:
             directions: Values' changes; what is left out does not change.
             u: (T, B, n_joint) of `nominal_velocities`, for all hypotheses alike.
         """
-        present = {family: {} for d in directions for family in d}
+        present: Hypothesis = {family: {} for d in directions for family in d}
         complete = [{**present, **hypothesis} for hypothesis in hypotheses]
         first = 0
         for chunk, values, chain in self._chunks(complete, RESPONDING_AT_ONCE):
@@ -120,7 +126,9 @@ class Simulation:
 
     def _chunks(self, hypotheses: Sequence[Hypothesis], at_once: int) -> Iterator[tuple[int, Any, Chain]]:
         """Stacked values, padded so that few shapes are compiled, and the chain for them."""
-        families = tuple(family for family in self._types if any(family in hypothesis for hypothesis in hypotheses))
+        families = tuple(
+            family for family in self._types if any(family in hypothesis for hypothesis in hypotheses)
+        )
         families = families or tuple(self._types)[:1]
         chain = Chain([self._types[family] for family in families], self.setting)
         for first in range(0, len(hypotheses), at_once):
@@ -139,7 +147,10 @@ class Simulation:
 def _filled(chain: Chain, hypothesis: Hypothesis) -> dict[str, dict[str, np.ndarray]]:
     """Values of all of the chain's families: those of the hypothesis, neutral ones else."""
     return {
-        family: {name: np.asarray(hypothesis.get(family, {}).get(name, value), np.float32) for name, value in of.items()}
+        family: {
+            name: np.asarray(hypothesis.get(family, {}).get(name, value), np.float32)
+            for name, value in of.items()
+        }
         for family, of in chain.neutral().items()
     }
 
@@ -167,7 +178,9 @@ def _driven(model: DiagnosisModel, chain: Chain, values: ChainValues, rows: list
     return jnp.sum(member[..., None] * jnp.moveaxis(velocities, 2, 1), axis=0)
 
 
-def _responding(model: DiagnosisModel, chain: Chain, values: ChainValues, u: jax.Array, rows: list) -> jax.Array:
+def _responding(
+    model: DiagnosisModel, chain: Chain, values: ChainValues, u: jax.Array, rows: list
+) -> jax.Array:
     command, q, time_s, _ = rows
     true = chain.true(values, q)
     v = chain.velocity_sequence(values, u, Signals(command, true, time_s))

@@ -1,6 +1,7 @@
 """Which measured rows are for fitting, for selection and for confirmation; no row is for two of them."""
 
 import enum
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -69,11 +70,12 @@ def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tupl
         edges = np.round(np.linspace(0, length, n_blocks + 1)).astype(int)
         rows = np.zeros(length, np.int8)
         purge = round(config.purge_s / dt_s)
-        for block, (begin, end) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+        for block, (begin, end) in enumerate(itertools.pairwise(edges)):
             rows[begin:end] = cycle[(block - number) % 3]
             if block:
                 rows[begin : begin + purge] = Purpose.purged
         purposes.append(rows)
     return purposes, (
-        f"blocks of {block_s:.0f} s in turn: fit, select, confirm; after each boundary {config.purge_s:g} s belong to none"
+        f"blocks of {block_s:.0f} s in turn: fit, select, confirm; after each boundary {config.purge_s:g} s "
+        "belong to none"
     )

@@ -69,7 +69,9 @@ def effects_of(found: Sequence[Found], excited: Sequence[int], allow_timing: boo
         if members:
             effects.append(Effect("other" if family.startswith("other") else family, members))
             left = [f for f in left if f not in members]
-    effects += [Effect("other" if f.candidate.family.startswith("other") else f.candidate.family, [f]) for f in left]
+    effects += [
+        Effect("other" if f.candidate.family.startswith("other") else f.candidate.family, [f]) for f in left
+    ]
     return sorted(effects, key=lambda effect: -effect.gain)
 
 
@@ -93,7 +95,12 @@ def depends_on(effect: Effect, joints: Sequence[str]) -> list[str]:
         elif candidate.family in DEPENDENCES:
             dependence = DEPENDENCES[candidate.family]
             source = candidate.joint if candidate.source is None else candidate.source
-            entries.append(dependence.variable if dependence.common else f"{dependence.variable}:{joints[source]}")
+            entries.append(
+                dependence.variable if dependence.common else f"{dependence.variable}:{joints[source]}"
+            )
         else:
-            entries += [entry.format(joint=joints[candidate.joint]) for entry in CATALOGUE[candidate.family].card.depends_on]
+            entries += [
+                entry.format(joint=joints[candidate.joint])
+                for entry in CATALOGUE[candidate.family].card.depends_on
+            ]
     return list(dict.fromkeys(entries))

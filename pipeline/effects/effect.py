@@ -24,7 +24,9 @@ import numpy as np
 
 Values = Mapping[str, jax.Array]
 State = Any
-Freed = tuple[tuple[str, int | None], ...]  # parameters, with their source, that move together
+Freed = tuple[
+    tuple[str, int | tuple[int, ...] | None], ...
+]  # parameters, with their source, that move together
 Variant = tuple[Freed, ...]
 
 

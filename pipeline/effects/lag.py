@@ -21,7 +21,8 @@ class Lag(VelocityEffect):
     place = Place.response
     card = Card(
         family="lag",
-        equation="τ v̇ = u − v for τ > 0, discretised exactly for u held; v = u + |τ| u̇ for τ < 0",
+        equation="τ v̇ = u − v for τ > 0, with σ τ instead of τ while slowing down, discretised exactly for u held; "
+        "v = u + |τ| u̇ for τ < 0",
         source="spool and pressure build-up as one lag: Jelali and Kroll (2003), Hydraulic Servo-systems, 4.5",
         signature="residual decays over about τ after each change of command, with zero area over start and stop",
         confounded_with=("delay", "oscillation", "stiction"),
@@ -37,6 +38,7 @@ class Lag(VelocityEffect):
                 2.0,
                 grid=(-0.3, -0.2, -0.12, -0.06, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9),
             ),
+            Parameter("fall_share", "1", 1.0, 0.0, 2.0, grid=(1.0, 0.2)),
         ),
     )
 
@@ -45,26 +47,26 @@ class Lag(VelocityEffect):
         return Filter(self._zeros(batch), self._zeros(batch))
 
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """Let v move towards u."""
-        slow, spread = self._factors(values)
-        slower = state.v + slow * (u - state.v)
+        """Move v towards u."""
+        slow, spread = self._factors(values, (u - state.v) * state.v < 0.0)
+        slower = u + (1.0 - slow) * (state.v - u)
         faster = u + spread * (u - state.u)
-        is_lag = values["added_time_constant"] >= 0.0
-        v = jnp.where(is_lag, u + (slower - u), faster)
+        v = jnp.where(values["added_time_constant"] > 0.0, slower, faster)
         v = jnp.where(values["added_time_constant"] == 0.0, u, v)
         return Filter(u, v), v
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """A lag's inverse is a lead, and the other way round."""
-        slow, spread = self._factors(values)
+        slow, spread = self._factors(values, (v - state.v) * state.v < 0.0)
         of_lag = v + (1.0 / slow - 1.0) * (v - state.v)
         of_lead = (v + spread * state.u) / (1.0 + spread)
-        u = jnp.where(values["added_time_constant"] >= 0.0, of_lag, of_lead)
+        u = jnp.where(values["added_time_constant"] > 0.0, of_lag, of_lead)
         u = jnp.where(values["added_time_constant"] == 0.0, v, u)
         return Filter(u, v), u
 
-    def _factors(self, values: Values) -> tuple[jax.Array, jax.Array]:
+    def _factors(self, values: Values, is_falling: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Share of the way to u per step (lag), and steps of lead."""
         tau_steps = values["added_time_constant"] / self.setting.dt_s
-        slow = -jnp.expm1(-1.0 / jnp.maximum(tau_steps, 0.05))
+        present = tau_steps * jnp.where(is_falling, values["fall_share"], 1.0)
+        slow = -jnp.expm1(-1.0 / jnp.maximum(present, 0.05))
         return slow, jnp.maximum(-tau_steps, 0.0)

@@ -37,10 +37,8 @@ class Stiction(CommandEffect):
         depends_on=("rest_time:{joint}",),
         scope=Scope.joint,
         parameters=(
-            Parameter(
-                "mean_extra_time", "s", 0.0, 0.0, 1.5, grid=(0.05, 0.1, 0.2, 0.3, 0.45, 0.65)
-            ),
-            Parameter("rest_threshold", "s", 0.0, 0.0, 10.0, grid=(0.2, 0.6, 1.5, 3.0)),
+            Parameter("mean_extra_time", "s", 0.0, 0.0, 1.5, grid=(0.05, 0.1, 0.2, 0.3, 0.45, 0.65)),
+            Parameter("rest_threshold", "s", 0.5, 0.15, 10.0, grid=(0.2, 0.6, 1.5, 3.0)),
         ),
     )
 

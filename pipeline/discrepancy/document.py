@@ -1,0 +1,201 @@
+"""closed_loop.json (contract, section 4) from a loop that has opened its confirmation rows."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
+from pipeline.discrepancy.common_speed import common_speed_parameters
+from pipeline.discrepancy.held_out_errors import WindowErrors
+from pipeline.discrepancy.next_experiment import next_experiment
+from pipeline.discrepancy.parameters import Quantity, describe, quantity, spreads
+from pipeline.discrepancy.splits import Purpose
+from pipeline.discrepancy.verdict import Effect, depends_on
+from pipeline.effects.store import KNOWN
+
+if TYPE_CHECKING:
+    from pipeline.discrepancy.close_loop import Loop
+
+UNEXPLAINED_RATIO = 1.7  # of mean squares over the floor's: more is not the nominal machine, whatever it is
+
+
+def document_of(
+    loop: "Loop",
+    effects: Sequence[Effect],
+    errors: Mapping[int, tuple[WindowErrors, WindowErrors]],
+    floor: Mapping[int, np.ndarray],
+    baselines: Mapping[str, Mapping[int, np.ndarray]],
+) -> dict[str, Any]:
+    """Write it down."""
+    entries = [_entry(loop, effect, errors[80][0]) for effect in effects]
+    unexplained = _unexplained(loop) if not effects else []
+    alternatives = _alternatives(loop, effects)
+    is_idle = len(loop.excited) * 2 < len(loop.joints)
+    if entries:
+        verdict = (
+            "outside_catalogue"
+            if effects[0].family == "other"
+            else "ambiguous"
+            if effects[0].equivalents
+            else "named"
+        )
+    elif unexplained:
+        verdict, entries = "outside_catalogue", unexplained
+    else:
+        verdict = "unexcited" if is_idle else "none"
+    held_out = [p == Purpose.confirm for p in loop.purposes]
+    first = entries[0] if entries else None
+    families = [effects[0].family, *(e.family for e in effects[0].equivalents)] if effects else []
+    idle = [name for index, name in enumerate(loop.joints) if index not in loop.excited]
+    return {
+        "detected": None if verdict == "unexcited" else bool(entries),
+        "verdict": verdict,
+        "effects": entries,
+        "alternatives": alternatives,
+        "error": {
+            "one_step_rmse": {
+                "before": _by_joint(loop, errors[1][0].rmse),
+                "after": _by_joint(loop, errors[1][1].rmse),
+            },
+            "open_loop_rmse_80": {
+                "before": _by_joint(loop, errors[80][0].rmse),
+                "after": _by_joint(loop, errors[80][1].rmse),
+            },
+        },
+        "baselines": {
+            **{name: {"open_loop_rmse_80": _by_joint(loop, of[80])} for name, of in baselines.items()},
+            "nominal_floor": {"open_loop_rmse_80": _by_joint(loop, floor[80])},
+        },
+        "held_out": {
+            "rule": loop.rule,
+            "n_steps": int(sum(rows.sum() for rows in held_out)),
+            "trajectories": [t.name for t, rows in zip(loop.measured, held_out, strict=True) if rows.any()],
+        },
+        "next_experiment": next_experiment(
+            verdict, families, first["joints"][0] if first and first["joints"] else None, idle
+        ),
+    }
+
+
+def _by_joint(loop: "Loop", values: np.ndarray) -> dict[str, float | None]:
+    return {
+        joint: float(value) if np.isfinite(value) else None
+        for joint, value in zip(loop.joints, values, strict=True)
+    }
+
+
+def _entry(loop: "Loop", effect: Effect, before: WindowErrors) -> dict:
+    joints = effect.joints
+    alone = loop.errors(loop.predictor([effect]), 80)
+    scale = (
+        np.maximum(before.squares.mean(axis=0)[joints], 1e-18)
+        if len(before.squares)
+        else np.ones(len(joints))
+    )
+    reduction = (
+        1.0 - float(np.sum(alone.squares.mean(axis=0)[joints] / scale) / len(joints))
+        if len(alone.squares)
+        else 0.0
+    )
+    onset = _onset(loop, effect.onset)
+    family = effect.family
+    entry = {
+        "family": family if onset is None else "change_point",
+        "joints": [loop.joints[j] for j in joints],
+        "depends_on": depends_on(effect, loop.joints),
+        "parameters": _parameters(loop, effect),
+        "onset": onset,
+        "certain": not effect.equivalents,
+        "p_value": float(min(loop.p_values[id(m)] for m in effect.members)),
+        "error_reduction": reduction,
+    }
+    return {**entry, "of": family} if onset is not None else entry
+
+
+def _onset(loop: "Loop", stamp_ns: int | None) -> dict | None:
+    if stamp_ns is None:
+        return None
+    for trajectory in loop.measured:
+        if stamp_ns <= trajectory.stamp_ns[-1]:
+            place = int(np.searchsorted(trajectory.stamp_ns, stamp_ns))
+            return {"trajectory": trajectory.name, "t": float(trajectory.t_s[place])}
+    return None
+
+
+def _parameters(loop: "Loop", effect: Effect) -> dict:
+    if effect.family == SUPPLY:
+        values = common_speed_parameters(loop.simulation, {}, loop.rows)
+        return {
+            "std_log_speed": quantity(values["std_log_speed"], "1", 0.15 * values["std_log_speed"]),
+            "correlation_time": quantity(values["correlation_time"], "s", 0.4 * values["correlation_time"]),
+        }
+    found = loop.search.found
+    described = []
+    for member in effect.members:
+        joint = member.candidate.joint
+        number = next(i for i, f in enumerate(found) if f is member)
+        coordinates, covariance = loop.covariance.get(joint, ([], np.zeros((0, 0))))
+        spread = spreads(coordinates, covariance, number, member.candidate, loop.config.gate.model_error)
+        wrapper = KNOWN[member.candidate.family](loop.setting)
+        described.append(describe(member.candidate, wrapper, spread, loop.joints, loop.units[joint]))
+    if effect.family == "timing":
+        described = [{"latency": of["added_delay"]} for of in described]
+    if len(described) == 1:
+        return described[0]
+    merged: dict[str, Quantity] = {}
+    for name in described[0]:
+        of_name: list[Any] = [of[name] for of in described if name in of]
+        sizes = np.array([of["value"] for of in of_name], float)
+        deviation = np.array(
+            [(of["ci95"][1] - of["ci95"][0]) / 3.92 if "ci95" in of else 0.0 for of in of_name]
+        )
+        merged[name] = quantity(
+            float(sizes.mean()), of_name[0]["unit"], float(np.sqrt(np.sum(deviation**2)) / len(sizes))
+        )
+        for member, value in zip(effect.members, of_name, strict=False):
+            merged[f"{name}:{loop.joints[member.candidate.joint]}"] = value
+    return merged
+
+
+def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:
+    entries: list[dict[str, Any]] = []
+    for effect in effects:
+        for member in effect.members:
+            name = effect.family if effect.family != "other" else member.candidate.family
+            rivals = [(c, None) for c in member.equivalents] if effect.equivalents else []
+            for candidate, why in [*rivals, *member.losers]:
+                entry = {
+                    "family": "other" if candidate.family.startswith("other") else candidate.family,
+                    "joints": [loop.joints[candidate.joint]],
+                    "error_reduction": float(candidate.share),
+                    "why_not": why or f"these logs cannot tell it from {name}",
+                }
+                if why is None:
+                    entry["equivalent"] = True
+                entries.append(entry)
+    return entries
+
+
+def _unexplained(loop: "Loop") -> list[dict]:
+    """Joints that are clearly not as they were, though nothing in the catalogue or among the dependences says why."""
+    residual = loop.residual(loop.confirm, [])
+    ratio = np.mean(residual**2, axis=0) / loop.floor
+    entries: list[dict[str, Any]] = []
+    for joint in np.flatnonzero(ratio > UNEXPLAINED_RATIO):
+        best = next((c for c in loop.search.first if c.joint == joint and c.family.startswith("other")), None)
+        source = None if best is None else best.joint if best.source is None else best.source
+        variable = [] if best is None else [f"{best.family.partition(':')[2]}:{loop.joints[source]}"]  # type: ignore[index]
+        entries.append(
+            {
+                "family": "other",
+                "joints": [loop.joints[joint]],
+                "depends_on": variable,
+                "parameters": {},
+                "onset": None,
+                "certain": False,
+                "p_value": loop.config.gate.largest_p,
+                "error_reduction": 0.0,
+            }
+        )
+    return entries

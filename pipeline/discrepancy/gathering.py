@@ -1,0 +1,231 @@
+"""From a loop to what its report shows: tracks along time, signatures, the ranking, errors at all levels."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
+from pipeline.discrepancy.evidence import Evidence, LevelErrors, Ranked, ResidualTrack, Signature
+from pipeline.discrepancy.held_out_errors import WindowErrors
+from pipeline.discrepancy.refine import values_of
+from pipeline.discrepancy.search import Found
+from pipeline.discrepancy.sequences import Sequences
+from pipeline.discrepancy.verdict import Effect
+
+if TYPE_CHECKING:
+    from pipeline.discrepancy.close_loop import Loop
+
+TRACK_S = 15.0
+
+
+def evidence_of(
+    loop: "Loop",
+    effects: Sequence[Effect],
+    errors: Mapping[int, tuple[WindowErrors, WindowErrors]],
+    floor: Mapping[int, np.ndarray],
+    baselines: Mapping[str, Mapping[int, np.ndarray]],
+) -> Evidence:
+    """Gather it from a loop that has opened its confirmation rows."""
+    found = [member for effect in effects for member in effect.members]
+    before, after = loop.residual(loop.rows, []), loop.residual(loop.rows, found)
+    levels = [
+        LevelErrors(
+            steps=h,
+            before=b.rmse,
+            after=a.rmse,
+            before_interval=b.interval(),
+            after_interval=a.interval(),
+            baselines={name: of[h] for name, of in baselines.items()},
+            nominal_floor=floor[h],
+            n_windows=len(b.squares),
+        )
+        for h, (b, a) in errors.items()
+    ]
+    idle = [name for index, name in enumerate(loop.joints) if index not in loop.excited]
+    warnings = [
+        f"{name} moves only {loop.moving_s[loop.joints.index(name)]:.0f} s in the rows used; an effect on it may go "
+        "unseen."
+        for name in idle
+    ]
+    return Evidence(
+        joints=loop.joints,
+        units=loop.units,
+        floor=np.sqrt(loop.floor),
+        before=np.sqrt(np.mean(before**2, axis=0)),
+        after=np.sqrt(np.mean(after**2, axis=0)),
+        autocorrelation_s=_autocorrelation_s(before, 2 * loop.machine.dt_s),
+        tracks=_tracks(loop, found),
+        signatures=_signatures(loop, found),
+        ranking=_ranking(loop, found),
+        levels=levels,
+        warnings=warnings,
+        steps=loop.steps,
+        seconds=dict(loop.seconds),
+    )
+
+
+def _tracks(loop: "Loop", found: Sequence[Found]) -> list[ResidualTrack]:
+    n = round(TRACK_S / loop.machine.dt_s)
+    residuals = []
+    for present in ([], list(found)):
+        loop.simulation.onsets = {
+            (f.candidate.family, f.candidate.joint): f.candidate.onset
+            for f in present
+            if f.candidate.onset is not None
+        }
+        residuals.append(
+            loop.weight
+            * (loop.sequences.velocity - loop.simulation.velocities([values_of(loop.simulation, present)])[0])
+        )
+        loop.simulation.onsets = {}
+    tracks = []
+    for index, trajectory in enumerate(loop.measured):
+        n_blocks = max(1, (len(trajectory) - 1) // n)
+        rows = slice(0, min(n_blocks * n, len(trajectory) - 1))
+        pieces = [np.array_split(r[index, rows], n_blocks) for r in residuals]
+        rms = [np.array([np.sqrt(np.mean(p**2, axis=0)) for p in piece]) for piece in pieces]
+        purpose = np.array(
+            [
+                np.bincount(p, minlength=4).argmax()
+                for p in np.array_split(loop.purposes[index][rows], n_blocks)
+            ]
+        )
+        t_s = np.array([p.mean() for p in np.array_split(trajectory.t_s[rows], n_blocks)])
+        tracks.append(ResidualTrack(trajectory.name, t_s, rms[0], rms[1], purpose))
+    return tracks
+
+
+def _signatures(loop: "Loop", found: Sequence[Found]) -> list[Signature]:
+    signatures = []
+    command = loop.sequences.command
+    for effect in found:
+        joint = effect.candidate.joint
+        u = loop.simulation.velocities([{}])[0][..., joint]
+        others = [f for f in found if f is not effect]
+        without, with_all = (
+            loop.residual(loop.rows, others)[:, joint],
+            loop.residual(loop.rows, found)[:, joint],
+        )
+        variable, x = _abscissa(
+            effect.candidate.family,
+            joint,
+            effect.candidate.source,
+            u,
+            command,
+            loop.sequences,
+            loop.joints,
+            loop.units,
+        )
+        x = loop.rows.averaged(x)
+        edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, 17)))
+        if len(edges) < 3:
+            continue
+        which = np.clip(np.digitize(x, edges[1:-1]), 0, len(edges) - 2)
+        counts = np.bincount(which, minlength=len(edges) - 1).clip(1)
+
+        def mean(y: np.ndarray, which: np.ndarray = which, counts: np.ndarray = counts) -> np.ndarray:
+            return np.bincount(which, y, minlength=len(counts)) / counts
+
+        spread = np.sqrt(
+            np.maximum(mean(without**2) - mean(without) ** 2, 0.0) / np.maximum(counts / 20.0, 1.0)
+        )
+        signatures.append(
+            Signature(
+                effect.candidate.family,
+                loop.joints[joint],
+                variable,
+                mean(x),
+                mean(without),
+                spread,
+                mean(without - with_all),
+                mean(with_all),
+                f"{loop.units[joint]}/s",
+            )
+        )
+    return signatures
+
+
+def _ranking(loop: "Loop", found: Sequence[Found]) -> list[Ranked]:
+    taken = {(f.candidate.family, f.candidate.joint) for f in found}
+    lost = {(c.family, c.joint): why for f in found for c, why in f.losers}
+    even = {(c.family, c.joint) for f in found for c in f.equivalents}
+    n = len(loop.rows.folds.fold)
+    ranked = []
+    for c in sorted(loop.search.first, key=lambda c: -c.share)[:30]:
+        key = (c.family, c.joint)
+        squares = c.gain / c.share if c.share > 0 else np.inf
+        null_share = float(loop.null.get((c.family, c.joint, c.source), 0.0) * n / squares)
+        outcome = (
+            "found"
+            if key in taken
+            else "cannot be told from what was found"
+            if key in even
+            else lost.get(key)
+            or (
+                "too little beyond what it removes on nominal logs"
+                if not loop.search.passes(c)
+                else "less than what was found on this joint"
+            )
+        )
+        ranked.append(
+            Ranked(
+                c.family,
+                [loop.joints[c.joint]],
+                None if c.source is None else loop.joints[c.source],
+                float(c.share),
+                null_share,
+                outcome,
+            )
+        )
+    return ranked
+
+
+def _autocorrelation_s(residual: np.ndarray, step_s: float) -> np.ndarray:
+    """(n_joint,) integrated autocorrelation time up to its first zero."""
+    result = []
+    for column in residual.T:
+        column = column - column.mean()
+        variance = float(column @ column)
+        total = 1.0
+        for lag in range(1, min(200, len(column))):
+            value = float(column[lag:] @ column[:-lag]) / max(variance, 1e-18)
+            if value <= 0.0:
+                break
+            total += 2.0 * value
+        result.append(total * step_s)
+    return np.array(result)
+
+
+def _abscissa(  # type: ignore[no-untyped-def]
+    family, joint, source, u, command, sequences: Sequences, joints, units
+) -> tuple[str, np.ndarray]:
+    """What the residual is drawn over, for a family."""
+    if family in ("end_cushion", "load", "sensor_bias", "other:position"):
+        which = joint if source is None else source
+        return f"position of {joints[which]} ({units[which]})", sequences.q[..., which]
+    if family in ("thermal_drift", "other:travel", SUPPLY):
+        return "time since the log's start (s)", sequences.time_s
+    if family == "flow_coupling":
+        return "joints commanded besides this one", np.sum(np.abs(command), axis=-1) - np.abs(
+            command[..., joint]
+        )
+    if family == "other:command":
+        return f"command of {joints[source]}", command[..., source]
+    if family in (
+        "delay",
+        "lag",
+        "stiction",
+        "oscillation",
+        "backlash",
+        "other:hold_time",
+        "other:reversal",
+        "other:rest_time",
+    ):
+        change = np.any(np.diff(np.sign(command[..., joint]), axis=1, prepend=0.0)[..., None] != 0.0, axis=-1)
+        since = np.zeros(u.shape)
+        step = float(np.median(np.diff(sequences.time_s[0][sequences.is_row[0]])))
+        for row in range(1, u.shape[1]):
+            since[:, row] = np.where(change[:, row], 0.0, since[:, row - 1] + step)
+        return f"time since the command of {joints[joint]} last changed (s)", np.minimum(since, 4.0)
+    return f"velocity that the model predicts for {joints[joint]} ({units[joint]}/s)", u
