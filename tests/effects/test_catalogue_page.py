@@ -1,0 +1,31 @@
+"""What docs/closing_the_loop.md says of the catalogue is what the cards say; its Python names what exists."""
+
+import re
+from pathlib import Path
+
+from pipeline.effects.catalogue import CATALOGUE
+from pipeline.effects.dependence import DEPENDENCES
+from pipeline.reporting.catalogue_table import COLUMNS, catalogue_table
+
+PAGE = (Path(__file__).parents[2] / "docs/closing_the_loop.md").read_text(encoding="utf-8")
+
+
+def test_the_table_is_that_of_the_cards():
+    assert catalogue_table() in PAGE, "put the output of `python -m pipeline.reporting.catalogue_table` there"
+
+
+def test_every_card_is_a_row_of_whole_cells():
+    rows = catalogue_table().splitlines()[2:]
+    assert [re.match(r"\| `(\w+)` \|", row).group(1) for row in rows] == list(CATALOGUE)
+    assert all(len(re.findall(r"(?<!\\)\|", row)) == len(COLUMNS) + 1 for row in rows)
+
+
+def test_the_variables_of_other_are_listed():
+    for dependence in DEPENDENCES.values():
+        assert f"`{dependence.variable}`" in PAGE
+
+
+def test_the_snippet_uses_names_that_exist():
+    (snippet,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    compile(snippet, "docs/closing_the_loop.md", "exec")
+    exec("\n".join(line for line in snippet.splitlines() if line.startswith(("from ", "import "))), {})
