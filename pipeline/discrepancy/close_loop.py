@@ -189,9 +189,15 @@ class Loop:
         for effect in found:
             joint = effect.candidate.joint
             if effect.candidate.family == SUPPLY:
-                confirmed = {c.joint: c for c in common_speed_candidates(self.simulation, {}, self.confirm)}
+                others = values_of(self.simulation, [f for f in found if f.candidate.family != SUPPLY])
+                confirmed = {
+                    c.joint: c for c in common_speed_candidates(self.simulation, others, self.confirm)
+                }
                 share = bound = confirmed[joint].share
-                p = normal_p(confirmed[joint].gain_by_block, self.n_hypotheses)
+                of_all = [
+                    confirmed[f.candidate.joint].gain_by_block for f in found if f.candidate.family == SUPPLY
+                ]
+                p = normal_p(np.sum(of_all, axis=0), len(found))
             else:
                 others = [f for f in found if f is not effect]
                 without = self.residual(self.confirm, others)[:, joint]

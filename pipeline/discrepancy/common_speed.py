@@ -38,6 +38,8 @@ def common_speed_candidates(simulation: Simulation, active: Hypothesis, rows: Ro
             information = square[..., others].sum(axis=-1) * width * simulation.setting.dt_s
             z = product[..., others].sum(axis=-1) / np.maximum(square[..., others].sum(axis=-1), 1e-9)
             z = z * information / (information + 1.0 / PRIOR_STD**2)
+            # What stays the same all the time is a gain of every joint, not a variation.
+            z = z - np.sum(z * moving[..., joint] ** 2) / max(np.sum(moving[..., joint] ** 2), 1e-12)
             regressor = rows.weight[:, joint] * averaged(z * moving[..., joint], rows.is_used)
             found = evidence(
                 reference[:, joint],

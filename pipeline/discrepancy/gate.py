@@ -86,12 +86,12 @@ def placebo_p(residual: np.ndarray, change: np.ndarray, n_hypotheses: int, seed:
     return float(np.clip(norm.sf(z) * n_hypotheses, np.finfo(float).tiny, 1.0))
 
 
-def normal_p(gain_by_block: np.ndarray, n_hypotheses: int) -> float:
-    """How probable so large a mean gain per block is, were its mean zero; corrected for all hypotheses searched."""
-    error = np.std(gain_by_block, ddof=1) * np.sqrt(len(gain_by_block))
-    return float(
-        min(
-            1.0,
-            norm.sf(gain_by_block.sum() / max(float(error), 1e-12)) * min(n_hypotheses, len(gain_by_block)),
-        )
-    )
+def normal_p(gain_by_block: np.ndarray, n_tests: int) -> float:
+    """How probable so large a mean gain per block is on rows that nothing was searched on, were its mean zero.
+
+    Args:
+        gain_by_block: (n_blocks,) on confirmation rows.
+        n_tests: Effects that are confirmed on these rows, for which the result is corrected.
+    """
+    error = float(np.std(gain_by_block, ddof=1) * np.sqrt(len(gain_by_block)))
+    return float(min(1.0, norm.sf(gain_by_block.sum() / max(error, 1e-12)) * n_tests))

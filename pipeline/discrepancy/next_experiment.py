@@ -57,7 +57,7 @@ def next_experiment(verdict: str, families: list[str], joint: str | None, idle: 
         return sentence.format(joint=joint).capitalize() + "."
     if verdict == "outside_catalogue":
         return (
-            f"Repeat the same move of {joint} while only the variable named in depends_on changes, in five steps of its "
+            f"Repeat the same move of {joint} while only what it depends on changes, in five steps of its "
             "range."
         )
     if verdict == "named":

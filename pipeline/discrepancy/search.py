@@ -75,7 +75,7 @@ COMPLEXITY = {
     "leakage": 1.0,
     "backlash": 1.0,
     "lag": 1.0,
-    "sensor_bias": 1.0,
+    "sensor_bias": 1.3,
     "stiction": 1.5,
     "end_cushion": 2.0,
     "flow_coupling": 2.5,
@@ -191,7 +191,7 @@ class Search:
         kept = []
         for candidate in passing:
             place = next((i for i, f in enumerate(self.found) if f.candidate.joint == candidate.joint), None)
-            if place is None:
+            if place is None or self.found[place].candidate.family in COMMON_CAUSES:
                 kept.append(candidate)
                 continue
             first = self.found[place].candidate
@@ -282,8 +282,8 @@ class Search:
                 and total > COMMON_FACTOR * self.net(best)
                 and max(map(self.net, showing)) > 0.4 * self.net(best)
             ):
-                penalty = complexity(showing[0])
-                options.append((total * (1.0 - 0.03 * penalty), showing))
+                # A cause with a variable that can be named comes before one that nobody can observe.
+                options.append((total / (UNOBSERVED_FACTOR if family == SUPPLY else 1.0), showing))
         if not options:
             return None
         showing = max(options, key=lambda option: option[0])[1]
@@ -347,6 +347,7 @@ REFINED = 3  # of a joint's candidates
 COMMON_CAUSES = ("thermal_drift", SUPPLY, "other:activity")
 COMMON_FACTOR = 1.3
 RIVAL_SHARE = 0.7
+UNOBSERVED_FACTOR = 1.25
 WHOLE_MACHINE = ("thermal_drift", "timing", SUPPLY, "other:activity", "flow_coupling")
 AS_SIMPLE = 0.4
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
@@ -360,8 +361,14 @@ def _is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
 
 
 def _same(one: Candidate, other: Candidate) -> bool:
-    """`timing` is the delay of all joints: on one joint alone they are the same wrapper."""
-    return {one.family, other.family} == {"delay", "timing"}
+    """Whether naming both would say nothing.
+
+    `timing` is the delay of all joints: on one joint alone they are the same wrapper. An encoder's offset changes no
+    speed, but for the little that speeds depend on the place: it is no other reading of a gain.
+    """
+    families = {one.family, other.family}
+    offset = any(c.family == "sensor_bias" and "offset" in c.point for c in (one, other))
+    return families == {"delay", "timing"} or (families == {"gain", "sensor_bias"} and offset)
 
 
 def _t(by_block: np.ndarray) -> float:
