@@ -28,7 +28,9 @@ def test_a_useless_regressor_gains_nothing_on_average() -> None:
     gains = []
     for _ in range(200):
         y = RANDOM.standard_normal(N)
-        gains.append(evidence(y, y, RANDOM.standard_normal((N, 1)), FOLDS, np.array([-9.0]), np.array([9.0])).gain)
+        gains.append(
+            evidence(y, y, RANDOM.standard_normal((N, 1)), FOLDS, np.array([-9.0]), np.array([9.0])).gain
+        )
     assert np.mean(gains) < 0.5  # in-sample it would be one
 
 

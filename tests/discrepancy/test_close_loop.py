@@ -1,0 +1,108 @@
+"""The whole loop on a machine simulated here: two first-order joints, nothing of the plant's or the model's own form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.configuration import load_section
+from pipeline.discrepancy.close_loop import Loop
+from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.fit import fit
+from pipeline.dynamics.model import Target
+from pipeline.dynamics.network import Parameterization
+from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
+from pipeline.effects.store import predictor
+from pipeline.logs.loop_tracker import LoopTrackerConfig, initial_state, track_on
+from pipeline.logs.tuples import Trajectory
+from pipeline.machine.specification import JointSpecification, MachineSpecification
+
+MACHINE = MachineSpecification(
+    name="two_joints",
+    rate_hz=20.0,
+    joints=[JointSpecification("lift", -1.0, 1.0), JointSpecification("turn", -2.0, 2.0)],
+)
+SPEEDS = np.array([0.4, 0.6])
+CONSTANTS_S = np.array([0.2, 0.3])
+DT_S = 0.05
+
+
+def record(name: str, seed: int, n_rows: int, slower: float = 1.0) -> Trajectory:
+    """Random holds of commands; the second joint's speed is multiplied by `slower` while it moves down."""
+    random = np.random.default_rng(seed)
+    a, q = np.zeros((n_rows, 2)), np.zeros((n_rows, 2))
+    velocity, command, left = np.zeros(2), np.zeros(2), np.zeros(2)
+    for row in range(n_rows - 1):
+        for joint in range(2):
+            left[joint] -= 1
+            if left[joint] <= 0:
+                command[joint] = random.choice([-1.0, 0.0, 1.0])
+                left[joint] = random.integers(4, 40)
+            if abs(q[row, joint]) > 0.8 * (1.0, 2.0)[joint]:
+                command[joint] = -np.sign(q[row, joint])
+        a[row] = command
+        target = SPEEDS * command
+        target[1] *= slower if command[1] < 0 else 1.0
+        velocity = velocity + (1.0 - np.exp(-DT_S / CONSTANTS_S)) * (target - velocity)
+        q[row + 1] = q[row] + DT_S * velocity
+    q = q + 5e-4 * random.standard_normal(q.shape)
+    tracker = LoopTrackerConfig(proportional_gain=10.0, integral_gain=60.0)
+    _, qd = track_on(initial_state(q[0]), q, DT_S, tracker)
+    t_s = DT_S * np.arange(n_rows)
+    stamp_ns = (1_000_000_000 * (1000 * seed + t_s)).astype(np.int64)
+    return Trajectory(name, t_s, stamp_ns, q, qd, a, np.arange(n_rows) >= 0.9 * n_rows)
+
+
+@pytest.fixture(scope="module")
+def nominal() -> list[Trajectory]:
+    """Two logs of the machine as it was."""
+    return [record("nominal_1", 1, 5000), record("nominal_2", 2, 5000)]
+
+
+@pytest.fixture(scope="module")
+def model(nominal: list[Trajectory]):  # type: ignore[no-untyped-def]
+    """A small model of it."""
+    training = TrainingConfig([32], lags=10, horizon=16, learning_rate=5e-3, batch_size=256, maximum_epochs=4)
+    identify = load_section("identify", IdentifyConfig, "default")
+    result = fit(nominal, MACHINE, Parameterization.mlp, Target.dqdot, training, identify, seed=0)
+    return result.model, result.parameters
+
+
+def close(nominal, measured, model) -> tuple[Loop, dict]:  # type: ignore[no-untyped-def]
+    """The loop, on a smaller budget."""
+    config = load_section("close_loop", CloseLoopConfig, "paper")
+    config = replace(
+        config,
+        diagnosis=replace(config.diagnosis, updates=800),
+        baselines=replace(config.baselines, learning_rates=[1e-3], maximum_epochs=2),
+    )
+    loop = Loop(nominal, measured, MACHINE, *model, config, lambda _: None)
+    return loop, loop.run().document
+
+
+def test_a_slower_direction_is_found_named_and_mended(nominal, model) -> None:  # type: ignore[no-untyped-def]
+    measured = [record("measured_1", 11, 4000, slower=0.7), record("measured_2", 12, 4000, slower=0.7)]
+    loop, document = close(nominal, measured, model)
+    assert document["verdict"] == "named"
+    (effect,) = document["effects"]
+    assert (effect["family"], effect["joints"], effect["depends_on"]) == ("gain", ["turn"], ["command:turn"])
+    ratio = effect["parameters"]["speed_ratio"]
+    assert ratio["value"] == pytest.approx(0.7, abs=0.04)
+    assert effect["parameters"]["direction"]["value"] == -1
+    assert effect["error_reduction"] > 0.6
+    errors = document["error"]["open_loop_rmse_80"]
+    assert errors["after"]["turn"] < 0.6 * errors["before"]["turn"]
+    assert errors["after"]["lift"] == pytest.approx(errors["before"]["lift"], rel=0.05)
+    again = predictor(*model, loop._active([]))
+    np.testing.assert_array_equal(
+        again.predict(measured[0], np.array([40, 60]), 20),
+        predictor(*model, None).predict(measured[0], np.array([40, 60]), 20),
+    )
+
+
+def test_nothing_is_found_where_nothing_changed(nominal, model) -> None:  # type: ignore[no-untyped-def]
+    _, document = close(nominal, [record("measured_1", 21, 4000), record("measured_2", 22, 4000)], model)
+    assert document["verdict"] == "none"
+    assert document["detected"] is False
+    assert document["effects"] == []
+    assert document["error"]["open_loop_rmse_80"]["before"] == document["error"]["open_loop_rmse_80"]["after"]
