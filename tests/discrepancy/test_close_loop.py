@@ -1,4 +1,4 @@
-"""The whole loop on a machine simulated here: two first-order joints, nothing of the plant's or the model's own form."""
+"""The whole loop on a machine simulated here: two first-order joints, nothing of the plant or of the model in it."""
 
 from dataclasses import replace
 
