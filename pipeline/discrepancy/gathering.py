@@ -28,7 +28,7 @@ def evidence_of(
 ) -> Evidence:
     """Gather it from a loop that has opened its confirmation rows."""
     found = [member for effect in effects for member in effect.members]
-    before, after = loop.residual(loop.rows, []), loop.residual(loop.rows, found)
+    before, after = loop.residual(loop.confirm, []), loop.residual(loop.confirm, found)
     levels = [
         LevelErrors(
             steps=h,
@@ -104,8 +104,8 @@ def _signatures(loop: "Loop", found: Sequence[Found]) -> list[Signature]:
         u = loop.simulation.velocities([{}])[0][..., joint]
         others = [f for f in found if f is not effect]
         without, with_all = (
-            loop.residual(loop.rows, others)[:, joint],
-            loop.residual(loop.rows, found)[:, joint],
+            loop.residual(loop.confirm, others)[:, joint],
+            loop.residual(loop.confirm, found)[:, joint],
         )
         variable, x = _abscissa(
             effect.candidate.family,
@@ -117,7 +117,7 @@ def _signatures(loop: "Loop", found: Sequence[Found]) -> list[Signature]:
             loop.joints,
             loop.units,
         )
-        x = loop.rows.averaged(x)
+        x = loop.confirm.averaged(x)
         edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, 17)))
         if len(edges) < 3:
             continue
