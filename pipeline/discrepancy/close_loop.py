@@ -19,7 +19,7 @@ from pipeline.discrepancy.document import document_of
 from pipeline.discrepancy.finetuning import fine_tune
 from pipeline.discrepancy.gate import lower_bound, normal_p, placebo_p
 from pipeline.discrepancy.gathering import evidence_of
-from pipeline.discrepancy.held_out_errors import WindowErrors, window_errors
+from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
 from pipeline.discrepancy.refine import parameter_covariance, values_of
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.residual_network import fit_residual_network
@@ -37,6 +37,7 @@ from pipeline.dynamics.network import Parameters
 from pipeline.dynamics.predictor import LearnedPredictor
 from pipeline.effects.effect import Setting
 from pipeline.effects.store import KNOWN, ActiveEffects, predictor
+from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, validation_part
 from pipeline.machine.specification import MachineSpecification
 
@@ -116,8 +117,12 @@ class Loop:
         self.setting = Setting(machine.dt_s, lower, upper, diagnosis.scales.speed)
         effects = [effect for family, effect in KNOWN.items() if family not in config.exclude]
         self.lap("diagnosis model")
-        simulation = Simulation(diagnosis, rows, effects, self.setting, leave_out=True)
-        weight = is_known(rows, rows, diagnosis.scales)
+        # More nominal rows than this make the null no better known, but the search on them slow.
+        n_rows = max(1, config.search.nominal_rows // len(rows.is_row))
+        known = rows
+        rows = Sequences(*(column[:, :n_rows] for column in rows))
+        simulation = Simulation(diagnosis, rows, effects, self.setting, diagnosis.left_out[..., :n_rows])
+        weight = is_known(known, rows, diagnosis.scales)
         residual = (averaged(weight.astype(float), rows.is_row) > 0.999) * averaged(
             rows.velocity - simulation.velocities([{}])[0], rows.is_row
         )
@@ -138,10 +143,15 @@ class Loop:
         self.simulation = Simulation(diagnosis, self.sequences, effects, self.setting)
         purposes, self.rule = split_rows([len(t) for t in self.measured], machine.dt_s, config.split)
         self.purposes = purposes
+        if not any(len(starts_within(purpose == Purpose.confirm, 80)) for purpose in purposes):
+            raise InputError(
+                f"measured logs: {sum(map(len, self.measured)) * machine.dt_s:.0f} s are too short to keep a prediction of "
+                f"80 steps out of the fit; record three minutes or more"
+            )
         self.label = np.zeros(self.sequences.is_row.shape, np.int8)
         for index, purpose in enumerate(purposes):
             self.label[index, : len(purpose)] = purpose
-        self.weight = is_known(rows, self.sequences, diagnosis.scales)
+        self.weight = is_known(known, self.sequences, diagnosis.scales)
         used = self.sequences.is_row & np.isin(self.label, (Purpose.fit, Purpose.select))
         self.rows = self._rows(self.sequences, used, (self.label == Purpose.select).astype(int), self.weight)
         confirm = self.sequences.is_row & (self.label == Purpose.confirm)

@@ -108,7 +108,7 @@ def continue_training(
     ):
         if len(found) == 0:
             raise InputError(
-                f"close_loop: no trajectory has {horizon + 1} rows in a row to {kind} the baselines on, after "
+                f"measured logs: no trajectory has {horizon + 1} rows in a row to {kind} the baselines on, after "
                 f"{FIRST_JUDGED_ROW} rows of history; give longer measured logs"
             )
     rows = stack_rows(trajectories)

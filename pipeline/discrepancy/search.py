@@ -33,6 +33,7 @@ class SearchConfig:
         equivalent_t: A candidate is worse than the best only if the difference is so many standard errors.
         maximum_effects: The search ends when it has found so many.
         block_s: Length of a block of the bootstrap, longer than the residual's correlation.
+        nominal_rows: Of nominal logs, at most, on which the same search is run for comparison.
     """
 
     smallest_share: float
@@ -43,6 +44,7 @@ class SearchConfig:
     equivalent_t: float
     maximum_effects: int
     block_s: float
+    nominal_rows: int
 
     def __post_init__(self) -> None:
         if not 0 < self.smallest_share < 1:

@@ -31,8 +31,8 @@ class Simulation:
         sequences: Logs on which it runs.
         effects: Families that hypotheses may name.
         setting: Of the machine.
-        leave_out: Whether the logs are those that the model was trained on: then every row is predicted by the member
-            that was not trained on it, else by the mean of all.
+        left_out: (n_members, B, T) which member predicts which row, for logs that the model was trained on; None: the mean
+            of all members.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Simulation:
         sequences: Sequences,
         effects: Sequence[type[Effect]],
         setting: Setting,
-        leave_out: bool = False,
+        left_out: np.ndarray | None = None,
     ) -> None:
         self.effects = {effect.card.family: effect(setting) for effect in effects}
         self.setting = setting
@@ -49,7 +49,7 @@ class Simulation:
         self._types = {effect.card.family: effect for effect in effects}
         self._model = model
         n_members = len(model.left_out)
-        member = model.left_out if leave_out else np.full((n_members, 1, 1), 1.0 / n_members)
+        member = np.full((n_members, 1, 1), 1.0 / n_members) if left_out is None else left_out
         member = np.broadcast_to(
             np.moveaxis(np.asarray(member, np.float32), 1, 2), (n_members, *sequences.time_s.T.shape)
         )

@@ -13,6 +13,7 @@ from pipeline.dynamics.model import Target
 from pipeline.dynamics.network import Parameterization
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.effects.store import predictor
+from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig, initial_state, track_on
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointSpecification, MachineSpecification
@@ -106,3 +107,10 @@ def test_nothing_is_found_where_nothing_changed(nominal, model) -> None:  # type
     assert document["detected"] is False
     assert document["effects"] == []
     assert document["error"]["open_loop_rmse_80"]["before"] == document["error"]["open_loop_rmse_80"]["after"]
+
+
+def test_logs_too_short_to_hold_anything_back_are_refused_at_once(nominal, model) -> None:  # type: ignore[no-untyped-def]
+    config = replace(load_section("close_loop", CloseLoopConfig, "paper"))
+    config = replace(config, diagnosis=replace(config.diagnosis, updates=1))
+    with pytest.raises(InputError, match="too short"):
+        Loop(nominal, [record("measured", 31, 300)], MACHINE, *model, config, lambda _: None).run()
