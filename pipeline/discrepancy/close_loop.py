@@ -145,8 +145,8 @@ class Loop:
         self.purposes = purposes
         if not any(len(starts_within(purpose == Purpose.confirm, 80)) for purpose in purposes):
             raise InputError(
-                f"measured logs: {sum(map(len, self.measured)) * machine.dt_s:.0f} s are too short to keep a prediction of "
-                f"80 steps out of the fit; record three minutes or more"
+                f"measured logs: {sum(map(len, self.measured)) * machine.dt_s:.0f} s are too short to hold a prediction "
+                "of 80 steps back from the fit; record three minutes or more"
             )
         self.label = np.zeros(self.sequences.is_row.shape, np.int8)
         for index, purpose in enumerate(purposes):
@@ -199,9 +199,9 @@ class Loop:
         for effect in found:
             joint = effect.candidate.joint
             if effect.candidate.family == SUPPLY:
-                others = values_of(self.simulation, [f for f in found if f.candidate.family != SUPPLY])
+                observed = values_of(self.simulation, [f for f in found if f.candidate.family != SUPPLY])
                 confirmed = {
-                    c.joint: c for c in common_speed_candidates(self.simulation, others, self.confirm)
+                    c.joint: c for c in common_speed_candidates(self.simulation, observed, self.confirm)
                 }
                 share = bound = confirmed[joint].share
                 of_all = [

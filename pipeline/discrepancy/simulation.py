@@ -31,8 +31,8 @@ class Simulation:
         sequences: Logs on which it runs.
         effects: Families that hypotheses may name.
         setting: Of the machine.
-        left_out: (n_members, B, T) which member predicts which row, for logs that the model was trained on; None: the mean
-            of all members.
+        left_out: (n_members, B, T) which member predicts which row, for logs that the model was trained on; None: the
+            mean of all members.
     """
 
     def __init__(
