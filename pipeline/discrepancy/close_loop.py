@@ -145,7 +145,7 @@ class Loop:
         self.purposes = purposes
         if not any(len(starts_within(purpose == Purpose.confirm, 80)) for purpose in purposes):
             raise InputError(
-                f"measured logs: {sum(map(len, self.measured)) * machine.dt_s:.0f} s are too short to hold a prediction "
+                f"measured logs: {sum(map(len, self.measured)) * machine.dt_s:.0f} s are too short to hold a window "
                 "of 80 steps back from the fit; record three minutes or more"
             )
         self.label = np.zeros(self.sequences.is_row.shape, np.int8)
