@@ -3,7 +3,8 @@
 There is nothing to regress on but the joints themselves. From the residuals of all other joints the common change is
 estimated as a moving average in time, and it is tried whether it predicts this joint's residual.
 
-Equation: v_j = u_j e^{z(t)}, z an Ornstein-Uhlenbeck process; source: Gelb (1974), Applied Optimal Estimation, 3.8.
+Equation: v_j = u_j e^{z(t)}, z an Ornstein-Uhlenbeck process; source: Gelb (1974), Applied Optimal Estimation,
+chapter 3.
 """
 
 import numpy as np

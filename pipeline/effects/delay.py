@@ -12,7 +12,7 @@ class Delay(CommandEffect):
     card = Card(
         family="delay",
         equation="a'(t) = a(t − θ)",
-        source="dead time of pilot lines and output stages: Ljung (1999), System Identification, 4.2",
+        source="dead time of pilot lines and output stages: Ljung (1999), System Identification, chapter 4",
         signature="residual pulses of equal area after every change of command: minus at starts, plus at stops",
         confounded_with=("lag", "stiction", "backlash", "timing"),
         excitation="starts and stops of single joints with holds of 1 s and more in between",

@@ -65,8 +65,7 @@ def _card(variable: str, equation: str, signature: str, scope: Scope = Scope.joi
     return Card(
         family=f"other:{variable}",
         equation=equation,
-        source="group-wise test of a dependence: Friedman (2001), Greedy function approximation, section 8 on additive "
-        "terms",
+        source="one additive term per variable: Hastie and Tibshirani (1990), Generalized Additive Models",
         signature=signature,
         confounded_with=(),
         excitation="variation of the variable while everything else is repeated",

@@ -22,7 +22,8 @@ class EndCushion(RatioEffect):
     card = Card(
         family="end_cushion",
         equation="v = u (1 − (1 − m) (1 − d/L)₊) towards the limit, d the distance to it",
-        source="cylinder end cushioning: Schwartz et al. (2005), Modelling of a cushioning device",
+        source="Schwartz, de Negri and Climaco (2005), Modeling and analysis of an auto-adjustable stroke end "
+        "cushioning device for hydraulic cylinders; linear in the distance",
         signature="residual only near one limit and only towards it, growing with nearness",
         confounded_with=("load", "sensor_bias"),
         excitation="slow and fast approaches to both limits",

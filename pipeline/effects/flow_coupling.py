@@ -13,7 +13,7 @@ class FlowCoupling(RatioEffect):
     card = Card(
         family="flow_coupling",
         equation="v_j = u_j (1 − Σ_{i≠j} λ_ji |u_i| / speed scale_i)",
-        source="flow sharing of one pump: Jelali and Kroll (2003), 3.5; Ding et al. (2018) on flow saturation",
+        source="several actuators on one pump: Jelali and Kroll (2003), Hydraulic Servo-systems",
         signature="slower than nominal only while other joints move; the loss grows with their number",
         confounded_with=("supply_variation", "load"),
         excitation="each pair of joints at once, and each joint alone",

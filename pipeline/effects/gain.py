@@ -23,7 +23,7 @@ class Gain(RatioEffect):
     card = Card(
         family="gain",
         equation="v = r₊ u for u > 0, r₋ u for u < 0",
-        source="orifice equation, flow proportional to metering area: Merritt (1967), Hydraulic Control Systems, 3-3",
+        source="orifice equation, flow by metering area: Merritt (1967), Hydraulic Control Systems, chapter 3",
         signature="residual proportional to speed in the affected direction, whatever the place, time or other joints",
         confounded_with=("load", "sensor_bias", "thermal_drift", "lag"),
         excitation="long single-joint moves in both directions, in several poses, up to both stops",

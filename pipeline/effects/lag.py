@@ -23,7 +23,7 @@ class Lag(VelocityEffect):
         family="lag",
         equation="τ v̇ = u − v for τ > 0, with σ τ instead of τ while slowing down, discretised exactly for u held; "
         "v = u + |τ| u̇ for τ < 0",
-        source="spool and pressure build-up as one lag: Jelali and Kroll (2003), Hydraulic Servo-systems, 4.5",
+        source="spool and pressure build-up as one lag: Jelali and Kroll (2003), Hydraulic Servo-systems",
         signature="residual decays over about τ after each change of command, with zero area over start and stop",
         confounded_with=("delay", "oscillation", "stiction"),
         excitation="starts and stops of single joints with holds of 1 s and more in between",

@@ -13,7 +13,7 @@ class Leakage(VelocityEffect):
     card = Card(
         family="leakage",
         equation="v = u + s while a = 0",
-        source="internal leakage of cylinder and valve: Merritt (1967), 6-3",
+        source="internal leakage of cylinder and valve: Merritt (1967), chapter 6",
         signature="constant residual velocity at rest, in one direction",
         confounded_with=("sensor_bias",),
         excitation="rests of several seconds in several poses",

@@ -21,7 +21,7 @@ class Load(RatioEffect):
     card = Card(
         family="load",
         equation="v_j = u_j (r_j± − sign(u_j) Σ_i h_ji q̄_i), r± per direction, q̄ the position in [-1, 1] of the range",
-        source="pressure drop over the metering edge less load pressure: Merritt (1967), 5-2; linear in the pose",
+        source="pressure drop over the metering edge less load pressure: Merritt (1967), chapter 5; linear in the pose",
         signature="slower one way, faster the other way, by an amount that changes with the joints' positions",
         confounded_with=("gain", "sensor_bias"),
         excitation="moves in both directions with the other joints stretched and folded",

@@ -22,8 +22,8 @@ class Oscillation(VelocityEffect):
     card = Card(
         family="oscillation",
         equation="ẍ = ω² (u − x) − 2 ζ ω ẋ, v = u + s (x − u); discretised exactly for u held; s = 1 in full",
-        source="oil column and structure as one spring: Merritt (1967), 6-3; exact discretisation: Åström and "
-        "Wittenmark (1997), Computer-Controlled Systems, 2.3",
+        source="oil column and structure as one spring: Merritt (1967), chapter 6; exact discretisation: Åström and "
+        "Wittenmark (1997), Computer-Controlled Systems, chapter 2",
         signature="the velocity rings after starts and stops at a frequency of its own",
         confounded_with=("lag",),
         excitation="hard stops from full speed, followed by rest",
