@@ -17,7 +17,7 @@ from pipeline.discrepancy.common_speed import common_speed_candidates
 from pipeline.discrepancy.diagnosis_model import is_known, train_diagnosis_model
 from pipeline.discrepancy.document import document_of
 from pipeline.discrepancy.finetuning import fine_tune
-from pipeline.discrepancy.gate import lower_bound, normal_p, placebo_p
+from pipeline.discrepancy.gate import can_be_shifted, lower_bound, normal_p, placebo_p
 from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
 from pipeline.discrepancy.refine import parameter_covariance, values_of
@@ -215,7 +215,12 @@ class Loop:
                 share, bound = lower_bound(without, everything[:, joint], self.confirm, gate.resamples, seed)
                 fitted_without, fitted = self.residual(self.rows, others), self.residual(self.rows, found)
                 change = (fitted_without - fitted)[:, joint]
-                p = placebo_p(fitted_without[:, joint], change, self.n_hypotheses, seed)
+                if can_be_shifted(change):
+                    p = placebo_p(fitted_without[:, joint], change, self.n_hypotheses, seed)
+                else:
+                    gain = without**2 - everything[:, joint] ** 2
+                    folds = self.confirm.folds
+                    p = normal_p(np.bincount(folds.block, gain, minlength=folds.n_blocks), len(found))
             name = f"{effect.candidate.family} on {self.joints[joint]}"
             removed = f"on confirmation rows it removes {share:.0%} (at least {bound:.0%}) of the squares, p = {p:.1g}"
             if bound > gate.smallest_improvement and p < gate.largest_p:

@@ -9,6 +9,7 @@ from pipeline.discrepancy.screen import Rows
 from pipeline.errors import InputError
 
 PLACEBOS = 200
+MOST_ALIKE = 0.4
 
 
 @dataclass
@@ -84,6 +85,19 @@ def placebo_p(residual: np.ndarray, change: np.ndarray, n_hypotheses: int, seed:
     placebos = np.array([root_gain(np.roll(change, shift)) for shift in shifts])
     z = (root_gain(change) - placebos.mean()) / max(float(placebos.std()), 1e-12)
     return float(np.clip(norm.sf(z) * n_hypotheses, np.finfo(float).tiny, 1.0))
+
+
+def can_be_shifted(change: np.ndarray) -> bool:
+    """Whether a change of the velocity varies so much in time that, shifted, it is another.
+
+    A creep at rest is nearly the same everywhere: shifted in time it explains as much as where it belongs.
+    """
+    n = len(change)
+    square = float(change @ change)
+    likeness = [
+        float(np.roll(change, shift) @ change) / max(square, 1e-12) for shift in range(n // 10, n, n // 10)
+    ]
+    return float(np.mean(likeness)) < MOST_ALIKE
 
 
 def normal_p(gain_by_block: np.ndarray, n_tests: int) -> float:

@@ -75,7 +75,8 @@ class Arm:
             end_effector = links.take(self._link).do(tip)
             return Pose(end_effector.pos, end_effector.rot)
 
-        flat = q[..., self._joint_order].reshape(-1, self.n_joint)
+        # A copy: JAX remembers a NumPy array it has seen at the precision of that time, and callers may use another.
+        flat = q[..., self._joint_order.copy()].reshape(-1, self.n_joint)
         position, quaternion = jax.vmap(single)(flat)
         return Pose(position.reshape(*q.shape[:-1], 3), quaternion.reshape(*q.shape[:-1], 4))
 

@@ -293,7 +293,7 @@ def test_names_of_cases_tell_nothing_and_kinds_meet_all_variants():
     names = {case_name(kind, seed) for kind in kinds.KINDS for seed in range(5)}
     assert len(names) == 5 * len(kinds.KINDS)
     assert not any(kind in name for kind in kinds.KINDS for name in names)
-    assert {variant_of("gain", seed) for seed in range(8)} == set(range(8))
+    assert {variant_of("gain", seed, 8) for seed in range(8)} == set(range(8))
 
 
 @pytest.fixture

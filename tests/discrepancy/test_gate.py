@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.discrepancy.gate import lower_bound, normal_p, placebo_p
+from pipeline.discrepancy.gate import can_be_shifted, lower_bound, normal_p, placebo_p
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.screen import Rows
 
@@ -50,3 +50,11 @@ def test_mean_gain_per_block() -> None:
     p = np.array([normal_p(random.standard_normal(40), 1) for _ in range(400)])
     assert 0.02 < np.mean(p < 0.05) < 0.09
     assert normal_p(1.0 + 0.1 * random.standard_normal(40), 5) < 1e-10
+
+
+def test_a_creep_at_rest_has_no_placebos_in_time() -> None:
+    random = np.random.default_rng(5)
+    creep = np.where(random.random(N // 20).repeat(20) < 0.8, 0.02, 0.0)
+    assert not can_be_shifted(creep)
+    assert can_be_shifted(coloured(random))
+    assert can_be_shifted(np.where(random.random(N // 20).repeat(20) < 0.15, 0.3, 0.0))
