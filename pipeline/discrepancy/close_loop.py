@@ -17,15 +17,16 @@ from pipeline.discrepancy.common_speed import common_speed_candidates
 from pipeline.discrepancy.diagnosis_model import is_known, train_diagnosis_model
 from pipeline.discrepancy.document import document_of
 from pipeline.discrepancy.finetuning import fine_tune
+from pipeline.discrepancy.found import Found, residual_of, values_of
 from pipeline.discrepancy.gate import can_be_shifted, lower_bound, normal_p, placebo_p
 from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
-from pipeline.discrepancy.refine import parameter_covariance, values_of
+from pipeline.discrepancy.refine import parameter_covariance
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.residual_network import fit_residual_network
 from pipeline.discrepancy.result import ClosedLoop
 from pipeline.discrepancy.screen import Rows, averaged
-from pipeline.discrepancy.search import Found, Search, null_gains
+from pipeline.discrepancy.search import Search, null_gains
 from pipeline.discrepancy.sequences import Sequences, side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.simulation import Simulation
@@ -88,6 +89,7 @@ class Loop:
         self.units = list(machine.units)
         self.seconds: dict[str, float] = {}
         self.steps: list[str] = []
+        self._predictors: dict[tuple[int, ...], tuple[list[Effect], Predictor]] = {}
         self._tell = say
         self._mark = time.monotonic()
 
@@ -176,44 +178,34 @@ class Loop:
             self.simulation, self.rows, self.null, self.config.search, self.config.exclude, self.say
         )
         found = self.search.run()
+        self.simulation.onsets = {}
         self.n_hypotheses = max(1, len(self.search.first))
         self.lap("search on measured logs")
         return found
 
     def residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
         """(N, n_joint) residual of the diagnosis model with the effects found."""
-        self.simulation.onsets = {
-            (f.candidate.family, f.candidate.joint): f.candidate.onset
-            for f in found
-            if f.candidate.onset is not None
-        }
-        velocity = self.simulation.velocities([values_of(self.simulation, found)])[0]
-        self.simulation.onsets = {}
-        return rows.weight * rows.averaged(self.sequences.velocity - velocity)
+        return residual_of(self.simulation, rows, found)
 
     def _gate(self, found: list[Found]) -> list[Effect]:
         """Open the confirmation rows."""
         gate, seed = self.config.gate, self.config.seed
         passed, self.p_values = [], {}
-        everything = self.residual(self.confirm, found) if found else None
+        everything, fitted = self.residual(self.confirm, found), self.residual(self.rows, found)
+        in_common = [f.candidate.joint for f in found if f.candidate.family == SUPPLY]
+        if in_common:
+            active = values_of(self.simulation, found)
+            confirmed = {c.joint: c for c in common_speed_candidates(self.simulation, active, self.confirm)}
         for effect in found:
             joint = effect.candidate.joint
             if effect.candidate.family == SUPPLY:
-                observed = values_of(self.simulation, [f for f in found if f.candidate.family != SUPPLY])
-                confirmed = {
-                    c.joint: c for c in common_speed_candidates(self.simulation, observed, self.confirm)
-                }
                 share = bound = confirmed[joint].share
-                of_all = [
-                    confirmed[f.candidate.joint].gain_by_block for f in found if f.candidate.family == SUPPLY
-                ]
-                p = normal_p(np.sum(of_all, axis=0), len(found))
+                p = normal_p(np.sum([confirmed[j].gain_by_block for j in in_common], axis=0), len(found))
             else:
                 others = [f for f in found if f is not effect]
                 without = self.residual(self.confirm, others)[:, joint]
-                assert everything is not None
                 share, bound = lower_bound(without, everything[:, joint], self.confirm, gate.resamples, seed)
-                fitted_without, fitted = self.residual(self.rows, others), self.residual(self.rows, found)
+                fitted_without = self.residual(self.rows, others)
                 change = (fitted_without - fitted)[:, joint]
                 if can_be_shifted(change):
                     p = placebo_p(fitted_without[:, joint], change, self.n_hypotheses, seed)
@@ -252,8 +244,15 @@ class Loop:
         return ActiveEffects(self.setting, values_of(self.simulation, found), onset_ns)
 
     def predictor(self, effects: Sequence[Effect]) -> Predictor:
-        """The frozen model with these effects."""
-        return predictor(self.model, self.parameters, self._active(effects))
+        """The frozen model with these effects; compiled once, however often it is asked for."""
+        key = tuple(id(member) for effect in effects for member in effect.members)
+        if key not in self._predictors:
+            built = predictor(self.model, self.parameters, self._active(effects))
+            self._predictors[key] = (
+                list(effects),
+                built,
+            )  # with the effects, so that no identity is used again
+        return self._predictors[key][1]
 
     def errors(self, of: Predictor, horizon: int) -> WindowErrors:
         """On confirmation rows."""
@@ -329,7 +328,7 @@ class Loop:
                     )
 
     def _wrong_effect(self, effects: Sequence[Effect]) -> Effect | None:
-        """The best fit of another family than was found, on the same joint."""
+        """A middling fit of another family than was found, on the same joint."""
         if not effects or effects[0].members[0].candidate.family == SUPPLY:
             return None
         first = effects[0].members[0].candidate
@@ -342,4 +341,7 @@ class Loop:
             and c.gain > 0
         ]
         named = sorted(others, key=lambda c: -c.gain)
-        return Effect(named[-1].family, [Found(named[len(named) // 2])]) if named else None
+        if not named:
+            return None
+        middling = named[len(named) // 2]
+        return Effect(middling.family, [Found(middling)])

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from pipeline.discrepancy.regression import evidence
-from pipeline.discrepancy.screen import Candidate, Rows, averaged
+from pipeline.discrepancy.screen import Candidate, Rows, averaged, scored
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 FAMILY = "supply_variation"
@@ -50,18 +50,8 @@ def common_speed_candidates(simulation: Simulation, active: Hypothesis, rows: Ro
                 np.array([0.0]),
                 np.array([2.0]),
             )
-            floor = rows.floor[joint]
-            squares = float(np.sum(reference[:, joint] ** 2))
-            candidate = Candidate(
-                FAMILY,
-                joint,
-                None,
-                {"width": width_s},
-                (),
-                found.coefficients,
-                found.gain / floor,
-                found.gain / max(squares, 1e-12),
-                found.gain_by_block / floor,
+            candidate = scored(
+                found, reference[:, joint], rows.floor[joint], FAMILY, joint, None, {"width": width_s}, ()
             )
             if joint not in best or candidate.gain > best[joint].gain:
                 best[joint] = candidate

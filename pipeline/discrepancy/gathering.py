@@ -7,9 +7,8 @@ import numpy as np
 
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.evidence import Evidence, LevelErrors, Ranked, ResidualTrack, Signature
+from pipeline.discrepancy.found import Found, velocity_of
 from pipeline.discrepancy.held_out_errors import WindowErrors
-from pipeline.discrepancy.refine import values_of
-from pipeline.discrepancy.search import Found
 from pipeline.discrepancy.sequences import Sequences
 from pipeline.discrepancy.verdict import Effect
 
@@ -69,16 +68,7 @@ def _tracks(loop: "Loop", found: Sequence[Found]) -> list[ResidualTrack]:
     n = round(TRACK_S / loop.machine.dt_s)
     residuals = []
     for present in ([], list(found)):
-        loop.simulation.onsets = {
-            (f.candidate.family, f.candidate.joint): f.candidate.onset
-            for f in present
-            if f.candidate.onset is not None
-        }
-        residuals.append(
-            loop.weight
-            * (loop.sequences.velocity - loop.simulation.velocities([values_of(loop.simulation, present)])[0])
-        )
-        loop.simulation.onsets = {}
+        residuals.append(loop.weight * (loop.sequences.velocity - velocity_of(loop.simulation, present)))
     tracks = []
     for index, trajectory in enumerate(loop.measured):
         n_blocks = max(1, (len(trajectory) - 1) // n)
@@ -99,14 +89,13 @@ def _tracks(loop: "Loop", found: Sequence[Found]) -> list[ResidualTrack]:
 def _signatures(loop: "Loop", found: Sequence[Found]) -> list[Signature]:
     signatures = []
     command = loop.sequences.command
+    nominal = loop.simulation.velocities([{}])[0]
+    residual = loop.residual(loop.confirm, found)
     for effect in found:
         joint = effect.candidate.joint
-        u = loop.simulation.velocities([{}])[0][..., joint]
+        u = nominal[..., joint]
         others = [f for f in found if f is not effect]
-        without, with_all = (
-            loop.residual(loop.confirm, others)[:, joint],
-            loop.residual(loop.confirm, found)[:, joint],
-        )
+        without, with_all = loop.residual(loop.confirm, others)[:, joint], residual[:, joint]
         variable, x = _abscissa(
             effect.candidate.family,
             joint,

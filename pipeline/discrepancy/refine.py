@@ -6,16 +6,13 @@ time, as an effect on one joint changes the others' velocities by next to nothin
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
-from pipeline.discrepancy.screen import Candidate, Rows, with_candidate
+from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
+from pipeline.discrepancy.screen import Candidate, Rows
 from pipeline.discrepancy.simulation import Simulation
-
-if TYPE_CHECKING:
-    from pipeline.discrepancy.search import Found
 
 ITERATIONS = 5
 RELATIVE_STEP = 0.04
@@ -33,7 +30,7 @@ class Coordinate:
     upper: float
 
 
-def refine(simulation: Simulation, rows: Rows, found: Sequence["Found"]) -> list["Found"]:
+def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[Found]:
     """Gauss-Newton from where the search left off; a joint's step is kept only if its squares fall."""
     found = list(found)
     coordinates = _coordinates(simulation, found)
@@ -56,7 +53,7 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence["Found"]) -> list
                     np.clip(value + np.clip(change, -limit, limit), coordinate.lower, coordinate.upper)
                 )
                 trial = _with_value(trial, coordinate, moved)
-        after = _residual(simulation, rows, trial)
+        after = residual_of(simulation, rows, trial)
         moved_any = False
         for joint in coordinates:
             before_squares, after_squares = np.sum(residual[:, joint] ** 2), np.sum(after[:, joint] ** 2)
@@ -75,17 +72,15 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence["Found"]) -> list
 
 
 def refine_alone(
-    simulation: Simulation, rows: Rows, found: Sequence["Found"], candidate: Candidate
+    simulation: Simulation, rows: Rows, found: Sequence[Found], candidate: Candidate
 ) -> Candidate:
     """Move one candidate off its grid, the effects that were found before held where they are."""
-    from pipeline.discrepancy.search import Found
-
     if not candidate.point:
         return candidate
     others = list(found)
-    reference = _residual(simulation, rows, others)[:, candidate.joint]
+    reference = residual_of(simulation, rows, others)[:, candidate.joint]
     refined = refine(simulation, rows, [*others, Found(candidate)])[-1].candidate
-    after = _residual(simulation, rows, [*others, Found(refined)])[:, candidate.joint]
+    after = residual_of(simulation, rows, [*others, Found(refined)])[:, candidate.joint]
     floor = rows.floor[candidate.joint]
     by_block = np.bincount(rows.folds.block, reference**2 - after**2, minlength=rows.folds.n_blocks) / floor
     gain = float(by_block.sum())
@@ -95,24 +90,13 @@ def refine_alone(
     return replace(refined, gain=gain, share=share, gain_by_block=by_block)
 
 
-def values_of(simulation: Simulation, found: Sequence["Found"]) -> dict:
-    """The hypothesis of several effects."""
-    values: dict = {}
-    for effect in found:
-        if effect.candidate.family != SUPPLY:
-            values = with_candidate(simulation, values, effect.candidate)
-    return values
-
-
-def gain_without(
-    simulation: Simulation, rows: Rows, found: Sequence["Found"], left_out: "Found"
-) -> np.ndarray:
+def gain_without(simulation: Simulation, rows: Rows, found: Sequence[Found], left_out: Found) -> np.ndarray:
     """What an effect takes off the squares beside the others, per block, in units of the floor."""
     joint = left_out.candidate.joint
     others = [effect for effect in found if effect is not left_out]
     others = refine(simulation, rows, others)
-    with_all = _residual(simulation, rows, list(found))[:, joint]
-    without = _residual(simulation, rows, others)[:, joint]
+    with_all = residual_of(simulation, rows, list(found))[:, joint]
+    without = residual_of(simulation, rows, others)[:, joint]
     return (
         np.bincount(rows.folds.block, without**2 - with_all**2, minlength=rows.folds.n_blocks)
         / rows.floor[joint]
@@ -120,7 +104,7 @@ def gain_without(
 
 
 def residual_and_jacobian(
-    simulation: Simulation, rows: Rows, found: list["Found"], coordinates: dict[int, list[Coordinate]]
+    simulation: Simulation, rows: Rows, found: list[Found], coordinates: dict[int, list[Coordinate]]
 ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
     """Residual (N, n_joint), and per joint the derivatives (N, k) of its velocity by its coordinates."""
     most = max(len(of_joint) for of_joint in coordinates.values())
@@ -137,10 +121,8 @@ def residual_and_jacobian(
                 taken[joint] = step
         hypotheses.append(values_of(simulation, moved))
         steps.append(taken)
-    onsets = simulation.onsets
-    simulation.onsets = _onsets(found)
-    velocities = [rows.weight * rows.averaged(v) for v in simulation.velocities(hypotheses)]
-    simulation.onsets = onsets
+    with onsets_in(simulation, found):
+        velocities = [rows.weight * rows.averaged(v) for v in simulation.velocities(hypotheses)]
     residual = rows.weight * rows.averaged(simulation.sequences.velocity) - velocities[0]
     jacobian = {
         joint: np.stack(
@@ -156,23 +138,7 @@ def residual_and_jacobian(
     return residual, jacobian
 
 
-def _onsets(found: Sequence["Found"]) -> dict[tuple[str, int], int]:
-    return {
-        (f.candidate.family, f.candidate.joint): f.candidate.onset
-        for f in found
-        if f.candidate.onset is not None
-    }
-
-
-def _residual(simulation: Simulation, rows: Rows, found: list["Found"]) -> np.ndarray:
-    onsets = simulation.onsets
-    simulation.onsets = _onsets(found)
-    velocity = simulation.velocities([values_of(simulation, found)])[0]
-    simulation.onsets = onsets
-    return rows.weight * rows.averaged(simulation.sequences.velocity - velocity)
-
-
-def _coordinates(simulation: Simulation, found: Sequence["Found"]) -> dict[int, list[Coordinate]]:
+def _coordinates(simulation: Simulation, found: Sequence[Found]) -> dict[int, list[Coordinate]]:
     result: dict[int, list[Coordinate]] = {}
     for number, effect in enumerate(found):
         candidate = effect.candidate
@@ -190,14 +156,14 @@ def _coordinates(simulation: Simulation, found: Sequence["Found"]) -> dict[int, 
     return result
 
 
-def _value(found: Sequence["Found"], coordinate: Coordinate) -> float:
+def _value(found: Sequence[Found], coordinate: Coordinate) -> float:
     candidate = found[coordinate.effect].candidate
     return float(
         candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index]
     )
 
 
-def _with_value(found: list["Found"], coordinate: Coordinate, value: float) -> list["Found"]:
+def _with_value(found: list[Found], coordinate: Coordinate, value: float) -> list[Found]:
     candidate = found[coordinate.effect].candidate
     if coordinate.name:
         changed = replace(candidate, point={**candidate.point, coordinate.name: value})
@@ -211,7 +177,7 @@ def _with_value(found: list["Found"], coordinate: Coordinate, value: float) -> l
 
 
 def parameter_covariance(
-    simulation: Simulation, rows: Rows, found: list["Found"]
+    simulation: Simulation, rows: Rows, found: list[Found]
 ) -> dict[int, tuple[list[Coordinate], np.ndarray]]:
     """Per joint the coordinates and their covariance, robust against any correlation within blocks.
 

@@ -105,6 +105,32 @@ def screen(
     return _Screen(simulation, active, rows, excluded, joints).run()
 
 
+def scored(
+    found: Evidence,
+    reference: np.ndarray,
+    floor: float,
+    family: str,
+    joint: int,
+    source: int | None,
+    point: Mapping[str, float],
+    freed: Variant,
+) -> Candidate:
+    """A candidate with its evidence: gains in units of `floor`, the share of the squares of `reference` (N,)."""
+    squares = max(float(np.sum(reference**2)), 1e-12)
+    gain_by_block = found.gain_by_block / floor
+    return Candidate(
+        family,
+        joint,
+        source,
+        point,
+        freed,
+        found.coefficients,
+        found.gain / floor,
+        found.gain / squares,
+        gain_by_block,
+    )
+
+
 def with_candidate(simulation: Simulation, active: Hypothesis, candidate: Candidate) -> dict:
     """The active effects and the candidate."""
     values = {
@@ -242,18 +268,8 @@ class _Screen:
         found: Evidence = evidence(
             self.reference[:, joint], residual, regressors, self.rows.folds, lower, upper
         )
-        floor = self.rows.floor[joint]
-        squares = float(np.sum(self.reference[:, joint] ** 2))
-        candidate = Candidate(
-            family,
-            joint,
-            source,
-            point,
-            variant,
-            found.coefficients,
-            found.gain / floor,
-            found.gain / max(squares, 1e-12),
-            found.gain_by_block / floor,
+        candidate = scored(
+            found, self.reference[:, joint], self.rows.floor[joint], family, joint, source, point, variant
         )
         key = (family, joint, source)
         present = self.best.get(key)

@@ -6,14 +6,16 @@ taken; what is as simple and as good is kept as its equivalent.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.common_speed import common_speed_candidates
+from pipeline.discrepancy.found import Found, onsets_of, values_of
 from pipeline.discrepancy.onset import with_onsets
-from pipeline.discrepancy.screen import Candidate, Rows, screen, with_candidate
+from pipeline.discrepancy.refine import gain_without, refine, refine_alone
+from pipeline.discrepancy.screen import Candidate, Rows, screen
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.errors import InputError
 
@@ -53,21 +55,6 @@ class SearchConfig:
             )
         if self.maximum_effects < 1:
             raise InputError("close_loop.search.maximum_effects must be at least 1")
-
-
-@dataclass(frozen=True)
-class Found:
-    """One effect on one joint that the search took.
-
-    Attributes:
-        candidate: The effect.
-        equivalents: Others that are as simple and not significantly worse.
-        losers: The next best, with a clause that says why they lost.
-    """
-
-    candidate: Candidate
-    equivalents: list[Candidate] = field(default_factory=list)
-    losers: list[tuple[Candidate, str]] = field(default_factory=list)
 
 
 # From the simplest to the most general; a named family that says as much is preferred to one that says less.
@@ -122,23 +109,6 @@ class Search:
         self.first: list[Candidate] = []  # of the first screen, for the ranking
         self._say = say or (lambda _: None)
 
-    @property
-    def hypothesis(self) -> dict:
-        """Values of all effects found."""
-        values: dict = {}
-        for found in self.found:
-            if found.candidate.family != SUPPLY:
-                values = with_candidate(self.simulation, values, found.candidate)
-        return values
-
-    def onsets(self) -> dict[tuple[str, int], int]:
-        """Stamp at which an effect on a joint sets in, where it does."""
-        return {
-            (f.candidate.family, f.candidate.joint): f.candidate.onset
-            for f in self.found
-            if f.candidate.onset is not None
-        }
-
     def net(self, candidate: Candidate) -> float:
         """Gain beyond what the candidate gains on nominal logs."""
         null = self.null.get((candidate.family, candidate.joint, candidate.source), 0.0)
@@ -168,12 +138,12 @@ class Search:
                 break
             self.found += self._choose(passing, candidates)
             self._refit()
-            self.simulation.onsets = self.onsets()
+            self.simulation.onsets = onsets_of(self.found)
         self._look_back()
         return self.found
 
     def _candidates(self) -> list[Candidate]:
-        active = self.hypothesis
+        active = values_of(self.simulation, self.found)
         candidates = screen(self.simulation, active, self.rows, self.excluded)
         if SUPPLY not in self.excluded and not any(f.candidate.family == SUPPLY for f in self.found):
             candidates += common_speed_candidates(self.simulation, active, self.rows)
@@ -225,11 +195,8 @@ class Search:
                 f"{common[0].candidate.family} on {len(common)} joints explains more together than anything on one"
             )
             return common
-        rivals = [c for c in passing if c.joint == best.joint]
-        rivals = (
-            self._refined(sorted(rivals, key=self.net, reverse=True)[:REFINED])
-            + sorted(rivals, key=self.net, reverse=True)[REFINED:]
-        )
+        rivals = sorted((c for c in passing if c.joint == best.joint), key=self.net, reverse=True)
+        rivals = self._refined(rivals[:REFINED]) + rivals[REFINED:]
         best = max(rivals, key=self.net)
         as_good = [c for c in rivals if not self._is_worse(c, best)]
         chosen = min(as_good, key=lambda c: (complexity(c), -self.net(c)))
@@ -295,8 +262,6 @@ class Search:
 
     def _refined(self, candidates: list[Candidate]) -> list[Candidate]:
         """Candidates moved off their grids; dependences are linear and stay."""
-        from pipeline.discrepancy.refine import refine_alone
-
         return [
             c
             if c.family.startswith("other") or c.family == SUPPLY
@@ -318,14 +283,10 @@ class Search:
         return bool(significant and difference.sum() > max(allowance, NEGLIGIBLE * best.gain))
 
     def _refit(self) -> None:
-        from pipeline.discrepancy.refine import refine
-
         self.found = refine(self.simulation, self.rows, self.found)
 
     def _look_back(self) -> None:
         """Drop what the others made superfluous."""
-        from pipeline.discrepancy.refine import gain_without
-
         kept = list(self.found)
         for found in sorted(kept, key=lambda f: -complexity(f.candidate)):
             if len(kept) == 1 or found.candidate.family == SUPPLY:
@@ -382,8 +343,3 @@ def _why(rival: Candidate, chosen: Candidate, best: Candidate) -> str:
     if complexity(rival) > complexity(chosen) and rival.gain <= 1.02 * best.gain:
         return f"removes {rival.share:.0%} with more freedom, {chosen.family} {chosen.share:.0%} with less"
     return f"removes {rival.share:.0%} of the squared residual, {chosen.family} {chosen.share:.0%}"
-
-
-def drop_onset(candidate: Candidate) -> Candidate:
-    """The same candidate, present all the time."""
-    return replace(candidate, onset=None)

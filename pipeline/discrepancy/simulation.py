@@ -118,7 +118,8 @@ class Simulation:
         complete = [{**present, **hypothesis} for hypothesis in hypotheses]
         first = 0
         for chunk, values, chain in self._chunks(complete, RESPONDING_AT_ONCE):
-            along = [_change(chain, direction) for direction in directions[first : first + chunk]]
+            still = jax.tree.map(np.zeros_like, chain.neutral())
+            along = [_completed(still, direction) for direction in directions[first : first + chunk]]
             along += along[-1:] * (len(jax.tree.leaves(values)[0]) - chunk)
             found = self._call(_tangent, chain, (0, 0, None, None), values, _stacked(along), u, self._rows)
             first += chunk
@@ -133,7 +134,7 @@ class Simulation:
         chain = Chain([self._types[family] for family in families], self.setting)
         for first in range(0, len(hypotheses), at_once):
             chunk = hypotheses[first : first + at_once]
-            filled = [_filled(chain, hypothesis) for hypothesis in chunk]
+            filled = [_completed(chain.neutral(), hypothesis) for hypothesis in chunk]
             width = next(width for width in WIDTHS if width >= len(chunk))
             yield len(chunk), _stacked(filled + filled[-1:] * (width - len(chunk))), chain
 
@@ -144,25 +145,13 @@ class Simulation:
         return self._compiled[key](*arguments)
 
 
-def _filled(chain: Chain, hypothesis: Hypothesis) -> dict[str, dict[str, np.ndarray]]:
-    """Values of all of the chain's families: those of the hypothesis, neutral ones else."""
+def _completed(default: Hypothesis, given: Hypothesis) -> dict[str, dict[str, np.ndarray]]:
+    """The values given, and the default for all others that it names."""
     return {
         family: {
-            name: np.asarray(hypothesis.get(family, {}).get(name, value), np.float32)
-            for name, value in of.items()
+            name: np.asarray(given.get(family, {}).get(name, value), np.float32) for name, value in of.items()
         }
-        for family, of in chain.neutral().items()
-    }
-
-
-def _change(chain: Chain, direction: Hypothesis) -> dict[str, dict[str, np.ndarray]]:
-    """The direction, with zeros for what does not change."""
-    return {
-        family: {
-            name: np.asarray(direction.get(family, {}).get(name, np.zeros_like(value)), np.float32)
-            for name, value in of.items()
-        }
-        for family, of in chain.neutral().items()
+        for family, of in default.items()
     }
 
 

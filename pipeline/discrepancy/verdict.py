@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
-from pipeline.discrepancy.search import Found
+from pipeline.discrepancy.found import Found
 from pipeline.effects.catalogue import CATALOGUE
 from pipeline.effects.dependence import DEPENDENCES
 

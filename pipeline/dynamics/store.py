@@ -17,6 +17,7 @@ from pipeline.atomic_files import write_whole
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.network import Parameters
 from pipeline.errors import InputError
+from pipeline.machine.specification import MachineSpecification
 
 SCHEMA_VERSION = 1
 
@@ -85,6 +86,30 @@ def load_model(directory: Path) -> tuple[DynamicsModel, Parameters]:
     if jax.tree.map(np.shape, parameters) != jax.tree.map(np.shape, expected):
         raise InputError(f"{directory}: parameters do not fit the specification in meta.json; identify again")
     return model, jax.tree.map(jax.numpy.asarray, parameters)
+
+
+def load_model_of(directory: Path, machine: MachineSpecification) -> tuple[DynamicsModel, Parameters]:
+    """Read a model folder that must be of this machine.
+
+    Raises:
+        InputError: As `load_model`, or the model is of other joints or another rate.
+    """
+    model, parameters = load_model(directory)
+    if not is_of(model, machine):
+        joints, rate_hz = model.specification.joints, model.specification.rate_hz
+        raise InputError(
+            f"{directory}: the model is of joints {', '.join(joints)} at {rate_hz:g} Hz, machine {machine.name} has "
+            f"{', '.join(machine.joint_names)} at {machine.rate_hz:g} Hz; give the model's machine=NAME"
+        )
+    return model, parameters
+
+
+def is_of(model: DynamicsModel, machine: MachineSpecification) -> bool:
+    """Whether the model has the machine's joints and rate."""
+    specification = model.specification
+    return (
+        list(specification.joints) == list(machine.joint_names) and specification.rate_hz == machine.rate_hz
+    )
 
 
 def model_fingerprint(directory: Path) -> str:

@@ -5,6 +5,7 @@ functions of the variable, with coefficients per joint, direction of motion and 
 families, name no cause, and are what an unnamed correction is made of.
 """
 
+from abc import abstractmethod
 from typing import ClassVar
 
 import jax
@@ -47,9 +48,9 @@ class Dependence(RatioEffect):
         """Built by the search, source by source and direction by direction."""
         return []
 
+    @abstractmethod
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """(..., n_source or n_joint, n_basis)."""
-        raise NotImplementedError
 
     def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """One plus the dependence."""

@@ -14,7 +14,7 @@ from pipeline.dynamics.fit import fit
 from pipeline.dynamics.model import DynamicsModel, Target
 from pipeline.dynamics.network import Parameterization, Parameters
 from pipeline.dynamics.settings import IdentifyConfig
-from pipeline.dynamics.store import load_model, save_model
+from pipeline.dynamics.store import is_of, load_model, save_model
 from pipeline.effects.store import FILE, save_effects
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
@@ -117,7 +117,7 @@ def baseline(configuration: CloseLoopStage, nominal: list[Trajectory]) -> tuple[
     if configuration.model is not None:
         model, parameters = load_model(Path(configuration.model))
         specification = model.specification
-        if specification.joints != list(machine.joint_names) or specification.rate_hz != machine.rate_hz:
+        if not is_of(model, machine):
             raise InputError(
                 f"model={configuration.model}: is of joints {', '.join(specification.joints)} at "
                 f"{specification.rate_hz:g} Hz, not of machine {machine.name}; name its machine or another model"

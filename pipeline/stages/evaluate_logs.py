@@ -11,7 +11,7 @@ from omegaconf import MISSING
 from pipeline.atomic_files import write_whole
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.dynamics.errors import Predictor, prediction_errors
-from pipeline.dynamics.store import load_model
+from pipeline.dynamics.store import load_model_of
 from pipeline.effects.store import load_effects
 from pipeline.effects.store import predictor as build_predictor
 from pipeline.errors import InputError
@@ -61,14 +61,8 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
 
 def predictor_of(path: Path, machine: MachineSpecification) -> Predictor:
     """The saved model, which must be of this machine."""
-    model, parameters = load_model(path)
+    model, parameters = load_model_of(path, machine)
     effects = load_effects(path)
-    joints, rate_hz = model.specification.joints, model.specification.rate_hz
-    if list(joints) != list(machine.joint_names) or rate_hz != machine.rate_hz:
-        raise InputError(
-            f"{path}: the model is of joints {', '.join(joints)} at {rate_hz:g} Hz, machine {machine.name} has "
-            f"{', '.join(machine.joint_names)} at {machine.rate_hz:g} Hz; give the model's machine=NAME"
-        )
     return build_predictor(model, parameters, effects)
 
 

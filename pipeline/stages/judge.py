@@ -14,7 +14,7 @@ from pipeline.dynamics.judgement import JudgeConfig, Judgement, check_unseen, fl
 from pipeline.dynamics.predictor import LearnedPredictor
 from pipeline.dynamics.purposes import VALIDATION, split_by_purpose
 from pipeline.dynamics.references import References, fit_references
-from pipeline.dynamics.store import load_model
+from pipeline.dynamics.store import load_model_of
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.judgement_tables import (
@@ -94,13 +94,7 @@ def load_models(paths: Sequence[str], machine: MachineSpecification) -> dict[str
     models: dict[str, Predictor] = {}
     for path in paths:
         name = Path(path).resolve().name
-        model, parameters = load_model(Path(path))
-        joints, rate_hz = model.specification.joints, model.specification.rate_hz
-        if list(joints) != list(machine.joint_names) or rate_hz != machine.rate_hz:
-            raise InputError(
-                f"{path}: the model is of joints {', '.join(joints)} at {rate_hz:g} Hz, machine {machine.name} has "
-                f"{', '.join(machine.joint_names)} at {machine.rate_hz:g} Hz; give the model's machine=NAME"
-            )
+        model, parameters = load_model_of(Path(path), machine)
         if name in models or name in References.__dataclass_fields__:
             raise InputError(f"{path}: another predictor is called {name} already; rename the folder")
         models[name] = LearnedPredictor(model, parameters)
