@@ -1,0 +1,48 @@
+"""From a target pose to the configuration that a policy also wants to see."""
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+
+from pipeline.machine.inverse import solve_inverse
+from pipeline.machine.kinematics import Arm, Pose
+from pipeline.machine.specification import MachineSpecification
+
+SAME_POSITION_M = 1e-5
+
+GoalSolver = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray | None]
+
+
+def goal_solver(machine: MachineSpecification, arm: Arm) -> GoalSolver:
+    """A function of position (3,), quaternion (4,) and present configuration (n_joint,).
+
+    It returns the nearest configuration that reaches the pose, (n_joint,), float32, or None where none does.
+    """
+
+    def solve(position: np.ndarray, quaternion: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+        pose = np.concatenate([position, quaternion])
+        if not (np.isfinite(pose).all() and np.any(quaternion)):
+            return None
+        solution = solve_inverse(machine, arm, Pose(jnp.asarray(position), jnp.asarray(quaternion)))
+        if not solution.reached:
+            return None
+        nearest = np.argmin(np.abs(solution.configurations - q).sum(axis=1))
+        return solution.configurations[nearest].astype(np.float32)
+
+    return solve
+
+
+def known_configurations(arm: Arm, targets: np.ndarray) -> GoalSolver:
+    """A solver that looks a pose up among those of known configurations, (N, n_joint), float32.
+
+    For experiments on fixed episodes: their targets are given as configurations, and are pursued as just these.
+    """
+    positions = np.asarray(arm.forward(jnp.asarray(targets)).position)
+
+    def solve(position: np.ndarray, quaternion: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+        distance = np.abs(positions - position).max(axis=1)
+        nearest = int(np.argmin(distance))
+        return targets[nearest] if distance[nearest] < SAME_POSITION_M else None
+
+    return solve

@@ -1,0 +1,164 @@
+"""What the graph's components say to each other: topics and typed messages, independent of any transport.
+
+Arrays follow the machine's joint order; times are nanoseconds of the sender's clock. ROS 1 carries the same
+messages (`pipeline.deployment.ros1`).
+"""
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+
+
+class Topic(enum.StrEnum):
+    """Names of the graph's topics. Three of them are the machine's in the logs: `conf/machine/*.yaml` names those."""
+
+    joint_states = "joint_states"  # JointState, driver -> servers, supervisor
+    joystick = "joystick"  # Joystick, operator -> teleoperation_server
+    goal = "reach_goal"  # ReachGoal, operator -> autonomous_server
+    cancel = "reach_cancel"  # CancelGoal, operator -> autonomous_server
+    result = "reach_result"  # ReachResult, autonomous_server -> operator
+    target_pose = "target_pose"  # TargetPose, autonomous_server -> logs
+    requested_commands = (
+        "requested_commands"  # JointCommand, servers -> control_supervisor, control_interface
+    )
+    joint_commands = "joint_commands"  # MachineCommand, control_interface -> drivers, logs
+    emergency_stop = "emergency_stop"  # EmergencyStop, control_supervisor -> everyone who acts
+    supervisor_state = "supervisor_state"  # SupervisorState, control_supervisor -> control_interface
+    can_to_machine = "can_to_machine"  # CanFrame, bobcat_e10_driver -> emcb_200u_driver
+    can_from_machine = "can_from_machine"  # CanFrame, emcb_200u_driver -> bobcat_e10_driver
+
+
+@dataclass(frozen=True, eq=False)
+class JointState:
+    """Positions, rad (m), and velocity estimates, rad/s (m/s), each (n_joint,); stamp: when they were sampled."""
+
+    stamp_ns: int
+    position: np.ndarray
+    velocity: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Joystick:
+    """Stick deflections in [-1, 1], one per axis of the device."""
+
+    stamp_ns: int
+    axes: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ReachGoal:
+    """A target pose of the end effector in {B}: m (3,) and quaternion (w, x, y, z) (4,)."""
+
+    goal_id: int
+    position: np.ndarray
+    quaternion: np.ndarray
+
+
+@dataclass(frozen=True)
+class CancelGoal:
+    """The operator gives a goal up."""
+
+    goal_id: int
+
+
+class Outcome(enum.StrEnum):
+    """How the pursuit of a goal ended."""
+
+    reached = "reached"
+    left_workspace = "left_workspace"
+    oscillated = "oscillated"
+    timed_out = "timed_out"
+    cancelled = "cancelled"
+    stopped = "stopped"  # by an emergency stop
+    controller_failed = "controller_failed"
+    refused = "refused"  # no pose that the arm can take
+
+
+@dataclass(frozen=True)
+class ReachResult:
+    """End of a goal, after so many ticks of the server."""
+
+    stamp_ns: int
+    goal_id: int
+    outcome: Outcome
+    n_ticks: int
+
+
+@dataclass(frozen=True, eq=False)
+class TargetPose:
+    """The pose that is pursued from now on, as logs hold it."""
+
+    stamp_ns: int
+    position: np.ndarray
+    quaternion: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class JointCommand:
+    """What a server wants the machine to do.
+
+    Attributes:
+        stamp_ns: when it was sent.
+        source: name of the server.
+        sequence: counts this server's commands.
+        observed_ns: stamp of the joint state that was decided on; of an operator's command, when it was sent.
+        values: (n_joint,), {-1, 0, 1} or [-1, 1].
+        is_last: the server falls silent after it.
+    """
+
+    stamp_ns: int
+    source: str
+    sequence: int
+    observed_ns: int
+    values: np.ndarray
+    is_last: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class MachineCommand:
+    """What a driver passes on to the machine, (n_joint,)."""
+
+    stamp_ns: int
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class EmergencyStop:
+    """The supervisor's order to stop: which rule, and what it saw."""
+
+    stamp_ns: int
+    rule: str
+    detail: str
+
+
+@dataclass(frozen=True)
+class SupervisorState:
+    """Sign of life of the supervisor; `rule` names what stopped the machine, empty where nothing did."""
+
+    stamp_ns: int
+    rule: str
+
+
+@dataclass(frozen=True)
+class CanFrame:
+    """A CAN frame: identifier and up to eight bytes."""
+
+    stamp_ns: int
+    identifier: int
+    data: bytes
+
+
+Message = (
+    JointState
+    | Joystick
+    | ReachGoal
+    | CancelGoal
+    | ReachResult
+    | TargetPose
+    | JointCommand
+    | MachineCommand
+    | EmergencyStop
+    | SupervisorState
+    | CanFrame
+)

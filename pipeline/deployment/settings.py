@@ -1,0 +1,191 @@
+"""Section `deployment` of a profile."""
+
+from dataclasses import dataclass
+
+from pipeline.errors import InputError
+
+
+def _check_positive(section: object, place: str, *names: str) -> None:
+    for name in names:
+        value = getattr(section, name)
+        if not value > 0:
+            raise InputError(f"deployment.{place}.{name} is {value}; it must be positive")
+
+
+@dataclass
+class TerminationConfig:
+    """When the autonomous server ends a goal by itself; the time-out is `episodes.steps`.
+
+    Attributes:
+        at_goal: end on reaching the target.
+        position_tolerance_m: distance below which it is reached, ...
+        pitch_tolerance_rad: ... together with the absolute error in pitch.
+        outside_workspace: end on leaving W+ (an arm that begins outside may come in first).
+        on_oscillation: end on oscillation.
+        oscillation_window_s: of the commands that are looked back on.
+        oscillation_reversals: of one joint's command within the window, from which on it oscillates.
+    """
+
+    at_goal: bool
+    position_tolerance_m: float
+    pitch_tolerance_rad: float
+    outside_workspace: bool
+    on_oscillation: bool
+    oscillation_window_s: float
+    oscillation_reversals: int
+
+    def __post_init__(self) -> None:
+        names = (
+            "position_tolerance_m",
+            "pitch_tolerance_rad",
+            "oscillation_window_s",
+            "oscillation_reversals",
+        )
+        _check_positive(self, "termination", *names)
+
+
+@dataclass
+class SupervisorConfig:
+    """Limits of the supervisor's rules; `rules` names those that are on.
+
+    Attributes:
+        rules: any of `supervisor_rules.RULES`; none for the paper's experiments.
+        period_s: of its timer and its sign of life.
+        maximum_command_gap_s: between two commands of a server that has not fallen silent.
+        maximum_command_rate_hz: mean over a second.
+        maximum_command_delay_s: from sending to arrival.
+        maximum_decision_age_s: of the joint state that a command was decided on.
+        maximum_state_gap_s: between two joint states.
+        maximum_state_delay_s: from sampling to arrival.
+        clock_tolerance_s: by which a stamp may lie in the future.
+        maximum_speed: of a joint, as a multiple of its range per second; faster is a jump of the encoder.
+        jump_tolerance: added to it, as a share of the joint's range: noise.
+        frozen_after_s: a joint commanded all the while whose reading does not change at all.
+        limit_tolerance: by which a joint may pass its limit, as a share of its range.
+        prediction_s: how far ahead limits and self-collision are checked, at the present velocity.
+        clearance_m: least distance between links that are no neighbours.
+    """
+
+    rules: list[str]
+    period_s: float
+    maximum_command_gap_s: float
+    maximum_command_rate_hz: float
+    maximum_command_delay_s: float
+    maximum_decision_age_s: float
+    maximum_state_gap_s: float
+    maximum_state_delay_s: float
+    clock_tolerance_s: float
+    maximum_speed: float
+    jump_tolerance: float
+    frozen_after_s: float
+    limit_tolerance: float
+    prediction_s: float
+    clearance_m: float
+
+    def __post_init__(self) -> None:
+        _check_positive(
+            self,
+            "supervisor",
+            "period_s",
+            "maximum_command_gap_s",
+            "maximum_command_rate_hz",
+            "maximum_command_delay_s",
+            "maximum_decision_age_s",
+            "maximum_state_gap_s",
+            "maximum_state_delay_s",
+            "maximum_speed",
+            "frozen_after_s",
+        )
+        for name in ("clock_tolerance_s", "jump_tolerance", "limit_tolerance", "prediction_s", "clearance_m"):
+            if not getattr(self, name) >= 0:
+                raise InputError(
+                    f"deployment.supervisor.{name} is {getattr(self, name)}; it must not be negative"
+                )
+
+
+@dataclass
+class InterfaceConfig:
+    """Of the control interface.
+
+    Attributes:
+        supervised: mute without a sign of life from the supervisor.
+        maximum_supervisor_silence_s: how long it may be silent.
+        period_s: of its timer.
+    """
+
+    supervised: bool
+    maximum_supervisor_silence_s: float
+    period_s: float
+
+    def __post_init__(self) -> None:
+        _check_positive(self, "interface", "maximum_supervisor_silence_s", "period_s")
+
+
+@dataclass
+class DriverConfig:
+    """Of the drivers and the machine's controller.
+
+    Attributes:
+        command_timeout_s: without a command (a frame) for so long, outputs are zeroed.
+        can_period_s: at which the CAN driver looks for frames, and the machine's controller cycles.
+    """
+
+    command_timeout_s: float
+    can_period_s: float
+
+    def __post_init__(self) -> None:
+        _check_positive(self, "driver", "command_timeout_s", "can_period_s")
+
+
+@dataclass
+class TeleoperationConfig:
+    """Of the joystick's interpreter: one axis and one sign per joint; the list order is the machine's joint order.
+
+    Attributes:
+        axes: index of each joint's axis.
+        signs: 1 or -1 per joint.
+        threshold: deflection from which on a discrete command acts.
+        maximum_silence_s: after it the sticks count as released.
+    """
+
+    axes: list[int]
+    signs: list[float]
+    threshold: float
+    maximum_silence_s: float
+
+    def __post_init__(self) -> None:
+        _check_positive(self, "teleoperation", "threshold", "maximum_silence_s")
+        if len(self.axes) != len(self.signs):
+            raise InputError(
+                f"deployment.teleoperation has {len(self.axes)} axes and {len(self.signs)} signs; "
+                "give one of each per joint"
+            )
+
+
+@dataclass
+class DeploymentConfig:
+    """Section `deployment` of a profile.
+
+    Attributes:
+        seed: of delays, jitter and phases in simulated time.
+        delays: file of measured delays, written by `measure_delays`.
+        targets: successive targets of the stand-in for Sim2Real.
+        termination: of goals.
+        supervisor: its rules' limits.
+        interface: of the control interface.
+        driver: of the drivers.
+        teleoperation: of the joystick.
+    """
+
+    seed: int
+    delays: str
+    targets: int
+    termination: TerminationConfig
+    supervisor: SupervisorConfig
+    interface: InterfaceConfig
+    driver: DriverConfig
+    teleoperation: TeleoperationConfig
+
+    def __post_init__(self) -> None:
+        if self.targets < 1:
+            raise InputError(f"deployment.targets is {self.targets}; it must be at least 1")

@@ -1,0 +1,1 @@
+"""The graph in simulated time: an event queue with measured delays, deterministic by seed."""

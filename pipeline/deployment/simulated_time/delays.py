@@ -1,0 +1,121 @@
+"""How long messages, decisions and timers take: distributions that were measured on the real graph.
+
+The file is JSON, written by the stage `measure_delays`: per link, quantiles of its delay at equally spaced
+probabilities from 0 to 1, and the share of messages lost.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.atomic_files import write_whole
+from pipeline.deployment.component import NANOSECONDS
+from pipeline.errors import InputError
+
+SCHEMA_VERSION = 1
+QUANTILES = 201  # equally spaced: the outermost steps hold half a percent each
+DRAWN_AT_ONCE = 1024
+LINKS = {
+    "observation": "joint state, from the driver to whoever takes it",
+    "command": "command, from component to component",
+    "inference": "decision of the controller",
+    "timer": "tick, from when it was due",
+}
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Delays of one link.
+
+    Attributes:
+        quantiles_s: ascending, at equally spaced probabilities from 0 to 1.
+        loss_probability: share that never arrives.
+    """
+
+    quantiles_s: np.ndarray
+    loss_probability: float
+
+    @classmethod
+    def of(cls, delays_s: np.ndarray, n_lost: int = 0) -> "Distribution":
+        """The distribution of measured delays, (n,), and how many more never arrived."""
+        probabilities = np.linspace(0.0, 1.0, QUANTILES)
+        return cls(np.quantile(delays_s, probabilities), n_lost / (n_lost + len(delays_s)))
+
+    @classmethod
+    def constant(cls, delay_s: float) -> "Distribution":
+        """Always the same."""
+        return cls(np.full(2, delay_s), 0.0)
+
+
+class Sampler:
+    """Draws delays from a distribution by inverting its quantile function (linear in between)."""
+
+    def __init__(self, distribution: Distribution, seed: np.random.SeedSequence) -> None:
+        self._distribution = distribution
+        self._random = np.random.default_rng(seed)
+        self._drawn: list[int] = []
+
+    def draw_ns(self) -> int:
+        """The next delay, ns; -1 where the message is lost."""
+        if not self._drawn:
+            uniform = self._random.random((2, DRAWN_AT_ONCE))
+            quantiles = self._distribution.quantiles_s
+            delays = np.interp(uniform[0], np.linspace(0.0, 1.0, len(quantiles)), quantiles) * NANOSECONDS
+            lost = uniform[1] < self._distribution.loss_probability
+            self._drawn = np.where(lost, -1, np.round(delays)).astype(np.int64).tolist()
+        return self._drawn.pop()
+
+
+def save_delays(path: Path, links: Mapping[str, Distribution], measured: Mapping[str, Any]) -> None:
+    """Write the file; `measured` says how they were measured, as JSON values."""
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "measured": dict(measured),
+        "links": {
+            name: {
+                "loss_probability": link.loss_probability,
+                "quantiles_s": [round(float(value), 7) for value in link.quantiles_s],
+            }
+            for name, link in links.items()
+        },
+    }
+    write_whole(path, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def load_delays(path: Path) -> dict[str, Distribution]:
+    """Read the file.
+
+    Raises:
+        InputError: it is missing, or not one that `save_delays` wrote.
+    """
+    try:
+        content = json.loads(path.read_text())
+        if content["schema_version"] != SCHEMA_VERSION:
+            raise InputError(f"{path}: schema_version {content['schema_version']}; run measure_delays anew")
+        links = {
+            name: Distribution(
+                np.array(content["links"][name]["quantiles_s"], float),
+                float(content["links"][name]["loss_probability"]),
+            )
+            for name in LINKS
+        }
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; measure it with measure_delays") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not a file of delays ({error!r}); run measure_delays anew") from None
+    for name, link in links.items():
+        quantiles = link.quantiles_s
+        if len(quantiles) < 2 or not (np.diff(quantiles) >= 0).all() or not quantiles[0] >= 0:
+            raise InputError(
+                f"{path}: quantiles of {name} are not ascending from zero; run measure_delays anew"
+            )
+    return links
+
+
+def no_delays() -> dict[str, Distribution]:
+    """A graph without any delay."""
+    return {name: Distribution.constant(0.0) for name in LINKS}

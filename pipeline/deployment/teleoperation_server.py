@@ -1,0 +1,75 @@
+"""`teleoperation_server`: a joystick's sticks become commands (paper, "Data collection for system identification")."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.deployment.component import Component, Output, Publication, nanoseconds
+from pipeline.deployment.messages import EmergencyStop, JointCommand, Joystick, Message, Topic
+from pipeline.deployment.settings import TeleoperationConfig
+from pipeline.errors import InputError
+from pipeline.machine.specification import CommandKind, MachineSpecification
+
+
+class TeleoperationServer(Component):
+    """Sends commands at the control frequency while sticks are deflected, and a last one when they are released.
+
+    A joystick that falls silent, or is not there in full, counts as released.
+    """
+
+    name = "teleoperation_server"
+    subscriptions = (Topic.joystick, Topic.emergency_stop)
+
+    def __init__(self, machine: MachineSpecification, config: TeleoperationConfig) -> None:
+        """An interpreter for one machine.
+
+        Raises:
+            InputError: the joystick's map is not of this machine.
+        """
+        if len(config.axes) != machine.n_joint:
+            raise InputError(
+                f"deployment.teleoperation.axes has {len(config.axes)} entries; "
+                f"machine {machine.name} has {machine.n_joint} joints"
+            )
+        self.period_ns = nanoseconds(machine.dt_s)
+        self._is_discrete = machine.command_kind is CommandKind.discrete
+        self._axes, self._signs = np.array(config.axes), np.array(config.signs)
+        self._threshold = config.threshold
+        self._maximum_silence_ns = nanoseconds(config.maximum_silence_s)
+        self._sticks: Joystick | None = None
+        self._received_ns = 0
+        self._is_moving = False
+        self._is_stopped = False
+        self._sequence = 0
+
+    def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
+        """Sticks are kept; after an emergency stop nothing is sent any more."""
+        if isinstance(message, Joystick):
+            self._sticks, self._received_ns = message, now_ns
+        elif isinstance(message, EmergencyStop):
+            self._is_stopped = True
+        return ()
+
+    def on_timer(self, now_ns: int) -> Sequence[Output]:
+        """Send the command of the sticks."""
+        values = self.command(now_ns)
+        moves = bool(values.any())
+        if self._is_stopped or not (moves or self._is_moving):
+            return ()
+        self._is_moving = moves
+        self._sequence += 1
+        command = JointCommand(now_ns, self.name, self._sequence, now_ns, values, is_last=not moves)
+        return (Publication(Topic.requested_commands, command),)
+
+    def command(self, now_ns: int) -> np.ndarray:
+        """Command of the sticks as they are now, (n_joint,)."""
+        idle = np.zeros(len(self._axes), np.float32)
+        sticks = self._sticks
+        if sticks is None or now_ns - self._received_ns > self._maximum_silence_ns:
+            return idle
+        if len(sticks.axes) <= self._axes.max() or not np.isfinite(sticks.axes).all():
+            return idle
+        deflection = self._signs * np.asarray(sticks.axes, float)[self._axes]
+        if self._is_discrete:
+            return np.where(np.abs(deflection) > self._threshold, np.sign(deflection), 0.0).astype(np.float32)
+        return np.clip(deflection, -1.0, 1.0).astype(np.float32)
