@@ -11,16 +11,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import norm
 
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
-from pipeline.discrepancy.common_speed import common_speed_candidates
+from pipeline.discrepancy.common_speed import common_speed_candidates, common_speed_p
 from pipeline.discrepancy.diagnosis_model import is_known, train_diagnosis_model
 from pipeline.discrepancy.document import document_of
 from pipeline.discrepancy.finetuning import fine_tune
 from pipeline.discrepancy.found import Found, residual_of, values_of
-from pipeline.discrepancy.gate import can_be_shifted, lower_bound, normal_p, placebo_p
+from pipeline.discrepancy.gate import can_be_shifted, lower_bound, placebo_p, rank_p
 from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
+from pipeline.discrepancy.misfit import misfit_covariance
 from pipeline.discrepancy.refine import parameter_covariance
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.residual_network import fit_residual_network
@@ -31,6 +33,7 @@ from pipeline.discrepancy.sequences import Sequences, side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
+from pipeline.discrepancy.stops import Encoder, encoders, stops
 from pipeline.discrepancy.verdict import Effect, effects_of
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
@@ -45,6 +48,7 @@ from pipeline.machine.specification import MachineSpecification
 LEVELS = (1, 80, 1000)
 NULL_BLOCK_ROWS = 1200
 FOLD_ROWS = 200
+MISFIT_PARTS = 6  # of the nominal logs: four minutes each, of 24
 
 Say = Callable[[str], None]
 
@@ -130,7 +134,9 @@ class Loop:
         )
         self.floor = np.maximum(np.mean(residual**2, axis=0), 1e-12)
         fold = np.where(rows.is_row, (np.arange(rows.is_row.shape[1]) // NULL_BLOCK_ROWS) % 2, 0)
-        self.null = null_gains(simulation, self._rows(rows, rows.is_row, fold, weight), config.exclude)
+        self.nominal_simulation = simulation
+        self.nominal_rows = self._rows(rows, rows.is_row, fold, weight)
+        self.null = null_gains(simulation, self.nominal_rows, config.exclude)
         self.lap("search on nominal logs")
         self.diagnosis = diagnosis
         self.say(
@@ -175,13 +181,26 @@ class Loop:
             j for j in range(len(self.joints)) if self.moving_s[j] >= self.config.gate.smallest_excitation_s
         ]
         self.search = Search(
-            self.simulation, self.rows, self.null, self.config.search, self.config.exclude, self.say
+            self.simulation,
+            self.rows,
+            self.null,
+            self.config.search,
+            self.config.exclude,
+            self._encoders(),
+            self.say,
         )
         found = self.search.run()
         self.simulation.onsets = {}
         self.n_hypotheses = max(1, len(self.search.first))
         self.lap("search on measured logs")
         return found
+
+    def _encoders(self) -> dict[int, Encoder]:
+        """By the stops that were met on rows for fitting and selection."""
+        lower, upper, speed = self.machine.lower, self.machine.upper, self.setting.speed_scale
+        before = stops(self.nominal_simulation.sequences, lower, upper, speed)
+        after = stops(self.sequences._replace(is_row=self.rows.is_used), lower, upper, speed)
+        return encoders(before, after, lower, upper)
 
     def residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
         """(N, n_joint) residual of the diagnosis model with the effects found."""
@@ -196,11 +215,17 @@ class Loop:
         if in_common:
             active = values_of(self.simulation, found)
             confirmed = {c.joint: c for c in common_speed_candidates(self.simulation, active, self.confirm)}
+            widths_s = {
+                f.candidate.joint: f.candidate.point["width"] for f in found if f.candidate.family == SUPPLY
+            }
+            p_of_common = (
+                common_speed_p(self.simulation, active, self.rows, widths_s, seed) * self.n_hypotheses
+            )
         for effect in found:
             joint = effect.candidate.joint
             if effect.candidate.family == SUPPLY:
                 share = bound = confirmed[joint].share
-                p = normal_p(np.sum([confirmed[j].gain_by_block for j in in_common], axis=0), len(found))
+                p = min(p_of_common, 1.0)
             else:
                 others = [f for f in found if f is not effect]
                 without = self.residual(self.confirm, others)[:, joint]
@@ -212,10 +237,15 @@ class Loop:
                 else:
                     gain = without**2 - everything[:, joint] ** 2
                     folds = self.confirm.folds
-                    p = normal_p(np.bincount(folds.block, gain, minlength=folds.n_blocks), len(found))
+                    p = rank_p(np.bincount(folds.block, gain, minlength=folds.n_blocks), len(found))
+            is_confirmed = bound > gate.smallest_improvement
+            if effect.candidate.deviation is not None:
+                # Seen at the stops; speeds, which may hardly depend on the place, must not speak against it.
+                p = float(min(1.0, norm.sf(self.search.encoders[joint].z) * len(self.joints)))
+                is_confirmed = share > -gate.smallest_improvement
             name = f"{effect.candidate.family} on {self.joints[joint]}"
             removed = f"on confirmation rows it removes {share:.0%} (at least {bound:.0%}) of the squares, p = {p:.1g}"
-            if bound > gate.smallest_improvement and p < gate.largest_p:
+            if is_confirmed and p < gate.largest_p:
                 passed.append(effect)
                 self.p_values[id(effect)] = p
                 self.say(f"{name} is confirmed: {removed}.")
@@ -226,8 +256,15 @@ class Loop:
 
     @functools.cached_property
     def covariance(self) -> dict:
-        """Of all parameters found, per joint."""
-        return parameter_covariance(self.simulation, self.rows, self.search.found)
+        """Of all parameters found, per joint: coordinates, and what scatter and misfit make of them."""
+        found = self.search.found
+        misfit = misfit_covariance(self.nominal_simulation, self.nominal_rows, found, MISFIT_PARTS)
+        return {
+            joint: (coordinates, scatter + misfit[joint])
+            for joint, (coordinates, scatter) in parameter_covariance(
+                self.simulation, self.rows, found
+            ).items()
+        }
 
     def _active(self, effects: Sequence[Effect]) -> ActiveEffects | None:
         found = [
@@ -261,7 +298,7 @@ class Loop:
 
     def _confirm(self, effects: list[Effect]) -> ClosedLoop:
         before = LearnedPredictor(self.model, self.parameters)
-        effects = self._without_harm(effects, before)
+        effects = self._worth_a_name(self._without_harm(effects, before), before)
         after = self.predictor(effects)
         errors = {}
         for horizon in LEVELS:
@@ -287,6 +324,27 @@ class Loop:
             effects = [e for e in effects if e is not guilty[-1]]
             self.say(f"{guilty[-1].family} is dropped: it makes the open-loop error of a joint larger.")
         return effects
+
+    def error_reduction(self, effect: Effect, before: WindowErrors) -> float:
+        """Share of the squared error over 80 steps that an effect removes by itself, its joints scaled alike."""
+        joints = effect.joints
+        alone = self.errors(self.predictor([effect]), 80)
+        if not len(alone.squares) or not len(before.squares):
+            return 0.0
+        scale = np.maximum(before.squares.mean(axis=0)[joints], 1e-18)
+        return 1.0 - float(np.sum(alone.squares.mean(axis=0)[joints] / scale) / len(joints))
+
+    def _worth_a_name(self, effects: list[Effect], before: Predictor) -> list[Effect]:
+        """The first effect, and of the others those that show in the prediction: the rest is what the first leaves."""
+        errors = self.errors(before, 80)
+        kept = effects[:1]
+        for effect in effects[1:]:
+            reduction = self.error_reduction(effect, errors)
+            if reduction < self.config.gate.smallest_error_reduction:
+                self.say(f"{effect.family} is not named: it removes {reduction:.0%} of the open-loop error.")
+            else:
+                kept.append(effect)
+        return kept
 
     def _nominal_floor(self, before: Predictor, horizon: int) -> np.ndarray:
         parts = [validation_part(t) for t in self.nominal]

@@ -7,8 +7,11 @@ Equation: v_j = u_j e^{z(t)}, z an Ornstein-Uhlenbeck process; source: Gelb (197
 chapter 3.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
+from scipy.stats import norm
 
 from pipeline.discrepancy.regression import evidence
 from pipeline.discrepancy.screen import Candidate, Rows, averaged, scored
@@ -16,46 +19,96 @@ from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 FAMILY = "supply_variation"
 WIDTHS_S = (0.7, 1.5, 3.0, 6.0, 12.0)
+PLACEBOS = 200
 PRIOR_STD = 0.1  # of z: keeps the estimate at zero where nothing moves
+
+
+class _Common:
+    """The common change of speed as the other joints show it."""
+
+    def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows) -> None:
+        velocity = simulation.velocities([active])[0]
+        usable = rows.is_used[..., None]
+        self.rows = rows
+        self.dt_s = simulation.setting.dt_s
+        self.residual = np.where(usable, simulation.sequences.velocity - velocity, 0.0)
+        self.moving = np.where(usable, velocity, 0.0)
+        self.reference = rows.weight * rows.averaged(self.residual)
+        self.joints = range(velocity.shape[-1])
+
+    def of_others(self, joint: int, width_s: float) -> np.ndarray:
+        """z, (B, T), by all joints but one: a moving average of their residuals per velocity."""
+        width = width_s / self.dt_s
+        others = [other for other in self.joints if other != joint]
+        product, square = (
+            gaussian_filter1d(
+                (values * self.moving / self.rows.floor)[..., others].sum(axis=-1),
+                width,
+                axis=1,
+                mode="constant",
+            )
+            for values in (self.residual, self.moving)
+        )
+        # The floor's correlation leaves about one independent value per second.
+        information = square * width * self.dt_s
+        z = product / np.maximum(square, 1e-9) * information / (information + 1.0 / PRIOR_STD**2)
+        # What stays the same all the time is a gain of every joint, not a variation.
+        motion = self.moving[..., joint] ** 2
+        return z - np.sum(z * motion) / max(np.sum(motion), 1e-12)
+
+    def regressor(self, joint: int, z: np.ndarray) -> np.ndarray:
+        """(N,) change of the joint's velocity."""
+        return self.rows.weight[:, joint] * averaged(z * self.moving[..., joint], self.rows.is_used)
 
 
 def common_speed_candidates(simulation: Simulation, active: Hypothesis, rows: Rows) -> list[Candidate]:
     """One candidate per joint, at the best width of the moving average."""
-    velocity = simulation.velocities([active])[0]
-    sequences = simulation.sequences
-    usable = rows.is_used[..., None]
-    residual = np.where(usable, sequences.velocity - velocity, 0.0)
-    moving = np.where(usable, velocity, 0.0)
-    reference = rows.weight * rows.averaged(residual)
-    n_joint = velocity.shape[-1]
+    common = _Common(simulation, active, rows)
     best: dict[int, Candidate] = {}
     for width_s in WIDTHS_S:
-        width = width_s / simulation.setting.dt_s
-        product = gaussian_filter1d(residual * moving / rows.floor, width, axis=1, mode="constant")
-        square = gaussian_filter1d(moving**2 / rows.floor, width, axis=1, mode="constant")
-        for joint in range(n_joint):
-            others = [other for other in range(n_joint) if other != joint]
-            # The floor's correlation leaves about one independent value per second.
-            information = square[..., others].sum(axis=-1) * width * simulation.setting.dt_s
-            z = product[..., others].sum(axis=-1) / np.maximum(square[..., others].sum(axis=-1), 1e-9)
-            z = z * information / (information + 1.0 / PRIOR_STD**2)
-            # What stays the same all the time is a gain of every joint, not a variation.
-            z = z - np.sum(z * moving[..., joint] ** 2) / max(np.sum(moving[..., joint] ** 2), 1e-12)
-            regressor = rows.weight[:, joint] * averaged(z * moving[..., joint], rows.is_used)
-            found = evidence(
-                reference[:, joint],
-                reference[:, joint],
-                regressor[:, None],
-                rows.folds,
-                np.array([0.0]),
-                np.array([2.0]),
-            )
+        for joint in common.joints:
+            reference = common.reference[:, joint]
+            regressor = common.regressor(joint, common.of_others(joint, width_s))[:, None]
+            found = evidence(reference, reference, regressor, rows.folds, np.array([0.0]), np.array([2.0]))
             candidate = scored(
-                found, reference[:, joint], rows.floor[joint], FAMILY, joint, None, {"width": width_s}, ()
+                found, reference, rows.floor[joint], FAMILY, joint, None, {"width": width_s}, ()
             )
             if joint not in best or candidate.gain > best[joint].gain:
                 best[joint] = candidate
     return list(best.values())
+
+
+def common_speed_p(
+    simulation: Simulation, active: Hypothesis, rows: Rows, widths_s: Mapping[int, float], seed: int
+) -> float:
+    """How probable it is that a change which joints do not have in common explains as much of all of them.
+
+    Placebos are the others' common change shifted in time; their distribution is taken for normal beyond what can be
+    counted.
+
+    Args:
+        simulation: On the logs.
+        active: Effects beside it.
+        rows: The rows.
+        widths_s: Width of the moving average for each joint that has the effect.
+        seed: Of the shifts.
+    """
+    common = _Common(simulation, active, rows)
+    z = {joint: common.of_others(joint, width_s) for joint, width_s in widths_s.items()}
+
+    def root_gain(shift: int) -> float:
+        total = 0.0
+        for joint, of_others in z.items():
+            change = common.regressor(joint, np.roll(of_others, shift, axis=1))
+            total += float(change @ common.reference[:, joint]) / np.sqrt(
+                max(float(change @ change), 1e-12) * rows.floor[joint]
+            )
+        return total
+
+    length = rows.is_used.shape[1]
+    shifts = np.random.default_rng(seed).integers(length // 20, length - length // 20, PLACEBOS)
+    placebos = np.array([root_gain(int(shift)) for shift in shifts])
+    return float(norm.sf((root_gain(0) - placebos.mean()) / max(float(placebos.std()), 1e-12)))
 
 
 def common_speed_parameters(simulation: Simulation, active: Hypothesis, rows: Rows) -> dict[str, float]:

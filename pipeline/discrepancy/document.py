@@ -9,7 +9,7 @@ from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.common_speed import common_speed_parameters
 from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.next_experiment import next_experiment
-from pipeline.discrepancy.parameters import Quantity, describe, quantity, spreads
+from pipeline.discrepancy.parameters import Quantity, describe, quantity, spreads, weighted_mean
 from pipeline.discrepancy.splits import Purpose
 from pipeline.discrepancy.verdict import Effect, depends_on
 from pipeline.effects.store import KNOWN
@@ -87,17 +87,6 @@ def _by_joint(loop: "Loop", values: np.ndarray) -> dict[str, float | None]:
 
 def _entry(loop: "Loop", effect: Effect, before: WindowErrors) -> dict:
     joints = effect.joints
-    alone = loop.errors(loop.predictor([effect]), 80)
-    scale = (
-        np.maximum(before.squares.mean(axis=0)[joints], 1e-18)
-        if len(before.squares)
-        else np.ones(len(joints))
-    )
-    reduction = (
-        1.0 - float(np.sum(alone.squares.mean(axis=0)[joints] / scale) / len(joints))
-        if len(alone.squares)
-        else 0.0
-    )
     onset = _onset(loop, effect.onset)
     family = effect.family
     entry = {
@@ -108,7 +97,7 @@ def _entry(loop: "Loop", effect: Effect, before: WindowErrors) -> dict:
         "onset": onset,
         "certain": not effect.equivalents,
         "p_value": float(min(loop.p_values[id(m)] for m in effect.members)),
-        "error_reduction": reduction,
+        "error_reduction": loop.error_reduction(effect, before),
     }
     return {**entry, "of": family} if onset is not None else entry
 
@@ -150,12 +139,15 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
         deviation = np.array(
             [(of["ci95"][1] - of["ci95"][0]) / 3.92 if "ci95" in of else 0.0 for of in of_name]
         )
-        merged[name] = quantity(
-            float(sizes.mean()), of_name[0]["unit"], float(np.sqrt(np.sum(deviation**2)) / len(sizes))
-        )
+        merged[name] = _of_joints(sizes, deviation, of_name[0]["unit"])
         for member, value in zip(effect.members, of_name, strict=False):
             merged[f"{name}:{loop.joints[member.candidate.joint]}"] = value
     return merged
+
+
+def _of_joints(values: np.ndarray, deviations: np.ndarray, unit: str) -> Quantity:
+    mean, deviation = weighted_mean(values, deviations)
+    return quantity(mean, unit, deviation)
 
 
 def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:

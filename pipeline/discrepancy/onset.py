@@ -28,6 +28,7 @@ SETS_IN = (
     "oscillation",
     "flow_coupling",
 )
+AS_GOOD = 20.0  # squares of the noise floor: some ten independent rows at one standard deviation
 ITERATIONS = 3
 
 
@@ -93,6 +94,9 @@ def _with_onset(simulation: Simulation, active: Hypothesis, rows: Rows, candidat
     is_harm = harm.sum() > SMALLEST_T * np.std(harm) * np.sqrt(len(harm))
     if gain < SMALLEST_GAIN * candidate.gain or not is_harm:
         return candidate
-    onset = int(stamps[order[place]] + simulation.sequences.stamp_ns.min())
+    # Where the joint stands, and where rows are kept for confirmation, one moment is as good as the other: the middle.
+    as_good = inside[total[inside] > total[place] - AS_GOOD * rows.floor[joint]]
+    moments = stamps[order[[max(as_good[0] - 1, 0), as_good[-1]]]]
+    onset = int(moments.mean() + simulation.sequences.stamp_ns.min())
     share = gain * rows.floor[joint] / max(float(np.sum(before**2)), 1e-12)
     return replace(current, gain=gain, share=share, gain_by_block=gain_by_block, onset=onset)

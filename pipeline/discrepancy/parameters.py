@@ -91,6 +91,16 @@ def describe(
         }
     if family.startswith("other:"):
         return {}
+    if family == "lag":
+        # The mean of starts and stops: what the response is late by in the mean.
+        mean_share = 0.5 * (1.0 + point["fall_share"])
+        return {
+            "added_time_constant": of(
+                mean_share * point["added_time_constant"], "s", "added_time_constant", mean_share
+            ),
+            "added_time_constant_starting": of(point["added_time_constant"], "s", "added_time_constant"),
+            "fall_share": of(point["fall_share"], "1", "fall_share"),
+        }
     units = {
         parameter.name: {"length": unit, "speed": f"{unit}/s"}.get(parameter.unit, parameter.unit)
         for parameter in effect.card.parameters
@@ -123,7 +133,7 @@ def spreads(
         candidate: The effect.
         model_error: Share of a value by which the idealised effect may differ from the real one.
     """
-    result = {}
+    result = {} if candidate.deviation is None else dict.fromkeys(candidate.point, candidate.deviation)
     for index, coordinate in enumerate(coordinates):
         if coordinate.effect != number:
             continue
@@ -133,3 +143,19 @@ def spreads(
         )
         result[name] = float(np.hypot(np.sqrt(max(covariance[index, index], 0.0)), model_error * abs(value)))
     return result
+
+
+def weighted_mean(values: np.ndarray, deviations: np.ndarray) -> tuple[float, float]:
+    """One value of what several joints say, each weighted by its precision, and its standard deviation.
+
+    Where they differ by more than their deviations allow, the deviation is widened until they do not.
+    Source: Birge (1932), The calculation of errors by the method of least squares.
+
+    Args:
+        values: (n,).
+        deviations: (n,) standard deviations.
+    """
+    weights = 1.0 / np.maximum(deviations, 1e-3 * np.abs(values).max() + 1e-12) ** 2
+    mean = float(weights @ values / weights.sum())
+    chi_squared = float(weights @ (values - mean) ** 2) / max(len(values) - 1, 1)
+    return mean, float(np.sqrt(max(chi_squared, 1.0) / weights.sum()))

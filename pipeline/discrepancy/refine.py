@@ -33,7 +33,7 @@ class Coordinate:
 def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[Found]:
     """Gauss-Newton from where the search left off; a joint's step is kept only if its squares fall."""
     found = list(found)
-    coordinates = _coordinates(simulation, found)
+    coordinates = coordinates_of(simulation, found)
     if not any(coordinates.values()):
         return found
     damping = dict.fromkeys(coordinates, 1e-3)
@@ -138,12 +138,13 @@ def residual_and_jacobian(
     return residual, jacobian
 
 
-def _coordinates(simulation: Simulation, found: Sequence[Found]) -> dict[int, list[Coordinate]]:
+def coordinates_of(simulation: Simulation, found: Sequence[Found]) -> dict[int, list[Coordinate]]:
+    """Per joint, what can be moved of the effects found on it."""
     result: dict[int, list[Coordinate]] = {}
     for number, effect in enumerate(found):
         candidate = effect.candidate
         of_joint = result.setdefault(candidate.joint, [])
-        if candidate.family == SUPPLY:
+        if candidate.family == SUPPLY or candidate.deviation is not None:
             continue
         by_name = {p.name: p for p in simulation.effects[candidate.family].card.parameters}
         for name in candidate.point:
@@ -183,7 +184,7 @@ def parameter_covariance(
 
     Source: Liang and Zeger (1986), Longitudinal data analysis using generalized linear models (sandwich estimator).
     """
-    coordinates = _coordinates(simulation, found)
+    coordinates = coordinates_of(simulation, found)
     if not any(coordinates.values()):
         return {}
     residual, jacobian = residual_and_jacobian(simulation, rows, found, coordinates)

@@ -34,6 +34,8 @@ class Candidate:
         share: The same as a share of the squares before.
         gain_by_block: The same as `gain`, per block.
         onset: Absolute stamp, ns, from which on it acts; None: all the time.
+        deviation: Standard deviation of `point`, where something else than the velocities gave it, and it is not fitted
+            to them.
     """
 
     family: str
@@ -46,6 +48,7 @@ class Candidate:
     share: float
     gain_by_block: np.ndarray = field(repr=False)
     onset: int | None = None
+    deviation: float | None = None
 
     @property
     def n_parameters(self) -> int:

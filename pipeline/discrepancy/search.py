@@ -6,17 +6,20 @@ taken; what is as simple and as good is kept as its equivalent.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.common_speed import common_speed_candidates
-from pipeline.discrepancy.found import Found, onsets_of, values_of
+from pipeline.discrepancy.found import Found, onsets_of, residual_of, values_of
 from pipeline.discrepancy.onset import with_onsets
 from pipeline.discrepancy.refine import gain_without, refine, refine_alone
-from pipeline.discrepancy.screen import Candidate, Rows, screen
+from pipeline.discrepancy.regression import evidence
+from pipeline.discrepancy.screen import Candidate, Rows, scored, screen
 from pipeline.discrepancy.simulation import Simulation
+from pipeline.discrepancy.stops import Encoder
 from pipeline.errors import InputError
 
 Null = Mapping[tuple[str, int, int | None], float]
@@ -32,6 +35,7 @@ class SearchConfig:
         second_share: A further effect on a joint has to gain this share of what the first gained there.
         null_factor: How many times its gain on nominal logs a candidate has to exceed.
         smallest_t: Of the gain over its standard error by blocks.
+        second_t: The same of further effects, which may be what the first leaves over.
         equivalent_t: A candidate is worse than the best only if the difference is so many standard errors.
         maximum_effects: The search ends when it has found so many.
         block_s: Length of a block of the bootstrap, longer than the residual's correlation.
@@ -43,6 +47,7 @@ class SearchConfig:
     second_share: float
     null_factor: float
     smallest_t: float
+    second_t: float
     equivalent_t: float
     maximum_effects: int
     block_s: float
@@ -62,7 +67,7 @@ COMPLEXITY = {
     "gain": 1.0,
     "delay": 1.0,
     "leakage": 1.0,
-    "backlash": 1.0,
+    "backlash": 1.2,
     "lag": 1.0,
     "sensor_bias": 1.3,
     "stiction": 1.5,
@@ -101,10 +106,12 @@ class Search:
         null: Null,
         config: SearchConfig,
         excluded: Sequence[str] = (),
+        encoders: Mapping[int, Encoder] = MappingProxyType({}),
         say: Callable[[str], None] | None = None,
     ) -> None:
         self.simulation, self.rows, self.null, self.config = simulation, rows, null, config
         self.excluded = tuple(excluded)
+        self.encoders = encoders
         self.found: list[Found] = []
         self.first: list[Candidate] = []  # of the first screen, for the ranking
         self._say = say or (lambda _: None)
@@ -117,15 +124,19 @@ class Search:
     def passes(self, candidate: Candidate) -> bool:
         """Whether it removes enough, beyond chance and beyond the model's own misfit."""
         squares = candidate.gain / candidate.share if candidate.share > 0 else np.inf
+        smallest_t = self.config.second_t if self.found else self.config.smallest_t
+        if candidate.family in COMMON_CAUSES and not self.found:
+            smallest_t = COMMON_T
         return (
             candidate.share > self.config.smallest_share
             and self.net(candidate)
             > max(self.config.smallest_share * squares, self.config.smallest_gain * len(self.rows.folds.fold))
-            and _t(candidate.gain_by_block) > self.config.smallest_t
+            and _t(candidate.gain_by_block) > smallest_t
         )
 
     def run(self) -> list[Found]:
         """Find effects until none is left that passes."""
+        self._compare_stops()
         for _ in range(self.config.maximum_effects):
             candidates = self._candidates()
             passing = [candidate for candidate in candidates if self.passes(candidate)]
@@ -142,17 +153,57 @@ class Search:
         self._look_back()
         return self.found
 
+    def _compare_stops(self) -> None:
+        """An encoder's error is known where stops have moved, before anything else is looked for."""
+        if SENSOR_BIAS in self.excluded:
+            return
+        for joint, encoder in self.encoders.items():
+            if encoder.point is None:
+                continue
+            candidate = self._at_stops(SENSOR_BIAS, joint, encoder.point, encoder.deviation)
+            play = self._at_stops(BACKLASH, joint, {"width": 2.0 * encoder.inward}, 2.0 * encoder.deviation)
+            if BACKLASH not in self.excluded and encoder.inward > 0.0 and play.gain > candidate.gain:
+                self._say(
+                    f"the stops of joint {joint} are read further in, which play explains better than its encoder"
+                )
+                continue
+            if _t(candidate.gain_by_block) < -self.config.smallest_t:
+                self._say(f"the stops of joint {joint} have moved, but its speeds speak against its encoder")
+                continue
+            self._say(
+                f"the stops of joint {joint} have moved by {encoder.z:.0f} standard deviations: its encoder"
+            )
+            self.found.append(Found(candidate))
+
+    def _at_stops(self, family: str, joint: int, point: Mapping[str, float], deviation: float) -> Candidate:
+        """An effect whose parameters the stops gave, and what it does to the speeds."""
+        nothing = np.zeros(0)
+        blank = Candidate(family, joint, None, point, (), nothing, 0.0, 0.0, nothing, deviation=deviation)
+        before = residual_of(self.simulation, self.rows, [])[:, joint]
+        after = residual_of(self.simulation, self.rows, [Found(blank)])[:, joint]
+        seen = evidence(before, after, np.zeros((len(before), 0)), self.rows.folds, nothing, nothing)
+        candidate = scored(seen, before, self.rows.floor[joint], family, joint, None, point, ())
+        return replace(candidate, deviation=deviation)
+
     def _candidates(self) -> list[Candidate]:
         active = values_of(self.simulation, self.found)
         candidates = screen(self.simulation, active, self.rows, self.excluded)
         if SUPPLY not in self.excluded and not any(f.candidate.family == SUPPLY for f in self.found):
             candidates += common_speed_candidates(self.simulation, active, self.rows)
         taken = {(f.candidate.family, f.candidate.joint, f.candidate.source) for f in self.found}
-        candidates = [c for c in candidates if (c.family, c.joint, c.source) not in taken]
+        candidates = [
+            c
+            for c in candidates
+            if (c.family, c.joint, c.source) not in taken and not self._is_refuted_by_stops(c)
+        ]
         candidates = with_onsets(self.simulation, active, self.rows, candidates)
         if not self.first:
             self.first = sorted(candidates, key=self.net, reverse=True)
         return candidates
+
+    def _is_refuted_by_stops(self, candidate: Candidate) -> bool:
+        encoder = self.encoders.get(candidate.joint)
+        return candidate.family == SENSOR_BIAS and encoder is not None and not encoder.allows(candidate.point)
 
     def _without_repairs(self, passing: list[Candidate]) -> list[Candidate]:
         """Candidates that are not just a repair of an effect that was found on their joint before.
@@ -161,7 +212,12 @@ class Search:
         that name in the first place, the dependence takes its place.
         """
         kept = []
+        whole = max(
+            (f.candidate.gain for f in self.found if f.candidate.family in WHOLE_MACHINE), default=0.0
+        )
         for candidate in passing:
+            if candidate.gain < WHOLE_SECOND_SHARE * whole:
+                continue  # no wrapper of the whole machine fits every joint so well that nothing is left
             place = next((i for i, f in enumerate(self.found) if f.candidate.joint == candidate.joint), None)
             if place is None or self.found[place].candidate.family in COMMON_CAUSES:
                 kept.append(candidate)
@@ -207,6 +263,7 @@ class Search:
             and complexity(c) < complexity(chosen) + AS_SIMPLE
             and not _same(c, chosen)
         ]
+        equivalents += self._better_dependence(chosen, as_good)
         self._say(
             f"{chosen.family} on joint {chosen.joint}: removes {chosen.share:.0%} of the squared residual there"
             + (f"; as good: {', '.join(c.family for c in equivalents)}" if equivalents else "")
@@ -228,6 +285,16 @@ class Search:
             ]
         return found
 
+    def _better_dependence(self, chosen: Candidate, as_good: Sequence[Candidate]) -> list[Candidate]:
+        """The dependence, if any, that explains so much more than the name chosen that the name is no certain one."""
+        if chosen.family.startswith("other"):
+            return []
+        others = [c for c in as_good if c.family.startswith("other")]
+        best = max(others, key=self.net, default=None)
+        if best is None or self.net(best) < DOUBT_FACTOR * self.net(chosen):
+            return []
+        return [best] if _t(best.gain_by_block - chosen.gain_by_block) > DOUBT_T else []
+
     def _common(
         self, best: Candidate, passing: list[Candidate], candidates: list[Candidate]
     ) -> list[Found] | None:
@@ -235,7 +302,7 @@ class Search:
         options: list[tuple[float, list[Candidate]]] = []
         if any(f.candidate.family in COMMON_CAUSES for f in self.found):
             return None  # one cause of what all joints have in common; a second would only mend the first
-        for family in COMMON_CAUSES:
+        for family in (*COMMON_CAUSES, *ON_SEVERAL_JOINTS):
             showing = [c for c in candidates if c.family == family and self._shows(c)]
             if len(showing) < 2 or not _is_plausible(family, showing):
                 continue
@@ -251,8 +318,7 @@ class Search:
                 and total > COMMON_FACTOR * self.net(best)
                 and max(map(self.net, showing)) > 0.4 * self.net(best)
             ):
-                # A cause with a variable that can be named comes before one that nobody can observe.
-                options.append((total / (UNOBSERVED_FACTOR if family == SUPPLY else 1.0), showing))
+                options.append((total / COMMON_PENALTY.get(family, 1.0), showing))
         if not options:
             return None
         showing = max(options, key=lambda option: option[0])[1]
@@ -270,10 +336,11 @@ class Search:
         ]
 
     def _shows(self, candidate: Candidate) -> bool:
+        """Whether an effect that other joints have too can be seen on this one; weaker than `passes`."""
         return (
             self.net(candidate) > 0.0
             and candidate.share > 0.5 * self.config.smallest_share
-            and _t(candidate.gain_by_block) > 2.0
+            and _t(candidate.gain_by_block) > SHOWS_T
         )
 
     def _is_worse(self, candidate: Candidate, best: Candidate) -> bool:
@@ -289,7 +356,7 @@ class Search:
         """Drop what the others made superfluous."""
         kept = list(self.found)
         for found in sorted(kept, key=lambda f: -complexity(f.candidate)):
-            if len(kept) == 1 or found.candidate.family == SUPPLY:
+            if len(kept) == 1 or found.candidate.family == SUPPLY or found.candidate.deviation is not None:
                 continue
             by_block = gain_without(self.simulation, self.rows, kept, found)
             squares = found.candidate.gain / max(found.candidate.share, 1e-9)
@@ -306,13 +373,21 @@ class Search:
             self._refit()
 
 
+SENSOR_BIAS, BACKLASH = "sensor_bias", "backlash"
 REFINED = 3  # of a joint's candidates
 COMMON_CAUSES = ("thermal_drift", SUPPLY, "other:activity")
 COMMON_FACTOR = 1.3
 RIVAL_SHARE = 0.7
-UNOBSERVED_FACTOR = 1.25
-WHOLE_MACHINE = ("thermal_drift", "timing", SUPPLY, "other:activity", "flow_coupling")
+FLOW_COUPLING = "flow_coupling"
+SHOWS_T = 1.5
+COMMON_T = 2.0  # what all joints have in common may lie in few blocks, and joints bear each other out
+ON_SEVERAL_JOINTS = (FLOW_COUPLING, "load")  # one pump, one payload
+# A cause with an equation comes before a dependence, and both before one that nobody can observe.
+COMMON_PENALTY = {"other:activity": 1.1, SUPPLY: 1.25}
+WHOLE_MACHINE = ("thermal_drift", "timing", SUPPLY, "other:activity", FLOW_COUPLING)
+WHOLE_SECOND_SHARE = 0.5
 AS_SIMPLE = 0.4
+DOUBT_FACTOR, DOUBT_T = 1.1, 1.0
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
 
 

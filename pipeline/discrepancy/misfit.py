@@ -1,0 +1,44 @@
+"""How far the diagnosis model's own misfit moves a parameter, seen on nominal logs where no effect is.
+
+An interval from the residual's scatter alone holds only if nothing but the effect changed between two recordings. It
+did: oil, operator and places differ from session to session, and the diagnosis model generalises so well and no better.
+The same parameters are therefore fitted, one Gauss-Newton step from the effects found, to the residuals of nominal
+parts that the members did not see; what comes out, and should be zero, is added to their covariance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.discrepancy.found import Found, residual_of
+from pipeline.discrepancy.refine import coordinates_of, residual_and_jacobian
+from pipeline.discrepancy.screen import Rows
+from pipeline.discrepancy.simulation import Simulation
+
+
+def misfit_covariance(
+    simulation: Simulation, rows: Rows, found: Sequence[Found], n_parts: int
+) -> dict[int, np.ndarray]:
+    """Mean square of the parameters that parts of the nominal logs ask for, per joint, (k, k).
+
+    Args:
+        simulation: On nominal logs, by members that did not see them.
+        rows: Of the nominal logs.
+        found: Effects, in the order of their coordinates.
+        n_parts: Into how many parts of equal length the nominal logs are cut.
+    """
+    everywhere = [replace(f, candidate=replace(f.candidate, onset=None)) for f in found]
+    coordinates = coordinates_of(simulation, everywhere)
+    if not any(coordinates.values()):
+        return {}
+    _, jacobian = residual_and_jacobian(simulation, rows, everywhere, coordinates)
+    residual = residual_of(simulation, rows, [])
+    parts = np.array_split(np.arange(len(residual)), n_parts)
+    result = {}
+    for joint, a in jacobian.items():
+        # Curvature of all rows, not of the part: a part that hardly shows the effect says little, not anything.
+        bread = np.linalg.pinv(a.T @ a + 1e-12 * np.eye(a.shape[1])) * n_parts
+        asked = np.stack([bread @ (a[part].T @ residual[part, joint]) for part in parts])
+        result[joint] = asked.T @ asked / n_parts
+    return result

@@ -1,0 +1,72 @@
+"""Intervals: what several joints say together, and what the model's own misfit adds."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from pipeline.discrepancy.found import Found
+from pipeline.discrepancy.misfit import misfit_covariance
+from pipeline.discrepancy.parameters import weighted_mean
+from pipeline.discrepancy.regression import Folds
+from pipeline.discrepancy.screen import Candidate, Rows, averaged
+from pipeline.effects.effect import Setting
+from pipeline.effects.gain import Gain
+
+N_ROWS, DT_S = 600, 0.05
+
+
+def test_joints_that_agree_are_weighted_by_precision() -> None:
+    mean, deviation = weighted_mean(np.array([1.0, 1.3]), np.array([0.1, 0.2]))
+    assert np.isclose(mean, (1.0 / 0.01 + 1.3 / 0.04) / (1.0 / 0.01 + 1.0 / 0.04))
+    assert np.isclose(deviation, (1.0 / 0.01 + 1.0 / 0.04) ** -0.5 * max(1.0, 0.3 / np.hypot(0.1, 0.2)))
+
+
+def test_joints_that_disagree_widen_the_interval() -> None:
+    _, agreeing = weighted_mean(np.array([1.0, 1.0, 1.0]), np.full(3, 0.01))
+    _, disagreeing = weighted_mean(np.array([0.8, 1.0, 1.2]), np.full(3, 0.01))
+    assert disagreeing > 10.0 * agreeing
+
+
+def gain_of_one_joint(ratio: float):
+    """A machine whose nominal velocity is known, and measured logs of it with another speed in each third."""
+    u = np.sin(0.21 * np.arange(N_ROWS))[None, :, None]
+    effect = Gain(Setting(DT_S, np.array([-1.0]), np.array([1.0]), np.array([1.0])))
+    thirds = np.repeat([1.0 + ratio, 1.0, 1.0 - ratio], N_ROWS // 3)[None, :, None]
+    is_used = np.ones((1, N_ROWS), bool)
+    n = N_ROWS // 2
+
+    def velocities(hypotheses):
+        ratios = [
+            (h.get("gain") or effect.neutral())["ratio_positive"][0] for h in hypotheses
+        ]  # both directions alike
+        return np.stack([ratio * u for ratio in ratios])
+
+    simulation = SimpleNamespace(
+        effects={"gain": effect},
+        sequences=SimpleNamespace(velocity=thirds * u),
+        velocities=velocities,
+        onsets={},
+    )
+    rows = Rows(is_used, Folds(np.zeros(n, int), np.arange(n) // 10, n // 10), np.ones(1), np.ones((n, 1)))
+    return simulation, rows
+
+
+def test_misfit_is_what_nominal_parts_ask_for() -> None:
+    simulation, rows = gain_of_one_joint(0.1)
+    both = (("ratio_positive", None), ("ratio_negative", None))
+    found = [Found(Candidate("gain", 0, None, {}, (both,), np.array([-0.3]), 0.0, 0.0, np.zeros(1)))]
+    covariance = misfit_covariance(simulation, rows, found, n_parts=3)[0]
+    # Parts ask for +0.1, 0 and -0.1, each weighted by its share of the squared motion.
+    motion = averaged(np.sin(0.21 * np.arange(N_ROWS))[None], rows.is_used) ** 2
+    asked = [
+        0.1 * sign * part.sum() / motion.mean() / len(part)
+        for sign, part in zip((1, 0, -1), np.split(motion, 3), strict=True)
+    ]
+    assert np.isclose(covariance[0, 0], np.mean(np.square(asked)), rtol=1e-3)
+
+
+def test_no_misfit_adds_nothing() -> None:
+    simulation, rows = gain_of_one_joint(0.0)
+    both = (("ratio_positive", None), ("ratio_negative", None))
+    found = [Found(Candidate("gain", 0, None, {}, (both,), np.array([-0.3]), 0.0, 0.0, np.zeros(1)))]
+    assert misfit_covariance(simulation, rows, found, n_parts=3)[0][0, 0] < 1e-18
