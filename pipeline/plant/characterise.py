@@ -14,6 +14,9 @@ SETTLE_S = 1.0  # rest before a manoeuvre
 START_SHARE = 0.15  # of the joint's range between the start and the limit behind it
 AHEAD_SHARE = 0.12  # of the range before the limit ahead: there the measurement ends
 MIDDLE_RAD = (0.0, 0.75, -1.4, -0.9)  # the other joints of the E10
+BOOM, ARM = 1, 2
+WORKING_SHARES = (0.3, 0.5, 0.7)  # of the range, of boom and arm
+SAG_S = 4.0  # so short that the joint sags in place
 FINE_PERIOD_S = 0.010  # control period of manoeuvres, for the sake of time resolution
 
 
@@ -112,12 +115,24 @@ def _crossing(parameters: Parameters, joint: int, direction: int, share: float, 
     return float(response.time_s[np.argmax(speed >= share * settled)])
 
 
-def sag_rate(parameters: Parameters, joint: int, duration_s: float = 10.0) -> float:
-    """Speed at zero command in the middle configuration, after the first second, rad/s."""
-    plant = Plant(quiet(parameters), 0, np.array(MIDDLE_RAD))
+def sag_rate(
+    parameters: Parameters, joint: int, duration_s: float = 10.0, start: np.ndarray | None = None
+) -> float:
+    """Speed at zero command after the first second, from `start` (n,), rad, or the middle configuration; rad/s."""
+    plant = Plant(quiet(parameters), 0, np.array(MIDDLE_RAD) if start is None else start)
     angle = plant.run(np.zeros((round(duration_s / FINE_PERIOD_S), plant.n_joint))).angle_rad[:, joint]
     n_skip = round(SETTLE_S / FINE_PERIOD_S)
     return float((angle[-1] - angle[n_skip]) / (FINE_PERIOD_S * (angle.size - 1 - n_skip)))
+
+
+def mean_sag_rate(parameters: Parameters, joint: int) -> float:
+    """Mean of `sag_rate` over configurations that boom and arm work in, rad/s."""
+    linkage = parameters.linkage
+    places = [linkage.lower_rad + share * (linkage.upper_rad - linkage.lower_rad) for share in WORKING_SHARES]
+    starts = [
+        np.array([MIDDLE_RAD[0], boom[BOOM], arm[ARM], MIDDLE_RAD[3]]) for boom in places for arm in places
+    ]
+    return float(np.mean([sag_rate(parameters, joint, SAG_S, start) for start in starts]))
 
 
 class Ringing(NamedTuple):
@@ -127,9 +142,24 @@ class Ringing(NamedTuple):
     damping_ratio: float
 
 
-def ringing(parameters: Parameters, joint: int, direction: int) -> Ringing | None:
+def mean_ringing(parameters: Parameters, joint: int, direction: int) -> Ringing | None:
+    """Mean of `ringing` over poses of the arm that it works in, as inertia depends on them; None if it never rings."""
+    linkage = parameters.linkage
+    found = []
+    for share in WORKING_SHARES:
+        start = start_for(parameters, joint, direction)
+        start[ARM] = linkage.lower_rad[ARM] + share * (linkage.upper_rad[ARM] - linkage.lower_rad[ARM])
+        found.append(ringing(parameters, joint, direction, start))
+    heard = [one for one in found if one is not None]
+    return Ringing(*np.mean(heard, axis=0).tolist()) if heard else None
+
+
+def ringing(
+    parameters: Parameters, joint: int, direction: int, start: np.ndarray | None = None
+) -> Ringing | None:
     """Oscillation of the speed after a full-speed stop, by peaks and logarithmic decrement; None if none."""
-    plant = Plant(quiet(parameters), 0, start_for(parameters, joint, direction))
+    begin = start_for(parameters, joint, direction) if start is None else start
+    plant = Plant(quiet(parameters), 0, begin)
     command = np.zeros(plant.n_joint)
     command[joint] = direction
     n_move = round(1.5 / FINE_PERIOD_S)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.characterise import sag_rate
+from pipeline.plant.characterise import mean_sag_rate, sag_rate
 from pipeline.plant.effects.effect import JOINT_NAMES, Effect, Quantity, added
 from pipeline.plant.parameters import Parameters
 
@@ -28,7 +28,7 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
     leak = TRIAL_LEAK_M3
     for _ in range(N_SECANT):  # sag is nearly proportional to the leak
         leak *= wanted / max(abs(sag_rate(leaking(nominal, leak), joint)), 0.01 * wanted)
-    rate = sag_rate(leaking(nominal, leak), joint)
+    rate = mean_sag_rate(leaking(nominal, leak), joint)
     name = JOINT_NAMES[joint]
     truth = {"sag_rate": Quantity(rate, "rad/s")}
     depends_on = (f"zero_command:{name}",)

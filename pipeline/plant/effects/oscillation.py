@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.characterise import ringing
+from pipeline.plant.characterise import mean_ringing
 from pipeline.plant.effects.effect import JOINT_NAMES, Effect, Quantity, replaced, scaled
 from pipeline.plant.parameters import Parameters
 
@@ -29,7 +29,7 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
 
     name = JOINT_NAMES[joint]
     truth = {"hose_modulus": Quantity(modulus, "Pa")}
-    found = ringing(apply(nominal), joint, 1)
+    found = mean_ringing(apply(nominal), joint, 1)
     if found is not None:
         truth |= {
             "frequency": Quantity(found.frequency_Hz, "Hz"),
