@@ -379,6 +379,7 @@ COMMON_CAUSES = ("thermal_drift", SUPPLY, "other:activity")
 COMMON_FACTOR = 1.3
 RIVAL_SHARE = 0.7
 FLOW_COUPLING = "flow_coupling"
+APART = 0.8  # of the larger change: by so much the two directions differ under a load
 SHOWS_T = 1.5
 COMMON_T = 2.0  # what all joints have in common may lie in few blocks, and joints bear each other out
 ON_SEVERAL_JOINTS = (FLOW_COUPLING, "load")  # one pump, one payload
@@ -392,10 +393,17 @@ NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between name
 
 
 def _is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
-    """Warming up makes a machine faster: of most joints the speed has to rise."""
-    if family != "thermal_drift":
-        return True
-    return sum(c.coefficients[0] > 0.0 for c in showing) > 0.5 * len(showing)
+    """Whether the signs are those of the cause on most joints.
+
+    Oil that warms up makes faster; a joint that is slower both ways carries no load.
+    """
+    if family == "thermal_drift":
+        return sum(c.coefficients[0] > 0.0 for c in showing) > 0.5 * len(showing)
+    if family == "load":
+        both_ways = [c.coefficients[:2] for c in showing]
+        tells_apart = [np.ptp(of_joint) > APART * np.abs(of_joint).max() for of_joint in both_ways]
+        return sum(tells_apart) > 0.5 * len(showing)
+    return True
 
 
 def _same(one: Candidate, other: Candidate) -> bool:
