@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,26 @@ from pipeline.control.checkpoint import Checkpoint, identity, load_checkpoint, s
 from pipeline.control.curve import CurvePoint
 from pipeline.control.evaluate import policy_evaluation
 from pipeline.control.policy import Policy, policy_from_brax
+from pipeline.dynamics.model import ModelSpecification, Target
+from pipeline.dynamics.network import Parameterization
 from pipeline.errors import InputError
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.fresh_episodes import fresh_episodes
 from pipeline.reaching.metrics import reaching_metrics
+
+
+@dataclass
+class ModelKindOverrides:
+    """What is other than in the rest of the section when the model is of one kind; null: nothing.
+
+    The paper lowers the learning rate and trains longer on KAN Δq̇ (footnote of Table "Evaluation results").
+    """
+
+    training_steps: int | None = None
+    evaluated_at_steps: int | None = None
+    learning_rate: float | None = None
+    final_learning_rate: float | None = None
 
 
 @dataclass
@@ -53,6 +68,7 @@ class PPOConfig:
         reward_scaling: factor on rewards.
         curve_points: points of the learning curve after the first, evenly spaced.
         curve_episodes: fixed episodes that each point is measured over.
+        model_kinds: overrides per `<parameterization>_<target>` of the model; see `for_model`.
     """
 
     training_steps: int
@@ -75,6 +91,7 @@ class PPOConfig:
     reward_scaling: float
     curve_points: int
     curve_episodes: int
+    model_kinds: dict[str, ModelKindOverrides] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         positive = (
@@ -100,6 +117,21 @@ class PPOConfig:
         for name in ("policy_hidden", "value_hidden"):
             if not getattr(self, name) or min(getattr(self, name)) < 1:
                 raise InputError(f"ppo.{name} is {getattr(self, name)}; list the units of at least one layer")
+        kinds = [f"{parameterization}_{target}" for parameterization in Parameterization for target in Target]
+        for kind in self.model_kinds:
+            if kind not in kinds:
+                raise InputError(f"ppo.model_kinds has {kind}; a kind of model is one of {', '.join(kinds)}")
+
+    def for_model(self, specification: ModelSpecification) -> "PPOConfig":
+        """The hyper-parameters for a model of this kind: those of the section, overridden by `model_kinds`.
+
+        Raises:
+            InputError: the overrides do not fit the rest of the section.
+        """
+        kind = f"{specification.parameterization}_{specification.target}"
+        overrides = self.model_kinds.get(kind, ModelKindOverrides())
+        changed = {name: value for name, value in vars(overrides).items() if value is not None}
+        return replace(self, model_kinds={}, **changed)
 
 
 @dataclass(frozen=True)

@@ -130,20 +130,15 @@ class ReachingEnvironment(Env):
             metrics=metrics,
         )
 
-    def _decide(self, state: EpisodeState, command: jax.Array) -> tuple[EpisodeState, DecisionSums]:
-        thresholds = jnp.asarray(REPORTED_PRECISIONS)
-
-        def tick(state: EpisodeState, _: None) -> tuple[EpisodeState, DecisionSums]:
-            task, outcome = self.task.tick(state.task, command)
-            errors = jnp.stack([outcome.deviation.position, jnp.abs(outcome.deviation.pitch)], axis=-1)
-            state = EpisodeState(
-                task=task,
-                reached=state.reached | jnp.all(errors[..., None, :] < thresholds, axis=-1),
-                left_workspace=state.left_workspace | ~outcome.inside,
-                went_below=state.went_below | outcome.below,
-            )
-            return state, DecisionSums(outcome.reward, outcome.terms)
-
-        # a loop, not unrolled: runs as fast and compiles several times faster
-        state, ticks = jax.lax.scan(tick, state, length=self.action_repeats)
-        return state, jax.tree.map(lambda value: value.sum(axis=0), ticks)
+    def _decide(self, before: EpisodeState, command: jax.Array) -> tuple[EpisodeState, DecisionSums]:
+        task, outcome = self.task.hold(before.task, command, self.action_repeats)
+        errors = jnp.stack([outcome.deviation.position, jnp.abs(outcome.deviation.pitch)], axis=-1)
+        reached = jnp.all(errors[..., None, :] < jnp.asarray(REPORTED_PRECISIONS), axis=-1)
+        after = EpisodeState(
+            task=task,
+            reached=before.reached | reached.any(axis=0),
+            left_workspace=before.left_workspace | ~outcome.inside.all(axis=0),
+            went_below=before.went_below | outcome.below.any(axis=0),
+        )
+        ticks = DecisionSums(outcome.reward, outcome.terms)
+        return after, jax.tree.map(lambda value: value.sum(axis=0), ticks)

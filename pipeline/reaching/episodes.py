@@ -25,8 +25,8 @@ class EpisodesConfig:
         steps: T_reset, ticks per episode; the time-out is no terminal state.
         table_rows: poses drawn beforehand, from which learning draws starts and targets.
         evaluation_episodes: number N of fixed episodes.
-        evaluation_seed: seed of their starts and targets; other than any training's, whose table of poses it draws.
-        curve_seed: seed of the episodes that learning curves are measured over.
+        evaluation_seed: seed of their starts and targets.
+        curve_seed: seed of the episodes that learning curves are measured over; other than `evaluation_seed`.
     """
 
     pitch_max_rad: float
@@ -43,6 +43,11 @@ class EpisodesConfig:
         for name in ("steps", "table_rows", "evaluation_episodes"):
             if getattr(self, name) < 1:
                 raise InputError(f"episodes.{name} is {getattr(self, name)}; it must be at least 1")
+        if self.curve_seed == self.evaluation_seed:
+            raise InputError(
+                f"episodes.curve_seed is {self.curve_seed}, as episodes.evaluation_seed; choose another: the "
+                "evaluation's episodes may decide nothing while learning"
+            )
         if not 0.0 < self.pitch_max_task_rad <= self.pitch_max_rad:
             raise InputError(
                 f"episodes.pitch_max_task_rad is {self.pitch_max_task_rad}; it must be positive and not "
@@ -64,6 +69,11 @@ class EpisodesConfig:
         return PoseConditions(
             pitch_max_rad=self.pitch_max_task_rad, z_min_m=self.z_min_task_m, z_max_m=self.z_max_task_m
         )
+
+
+# Folded into a training's key for its table of poses: what PPO draws with the same seed, and the episodes of a curve or
+# an evaluation whose seed happens to be the same number, come from other streams.
+_POSE_TABLE_STREAM = 1
 
 
 class Episodes(NamedTuple):
@@ -94,10 +104,17 @@ def evaluation_episodes(
 def learning_poses(machine: MachineSpecification, arm: Arm, config: EpisodesConfig, seed: int) -> PoseTable:
     """The table that learning draws its starts and targets from.
 
+    Args:
+        machine: the machine.
+        arm: its kinematics.
+        config: conditions and size.
+        seed: of the training; the table has a stream of its own, so no episode of `evaluation_episodes` is in it.
+
     Raises:
         InputError: the machine has no workspace, or hardly any pose meets the conditions.
     """
-    return build_pose_table(jax.random.key(seed), machine, arm, config.learning_conditions, config.table_rows)
+    key = jax.random.fold_in(jax.random.key(seed), _POSE_TABLE_STREAM)
+    return build_pose_table(key, machine, arm, config.learning_conditions, config.table_rows)
 
 
 def save_episodes(path: Path, episodes: Episodes) -> None:

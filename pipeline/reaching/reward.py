@@ -5,6 +5,7 @@ computed from the pose that the tick reached and from the command a_t that led t
 """
 
 import enum
+import functools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -91,7 +92,9 @@ class RewardTerms(NamedTuple):
 
 def euclidean_norm(vector: jax.Array) -> jax.Array:
     """Norm over the last axis, with gradient 0 at the origin, where the plain one has NaN."""
-    squared = jnp.sum(vector**2, axis=-1)
+    # Component by component, here and in `configuration_is_precise`: a reduction over an axis of three or four
+    # numbers is a loop that the compiler does not vectorise.
+    squared = sum(vector[..., index] ** 2 for index in range(vector.shape[-1]))
     at_origin = squared == 0.0
     return jnp.where(at_origin, 0.0, jnp.sqrt(jnp.where(at_origin, 1.0, squared)))
 
@@ -134,7 +137,9 @@ def angles_are_precise(deviation: Deviation, threshold_rad2: float) -> jax.Array
 
 def configuration_is_precise(deviation: Deviation, threshold_rad2: float) -> jax.Array:
     """b_q (Eq. b_q), boolean: the squared error of every joint is below the threshold."""
-    return jnp.all(deviation.configuration**2 < threshold_rad2, axis=-1)
+    errors = deviation.configuration
+    precise = [errors[..., joint] ** 2 < threshold_rad2 for joint in range(errors.shape[-1])]
+    return functools.reduce(jnp.logical_and, precise)
 
 
 def precision_bonus(config: RewardConfig, deviation: Deviation) -> jax.Array:

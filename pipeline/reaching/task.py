@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.dynamics.features import History
+from pipeline.dynamics.held_command import hold
 from pipeline.dynamics.model import DynamicsModel, Target
 from pipeline.dynamics.network import Parameters
 from pipeline.errors import InputError
@@ -27,6 +28,7 @@ from pipeline.reaching.reward import (
     reward_terms,
     total_reward,
 )
+from pipeline.reaching.tip import tip_pose
 
 
 class Goal(NamedTuple):
@@ -140,17 +142,26 @@ class ReachingTask:
         """Advance by one control period under `command` (..., n_joint), which the machine takes as it is."""
         history = self._with_end_stops(self.dynamics.step(self.parameters, state.history, command))
         pose = self.arm.forward(history.q)
-        deviation = self._deviation(history.q, pose, state.goal)
-        inside = contains(self._workspace, pose.position, self.arm.yaw(history.q))
-        terms = reward_terms(self.reward, deviation, command, state.command, inside)
-        outcome = Outcome(
-            deviation=deviation,
-            inside=inside,
-            below=below_lower_plane(self._workspace, pose.position),
-            terms=terms,
-            reward=total_reward(self.reward, terms),
-        )
+        outcome = self._outcome(history.q, pose, state.goal, command, state.command)
         return TaskState(history, pose, command, state.goal), outcome
+
+    def hold(self, state: TaskState, command: jax.Array, n_ticks: int) -> tuple[TaskState, Outcome]:
+        """As `n_ticks` calls of `tick`, up to rounding, at less cost; kinematics and reward of all ticks at once.
+
+        Args:
+            state: one in which every command so far was held for `n_ticks`.
+            command: (..., n_joint).
+            n_ticks: ticks that it is held for.
+
+        Returns:
+            The state after the last tick, and what every tick led to, (n_ticks, ...).
+        """
+        history, q = hold(self.dynamics, self.parameters, state.history, command, n_ticks, self._stopped)
+        pose = tip_pose(self.arm.description, q)
+        previous = jnp.concatenate([state.command[None], jnp.broadcast_to(command, q[1:].shape)])
+        outcome = self._outcome(q, pose, state.goal, command, previous)
+        last = jax.tree.map(lambda value: value[-1], pose)
+        return TaskState(history, last, command, state.goal), outcome
 
     def observe(self, state: TaskState) -> jax.Array:
         """o_t (paper, "Observations"), shape (..., observation_size).
@@ -172,6 +183,20 @@ class ReachingTask:
             axis=-1,
         )
 
+    def _outcome(
+        self, q: jax.Array, pose: Pose, goal: Goal, command: jax.Array, previous: jax.Array
+    ) -> Outcome:
+        deviation = self._deviation(q, pose, goal)
+        inside = contains(self._workspace, pose.position, self.arm.yaw(q))
+        terms = reward_terms(self.reward, deviation, command, previous, inside)
+        return Outcome(
+            deviation=deviation,
+            inside=inside,
+            below=below_lower_plane(self._workspace, pose.position),
+            terms=terms,
+            reward=total_reward(self.reward, terms),
+        )
+
     def _deviation(self, q: jax.Array, pose: Pose, goal: Goal) -> Deviation:
         # Differences of yaw and pitch are not wrapped: within the limits of an arm that does not turn round
         # they stay below a full turn less any threshold in use.
@@ -184,8 +209,11 @@ class ReachingTask:
         )
 
     def _with_end_stops(self, history: History) -> History:
-        q = jnp.clip(history.q, self._lower, self._upper)
-        newest = history.motion[..., -1, :]
-        at_rest = q if self.dynamics.specification.target is Target.dq else jnp.zeros_like(newest)
-        newest = jnp.where(q == history.q, newest, at_rest)
+        q, newest = self._stopped(history.q, history.motion[..., -1, :])
         return history._replace(q=q, motion=history.motion.at[..., -1, :].set(newest))
+
+    def _stopped(self, q: jax.Array, newest: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """End stops: a joint beyond its limit is at it, with zero velocity; `newest` is its row of the motion."""
+        inside = jnp.clip(q, self._lower, self._upper)
+        at_rest = inside if self.dynamics.specification.target is Target.dq else jnp.zeros_like(newest)
+        return inside, jnp.where(inside == q, newest, at_rest)

@@ -41,6 +41,7 @@ def main(configuration: PPOStage, run: StageRun) -> None:
     arm = load_arm(machine, MACHINE_DIRECTORY)
     dynamics, parameters = load_model(Path(configuration.model))
     run.inputs(f"{configuration.model}/parameters.msgpack")
+    settings = configuration.ppo.for_model(dynamics.specification)
     environment = ReachingEnvironment(
         ReachingTask(machine, arm, dynamics, parameters, configuration.reward),
         learning_poses(machine, arm, episodes, configuration.seed),
@@ -48,22 +49,20 @@ def main(configuration: PPOStage, run: StageRun) -> None:
         episodes.steps,
     )
     # The curve is measured on episodes of its own: those of the evaluation decide nothing here.
-    curve_episodes = evaluation_episodes(
-        machine, arm, episodes, episodes.curve_seed, configuration.ppo.curve_episodes
-    )
-    with progress_bar(f"ppo seed {configuration.seed}", configuration.ppo.training_steps, "step") as bar:
+    curve_episodes = evaluation_episodes(machine, arm, episodes, episodes.curve_seed, settings.curve_episodes)
+    with progress_bar(f"ppo seed {configuration.seed}", settings.training_steps, "step") as bar:
 
         def progress(point: CurvePoint) -> None:
             metrics = point.metrics.as_dict()
             bar.set_postfix(
                 {key: f"{metrics[key]:.2f}" for key in ("average_return", "sr_012_008")}, refresh=False
             )
-            bar.update(min(point.steps, configuration.ppo.training_steps) - bar.n)
+            bar.update(min(point.steps, settings.training_steps) - bar.n)
             run.metrics({f"curve.{key}": value for key, value in metrics.items()}, step=point.steps)
 
         result = train(
             environment,
-            configuration.ppo,
+            settings,
             configuration.seed,
             curve_episodes,
             progress,

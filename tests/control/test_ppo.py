@@ -7,14 +7,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from brax.training import acting
 
+from pipeline.configuration import load_machine, load_section
 from pipeline.control import ppo
 from pipeline.control.checkpoint import load_checkpoint
 from pipeline.control.curve import write_curve
-from pipeline.control.ppo import LinearDecay, PPOConfig, train
+from pipeline.control.ppo import LinearDecay, ModelKindOverrides, PPOConfig, train
+from pipeline.dynamics.model import ModelSpecification, Target
+from pipeline.dynamics.network import Parameterization
 from pipeline.errors import InputError
+from tests.reaching.lag import model_specification
 
 POINT = 40 * 5120  # steps between two points of the curve
+
+
+def specification_of(kind: str) -> ModelSpecification:
+    parameterization, target = kind.split("_")
+    of_some_kind = model_specification(load_machine("bobcat_e10"), Target(target), lags=2)
+    return dataclasses.replace(of_some_kind, parameterization=Parameterization(parameterization))
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +89,40 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(
     assert int(statistics.count.lo) == POINT // 4  # observations, one per decision
 
 
+def test_every_episode_that_ppo_learns_from_has_a_target_of_its_own(
+    environment, small, episodes, monkeypatch
+):
+    """Brax's own collection of data, over the environment as training wraps it: ten decisions an episode."""
+    handed_over = {}
+    monkeypatch.setattr(ppo.ppo, "train", lambda **arguments: handed_over.update(arguments))
+    with pytest.raises(AssertionError):  # nothing was trained, so nothing is kept
+        train(environment, small, 7, episodes, lambda _: None, None)
+    wrapped = handed_over["wrap_env_fn"](
+        handed_over["environment"],
+        episode_length=handed_over["episode_length"],
+        action_repeat=handed_over["action_repeat"],
+        randomization_fn=None,
+    )
+    n_environments, n_episodes = 16, 6
+
+    def hold_still(observation, _):
+        return jnp.zeros((n_environments, environment.action_size)), {}
+
+    state = jax.jit(wrapped.reset)(jax.random.split(jax.random.PRNGKey(3), n_environments))
+    collect = jax.jit(
+        lambda state: acting.generate_unroll(
+            wrapped, state, hold_still, jax.random.PRNGKey(0), 10 * n_episodes, ("truncation",)
+        )[1]
+    )
+    data = collect(state)
+    targets = np.asarray(data.observation[..., -4:]).reshape(-1, 4)
+    n_begun = n_environments + int(data.extras["state_extras"]["truncation"].sum())
+    n_seen = n_begun - int(data.extras["state_extras"]["truncation"][-1].sum())
+    assert n_seen >= n_environments * n_episodes
+    # drawn from a table of 4096 rows: two of a hundred may be the same one
+    assert n_seen - 4 <= len(np.unique(targets, axis=0)) <= n_seen
+
+
 def test_a_checkpoint_of_another_training_is_not_taken(trained, environment, small, episodes):
     other = ppo._identity(environment, dataclasses.replace(small, discount=0.9), 7, episodes)
     assert load_checkpoint(trained[2], other, ppo._untrained(environment, small)) is None
@@ -102,6 +147,38 @@ def test_curve_file_is_tidy(trained, tmp_path):
         rows = list(csv.DictReader(file))
     assert [int(row["steps"]) for row in rows] == [0, POINT, 2 * POINT]
     assert {"average_return", "sr_012_008", "oow"} <= set(rows[0])
+
+
+def test_profile_paper_is_the_papers_table(paper_ppo):
+    for kind in ("mlp_dq", "mlp_dqdot", "kan_dq"):
+        chosen = paper_ppo.for_model(specification_of(kind))
+        assert chosen.training_steps == 400e6
+        assert chosen.evaluated_at_steps == 270e6
+        assert chosen.learning_rate == chosen.final_learning_rate == 3e-4
+        assert (chosen.entropy_cost, chosen.discount, chosen.clipping) == (1e-2, 0.97, 0.2)
+        assert (chosen.unroll_length, chosen.batch_size, chosen.minibatches) == (40, 256, 32)
+        assert (chosen.environments, chosen.updates_per_batch) == (128, 4)
+        assert (chosen.policy_hidden, chosen.value_hidden) == ([256] * 4, [256] * 5)
+
+
+def test_the_papers_footnote_holds_for_one_kind_of_model(paper_ppo):
+    special, usual = (paper_ppo.for_model(specification_of(kind)) for kind in ("kan_dqdot", "mlp_dq"))
+    changed = {"training_steps": 800e6, "evaluated_at_steps": 800e6}
+    changed |= {"learning_rate": 0.8e-4, "final_learning_rate": 0.8e-4}
+    assert vars(special) == vars(usual) | changed
+
+
+@pytest.mark.parametrize("profile", ["default", "smoke"])
+def test_the_papers_footnote_is_for_its_own_profile_only(profile):
+    config = load_section("ppo", PPOConfig, profile)
+    special, usual = (config.for_model(specification_of(kind)) for kind in ("kan_dqdot", "mlp_dqdot"))
+    assert special == usual
+    assert special.training_steps == config.training_steps
+
+
+def test_overrides_of_an_unknown_kind_are_named(paper_ppo):
+    with pytest.raises(InputError, match="cnn_dq"):
+        dataclasses.replace(paper_ppo, model_kinds={"cnn_dq": ModelKindOverrides()})
 
 
 @pytest.mark.parametrize(

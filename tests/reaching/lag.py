@@ -2,10 +2,10 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from pipeline.dynamics.features import History, push
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification, Parameterization, Target
-from pipeline.dynamics.network import Parameters
+from pipeline.dynamics.network import Layer, MultilayerPerceptron, Parameters
 from pipeline.machine.specification import MachineSpecification
 
 FULL_SPEED = 0.5  # rad/s
@@ -14,15 +14,36 @@ DEAD_TICKS = 3
 
 
 class LagDynamics(DynamicsModel):
-    """v += dt/tau (speed a_{t-dead} - v), q += dt v, with the window and the features of a Δq̇ model."""
+    """v += dt/tau (speed a_{t-dead} - v), q += dt v, as a Δq̇ model whose network is written down."""
 
-    def step(self, parameters: Parameters, history: History, command: jax.Array) -> History:
+    def __init__(self, specification: ModelSpecification) -> None:
+        super().__init__(specification)
+        self.network = LagNetwork(specification)
+
+
+class LagNetwork(MultilayerPerceptron):
+    """The linear map of the lag as an MLP: SiLU(x) - SiLU(-x) = x."""
+
+    def __init__(self, specification: ModelSpecification) -> None:
+        n, share = specification.n_joint, specification.dt_s / TIME_CONSTANT_S
+        super().__init__(specification.n_features, [2 * n], n)
+        newest = slice(specification.lags * n, (specification.lags + 1) * n)
+        acting = slice(
+            (2 * specification.lags + 1 - DEAD_TICKS) * n, (2 * specification.lags + 2 - DEAD_TICKS) * n
+        )
+        linear = np.zeros((specification.n_features, n), np.float32)
+        linear[newest] = -share * np.diag(specification.velocity_limit)
+        linear[acting] = share * FULL_SPEED * np.eye(n)
+        linear /= specification.residual_scale
+        both_signs = np.concatenate([np.eye(n), -np.eye(n)]).astype(np.float32)
+        self._layers = [
+            Layer(jnp.asarray(linear @ both_signs.T), jnp.zeros(2 * n)),
+            Layer(jnp.asarray(both_signs), jnp.zeros(n)),
+        ]
+
+    def layers(self, parameters: Parameters) -> list[Layer]:
         del parameters
-        commands = push(history.commands, command)
-        newest = history.motion[..., -1, :]
-        dt_s = self.specification.dt_s
-        v = newest + dt_s / TIME_CONSTANT_S * (FULL_SPEED * commands[..., -1 - DEAD_TICKS, :] - newest)
-        return History(motion=push(history.motion, v), commands=commands, q=history.q + dt_s * v)
+        return self._layers
 
 
 def model_specification(machine: MachineSpecification, target: Target, lags: int) -> ModelSpecification:

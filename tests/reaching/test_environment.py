@@ -10,13 +10,19 @@ from brax.envs.base import Env
 from brax.envs.wrappers.training import AutoResetWrapper, EpisodeWrapper, EvalWrapper, VmapWrapper
 from brax.training.agents.ppo.losses import compute_gae
 
+from pipeline.configuration import ControlConfiguration, load_section
+from pipeline.dynamics.model import DynamicsModel, Target
 from pipeline.errors import InputError
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.fresh_episodes import FreshEpisodes, fresh_episodes
 from pipeline.reaching.reward import RewardTerm
+from pipeline.reaching.task import ReachingTask
+from tests.reaching.lag import model_specification
 
 BATCH = 8
 DECISIONS = 5  # per episode of the fixture's 20 ticks
+JUMP_RAD = 0.3
+BOOM = jnp.array([0.0, 1.0, 0.0, 0.0])
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +68,12 @@ def test_a_step_is_four_ticks_with_rewards_summed(environment, environment_step,
         first = stepped
 
 
+def test_an_episode_of_the_paper_is_125_decisions_of_four_ticks_at_20_hz(bobcat, paper_episodes):
+    repeats = load_section("control", ControlConfiguration).action_repeats
+    assert (bobcat.rate_hz, paper_episodes.steps, repeats) == (20.0, 500, 4)
+    assert paper_episodes.steps / repeats == 125
+
+
 def test_there_are_no_terminal_states(environment_step, first):
     state = first
     for action in actions(2, DECISIONS + 3):
@@ -82,6 +94,34 @@ def test_events_inside_repeats_count_once_per_episode(environment, environment_s
             total[name] += state.metrics[name]
     for name, value in total.items():
         np.testing.assert_array_equal(value, np.ones(BATCH), err_msg=name)
+
+
+class JumpingDynamics(DynamicsModel):
+    """The boom goes down by `JUMP_RAD` in one tick and up again in the next, whatever is commanded."""
+
+    def integrate(self, q, newest, residual):
+        del residual
+        velocity = jnp.where(newest < 0.0, 1.0, -1.0) * JUMP_RAD / self.specification.dt_s * BOOM
+        return q + self.specification.dt_s * velocity, velocity
+
+
+def test_leaving_the_workspace_inside_a_repeat_is_seen(bobcat, arm, paper_reward, poses, forward):
+    dynamics = JumpingDynamics(model_specification(bobcat, Target.dqdot, lags=2))
+    task = ReachingTask(bobcat, arm, dynamics, dynamics.initialise(jax.random.key(0)), paper_reward)
+    environment = ReachingEnvironment(task, poses, action_repeats=4, episode_ticks=20)
+    start = jnp.array([0.0, 0.8, -1.2, -1.0])
+    assert (
+        forward(start).position[2] > bobcat.workspace.z_min_m > forward(start - JUMP_RAD * BOOM).position[2]
+    )
+    first = environment.reset(jax.random.PRNGKey(0))
+    begun = first.pipeline_state._replace(task=task.begin(start, start))
+    state, step = first.replace(pipeline_state=begun), jax.jit(environment.step)
+    for decision in range(2):
+        state = step(state, jnp.zeros(4))
+        np.testing.assert_allclose(state.pipeline_state.task.history.q, start, atol=1e-5)  # back again
+        once = float(decision == 0)  # counted in the first decision of the episode that has it
+        assert state.metrics["out_of_workspace"] == state.metrics["below_lower_plane"] == once
+        np.testing.assert_allclose(state.metrics["reward_workspace"], 2 * -2.0)  # two of four ticks are below
 
 
 def test_metric_keys_of_wrappers_survive(environment):

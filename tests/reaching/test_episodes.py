@@ -10,6 +10,7 @@ from pipeline.machine.poses import satisfies
 from pipeline.reaching.episodes import (
     EpisodesConfig,
     evaluation_episodes,
+    learning_poses,
     load_episodes,
     save_episodes,
 )
@@ -43,6 +44,13 @@ def test_the_seed_fixes_them(episodes, bobcat, arm, paper_episodes, tmp_path):
     assert len(np.unique(np.concatenate([episodes.starts, episodes.targets]), axis=0)) == 400
 
 
+def test_no_pose_of_an_evaluation_is_in_a_trainings_table(episodes, bobcat, arm, paper_episodes):
+    # Seed 0 for both: from one stream, starts would be among the table's second round of candidates.
+    table = learning_poses(bobcat, arm, dataclasses.replace(paper_episodes, table_rows=8192), seed=0)
+    evaluated = np.concatenate([episodes.starts, episodes.targets])
+    assert len(np.unique(np.concatenate([evaluated, table.configurations]), axis=0)) == 400 + 8192
+
+
 def test_files_come_back_and_are_byte_stable(episodes, tmp_path):
     for name in ("a.npz", "b.npz"):
         save_episodes(tmp_path / name, episodes)
@@ -61,7 +69,14 @@ def test_unusable_files_are_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change", [{"steps": 0}, {"pitch_max_task_rad": 2.0}, {"z_min_task_m": 3.0}, {"evaluation_episodes": 0}]
+    "change",
+    [
+        {"steps": 0},
+        {"curve_seed": 1000},
+        {"pitch_max_task_rad": 2.0},
+        {"z_min_task_m": 3.0},
+        {"evaluation_episodes": 0},
+    ],
 )
 def test_bad_configuration_is_named(paper_episodes: EpisodesConfig, change):
     with pytest.raises(InputError, match=f"episodes.{next(iter(change))}"):
