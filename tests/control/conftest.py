@@ -1,8 +1,6 @@
 """A reaching task on a fast lag model, small enough to learn on in seconds."""
 
-import jax
 import pytest
-from jax.experimental.compilation_cache import compilation_cache
 
 from pipeline.configuration import load_section
 from pipeline.control.ppo import PPOConfig
@@ -20,15 +18,10 @@ from tests.reaching.conftest import (  # noqa: F401  fixtures
 
 
 @pytest.fixture(scope="package", autouse=True)
-def compiled_once(tmp_path_factory):
-    """Brax compiles each training twice, and the tests train three times: most of it comes from the cache."""
-    before = jax.config.jax_compilation_cache_dir
-    compilation_cache.reset_cache()  # else JAX keeps to what it found at its first compilation: no cache
-    jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
+def compiled_with_little_effort():
+    """These programs run for seconds; to compile them well takes longer."""
     with compiled_quickly():
         yield
-    jax.config.update("jax_compilation_cache_dir", before)
-    compilation_cache.reset_cache()
 
 
 @pytest.fixture(scope="session")

@@ -50,15 +50,6 @@ VALUES = {  # what is not named is neutral
 }
 
 
-@pytest.fixture(scope="package", autouse=True)
-def compilation_cache(tmp_path_factory):
-    """Programs compiled once per session."""
-    jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("compiled")))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    yield
-    jax.config.update("jax_compilation_cache_dir", None)
-
-
 @pytest.fixture
 def float64():
     """Double precision within a test, for comparisons with closed forms; the values for it."""
