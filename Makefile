@@ -38,6 +38,10 @@ search: env ## search hyper-parameters for all four model kinds, then select (ne
 	$(BIN)/python -m pipeline.stages.search -m model=mlp,kan target=dq,dqdot $(SEARCH)
 	$(BIN)/python -m pipeline.stages.select
 
+.PHONY: ablation
+ablation: env ## train PPO with terms of the reward left out (the paper's appendix; needs the model that `make repro` makes)
+	$(BIN)/python -m pipeline.stages.reward_ablation $(ABLATION)
+
 .PHONY: test
 test: env ## check style, types and layers, and run the tests (at most 10 minutes)
 	$(BIN)/ruff check .

@@ -56,6 +56,7 @@ class PipelineConfiguration:
     episodes: Any = MISSING
     reward: Any = MISSING
     ppo: Any = MISSING
+    reward_ablation: Any = MISSING
     search: Any = MISSING
     judge: Any = MISSING
     close_loop: Any = MISSING

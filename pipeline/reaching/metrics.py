@@ -1,9 +1,13 @@
 """Metrics of reaching from traces (paper, "Synthesis and evaluation of controllers for reaching")."""
 
+import zipfile
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+
+from pipeline.errors import InputError
 
 # Thresholds of the success-rate matrices: position in m, pitch in rad (paper, section "Sim2Sim transfer")
 POSITION_THRESHOLDS_M = tuple(n / 50 for n in range(1, 18))
@@ -119,3 +123,18 @@ def reaching_metrics(traces: Traces) -> ReachingMetrics:
         min_z_m=float(traces.position[..., 2].min()),
         path_length_m=float(path_lengths(traces).mean()),
     )
+
+
+def load_traces(path: Path) -> Traces:
+    """Read the `traces.npz` of an evaluation.
+
+    Raises:
+        InputError: no such file, or it holds no traces.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            return Traces(**{name: content[name] for name in Traces._fields})
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; run the evaluation that writes it") from None
+    except (KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not a file of traces ({error}); write it anew") from None

@@ -1,9 +1,10 @@
 """Figures of models and policies, from plain arrays to SVG."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter
 
 from pipeline.reporting.style import (
@@ -20,6 +21,8 @@ from pipeline.reporting.style import (
 WIDTH_IN = 8.0
 JOINT_HEIGHT_IN, COMMAND_RATIO = 1.45, 0.28  # a joint's panel, and its commands' panel relative to it
 BAND_OPACITY = 0.18
+MATRIX_COLUMNS = 2
+MATRIX_CELL_IN = (0.27, 0.22)
 DARK_CELL = 0.55  # success rates below are dark cells: their numbers are written in white
 
 
@@ -122,69 +125,89 @@ def success_rate_figure(
     for policy, rate in rates.items():
         if rate.shape != (n_position, n_pitch):
             raise ValueError(f"rates of {policy} have shape {rate.shape}, expected {(n_position, n_pitch)}")
-    with StyledFigure(0.42 * n_position + 2.0, (0.30 * n_pitch + 0.75) * len(rates)) as figure:
-        panels = figure.subplots(len(rates), 1, squeeze=False, sharex=True)[:, 0]
-        for axes, (policy, rate) in zip(panels, rates.items(), strict=True):
+    columns = min(len(rates), MATRIX_COLUMNS)
+    rows = -(-len(rates) // columns)
+    width, height = MATRIX_CELL_IN[0] * n_position + 0.5, MATRIX_CELL_IN[1] * n_pitch + 0.5
+    with StyledFigure(width * columns + 0.8, height * rows + 0.4) as figure:
+        panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+        for axes, (policy, rate) in zip(panels.flat, rates.items(), strict=False):
             picture = axes.imshow(
                 rate.T, origin="lower", aspect="auto", cmap=SEQUENTIAL_MAP, vmin=0.0, vmax=1.0
             )
             for (i, j), value in np.ndenumerate(rate):
                 colour = "white" if value < DARK_CELL else INK
-                axes.text(i, j, f"{value:.2f}", ha="center", va="center", fontsize=6.5, color=colour)
+                axes.text(i, j, f"{100 * value:.0f}", ha="center", va="center", fontsize=6.5, color=colour)
             axes.set_title(policy)
-            axes.set_yticks(
-                range(n_pitch), [f"{threshold:.2f}" for threshold in pitch_thresholds_rad], fontsize=7
-            )
-            axes.set_ylabel("pitch error [rad]")
-            axes.tick_params(length=0)
+            axes.tick_params(length=0, labelsize=7, labelbottom=True)
+            axes.tick_params(axis="x", labelrotation=90)
             frameless(axes)
-        labels = [f"{threshold:.2f}" for threshold in position_thresholds_m]
-        panels[-1].set_xticks(range(n_position), labels, fontsize=7)
-        panels[-1].set_xlabel("position error [m]")
-        figure.colorbar(picture, ax=panels, label="success rate", aspect=25)
+        for empty in panels.flat[len(rates) :]:
+            empty.set_visible(False)
+        panels[0, 0].set_xticks(range(n_position), [f"{m:.2f}" for m in position_thresholds_m])
+        panels[0, 0].set_yticks(range(n_pitch), [f"{rad:.2f}" for rad in pitch_thresholds_rad])
+        figure.supxlabel("distance below [m]", fontsize=9.0)
+        figure.supylabel("pitch error below [rad]", fontsize=9.0)
+        bar = figure.colorbar(picture, ax=panels, label="success rate [%]", aspect=30, pad=0.01)
+        bar.set_ticks([0.0, 0.25, 0.5, 0.75, 1.0], labels=["0", "25", "50", "75", "100"])
         return to_svg(figure)
 
 
 class LearningCurve(NamedTuple):
-    """Returns over training for several seeds.
+    """A quantity over training for several seeds.
 
     Attributes:
         steps: environment steps, shape (n_point,).
-        returns: average return, shape (n_seed, n_point).
+        values: shape (n_seed, n_point).
     """
 
     steps: np.ndarray
-    returns: np.ndarray
+    values: np.ndarray
 
 
-def learning_curve_figure(curves: Mapping[str, LearningCurve], label: str = "average return") -> bytes:
+class CurvePanel(NamedTuple):
+    """A panel of learning curves.
+
+    Attributes:
+        label: of the vertical axis.
+        limits: of the vertical axis, or None for those of the data.
+        curves: by policy.
+    """
+
+    label: str
+    limits: tuple[float, float] | None
+    curves: Mapping[str, LearningCurve]
+
+
+def learning_curve_figure(quantities: Sequence[CurvePanel]) -> bytes:
     """Learning curves: mean over seeds, band of one standard deviation, each seed as a thin line.
 
     Args:
-        curves: by policy.
-        label: of the vertical axis.
+        quantities: of the same policies, a panel each.
 
     Returns:
         SVG bytes.
     """
     with StyledFigure(WIDTH_IN, 3.2) as figure:
-        axes = figure.subplots()
-        for i, (policy, curve) in enumerate(curves.items()):
-            style = series_style(i)
-            mean, deviation = curve.returns.mean(axis=0), curve.returns.std(axis=0)
-            axes.plot(curve.steps, curve.returns.T, color=style["color"], linewidth=0.5, alpha=0.5)
-            axes.fill_between(
-                curve.steps,
-                mean - deviation,
-                mean + deviation,
-                color=style["color"],
-                alpha=BAND_OPACITY,
-                linewidth=0.0,
-            )
-            axes.plot(curve.steps, mean, label=f"{policy} (n = {len(curve.returns)})", linewidth=1.8, **style)
-        axes.xaxis.set_major_formatter(EngFormatter(sep=" "))
-        axes.set_xlabel("environment steps")
-        axes.set_ylabel(label)
-        axes.margins(x=0.01)
-        axes.legend(loc="lower right")
+        panels = figure.subplots(1, len(quantities), squeeze=False)[0]
+        for axes, panel in zip(panels, quantities, strict=True):
+            for i, (policy, curve) in enumerate(panel.curves.items()):
+                _draw_learning_curve(axes, curve, series_style(i), policy)
+            axes.xaxis.set_major_formatter(EngFormatter(sep=" "))
+            axes.set_xlabel("environment steps")
+            axes.set_ylabel(panel.label)
+            axes.margins(x=0.01)
+            axes.set_ylim(panel.limits)
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper right", ncols=2)
         return to_svg(figure)
+
+
+def _draw_learning_curve(axes: Axes, curve: LearningCurve, style: dict[str, Any], policy: str) -> None:
+    seeds = f"{len(curve.values)} seed{'s' if len(curve.values) > 1 else ''}"
+    mean = curve.values.mean(axis=0)
+    if len(curve.values) > 1:
+        deviation = curve.values.std(axis=0, ddof=1)
+        band = (mean - deviation, mean + deviation)
+        axes.fill_between(curve.steps, *band, color=style["color"], alpha=BAND_OPACITY, linewidth=0.0)
+        axes.plot(curve.steps, curve.values.T, color=style["color"], linewidth=0.5, alpha=0.5)
+    axes.plot(curve.steps, mean, label=f"{policy} ({seeds})", linewidth=1.8, **style)

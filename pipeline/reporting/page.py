@@ -9,15 +9,17 @@ import jinja2
 
 from pipeline.reporting.tables import Table
 
+PNG, SVG, WEBP = "image/png", "image/svg+xml", "image/webp"
+
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture with its caption; `content` is PNG, GIF, WebP or SVG bytes."""
+    """A picture with its caption; `content` is of the media type PNG, SVG or WEBP."""
 
     title: str
     caption: str
     content: bytes
-    media_type: str  # image/png, image/gif, image/webp or image/svg+xml
+    media_type: str
 
     @property
     def source(self) -> str:
@@ -26,14 +28,28 @@ class Figure:
 
 
 @dataclass(frozen=True)
+class Points:
+    """A list of sentences under a heading; `folded` until the reader opens it."""
+
+    title: str
+    sentences: Sequence[str]
+    folded: bool = False
+
+
+@dataclass(frozen=True)
 class Section:
-    """A chapter of the page: a question, its answer in a sentence, the evidence."""
+    """A chapter of the page: a question, its answer in a sentence, the evidence.
+
+    With `gallery` its pictures stand side by side.
+    """
 
     title: str
     answer: str
     figures: Sequence[Figure] = field(default_factory=tuple)
     tables: Sequence[Table] = field(default_factory=tuple)
     paragraphs: Sequence[str] = field(default_factory=tuple)
+    points: Sequence[Points] = field(default_factory=tuple)
+    gallery: bool = False
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,43 @@
 
 import html
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-_LATEX_SPECIAL = {"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "±": r"$\pm$", "Δ": r"$\Delta$", "−": "-"}
+# What LaTeX prints in place of what it would read as markup, or has no letter for; the longest match counts.
+_LATEX = {
+    "%": r"\%",
+    "_": r"\_",
+    "&": r"\&",
+    "#": r"\#",
+    "^": r"\^{}",
+    "|": "$|$",
+    "<": "$<$",
+    ">": "$>$",
+    "±": r"$\pm$",
+    "×": r"$\times$",
+    "−": "$-$",
+    "–": "--",
+    "²": "$^2$",
+    "†": r"$^{\dagger}$",
+    "‡": r"$^{\ddagger}$",
+    "α": r"$\alpha$",
+    "Δ": r"$\Delta$",
+    "Δq": r"$\Delta\bm{q}$",
+    "Δq̇": r"$\Delta\dot{\bm{q}}$",
+    "OOW": r"OO$\mathcal{W}$",
+    "OOZ": "OO$Z$",
+    "W+": r"$\mathcal{W}^{+}$",
+    "r^X": r"$r_t^{\mathcal{X}}$",
+    "r^q": r"$r_t^{\bm{q}}$",
+    "r^ε": r"$r_t^{\epsilon}$",
+    "r^a": r"$r_t^{\bm{a}}$",
+    "r^W": r"$r_t^{\mathcal{W}}$",
+}
+_LATEX_TOKEN = re.compile("|".join(re.escape(token) for token in sorted(_LATEX, key=len, reverse=True)))
+_MINUS = re.compile(r"(?<![\w)])-(?=\d)")  # of a negative number, no hyphen
+_SUPERSCRIPT = re.compile(r"\^(\w)")
 
 
 @dataclass(frozen=True)
@@ -17,12 +50,16 @@ class Table:
         columns: Column headings.
         rows: Cells, each row as long as `columns`.
         notes: Footnotes.
+        merged: In the first so many columns a cell that repeats the one above is printed once; JSON repeats it.
+        rules: Indices of the rows below a horizontal rule.
     """
 
     title: str
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     notes: Sequence[str] = field(default_factory=tuple)
+    merged: int = 0
+    rules: Sequence[int] = field(default_factory=tuple)
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -34,13 +71,16 @@ class Table:
     def markdown(self) -> str:
         """The table as GitHub-flavoured Markdown."""
         lines = [f"**{self.title}**", "", _bar(self.columns), _bar(["---"] * len(self.columns))]
-        lines += [_bar(row) for row in self.rows]
+        lines += [_bar(row) for row in self._printed_rows()]
         lines += ["", *self.notes] if self.notes else []
         return "\n".join(lines) + "\n"
 
     def latex(self) -> str:
-        """The table as a LaTeX `table` with booktabs, as the paper prints its own."""
-        body = [r" & ".join(map(_latex, row)) + r" \\" for row in self.rows]
+        """The table as a LaTeX `table`, as the paper prints its own; it needs the packages booktabs and bm."""
+        body = []
+        for index, row in enumerate(self._printed_rows()):
+            body += [r"\midrule"] if index in self.rules else []
+            body.append(" & ".join(map(_latex, row)) + r" \\")
         return "\n".join(
             [
                 r"\begin{table}",
@@ -60,11 +100,14 @@ class Table:
 
     def html(self) -> str:
         """The table as an HTML fragment."""
-        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in self.columns)
+        head = "".join(f"<th>{_html(cell)}</th>" for cell in self.columns)
         body = "".join(
-            "<tr>" + "".join(f"<td>{_html(cell)}</td>" for cell in row) + "</tr>" for row in self.rows
+            ("<tr class='ruled'>" if index in self.rules else "<tr>")
+            + "".join(f"<td>{_html(cell)}</td>" for cell in row)
+            + "</tr>"
+            for index, row in enumerate(self._printed_rows())
         )
-        notes = "".join(f"<p class='note'>{html.escape(note)}</p>" for note in self.notes)
+        notes = "".join(f"<p class='note'>{_html(note)}</p>" for note in self.notes)
         caption = html.escape(self.title)
         return (
             f"<div class='table'><table><caption>{caption}</caption><thead><tr>{head}</tr></thead>"
@@ -80,6 +123,19 @@ class Table:
         }
         return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
 
+    def _printed_rows(self) -> list[list[str]]:
+        """Rows without the repetitions that `merged` leaves out; a rule begins anew."""
+        printed = []
+        above: Sequence[str] = ()
+        for index, row in enumerate(self.rows):
+            same = 0
+            if above and index not in self.rules:
+                while same < self.merged and row[same] == above[same]:
+                    same += 1
+            printed.append([""] * same + list(row[same:]))
+            above = row
+        return printed
+
 
 def mean_and_deviation(values: Sequence[float], digits: int = 2) -> str:
     """`mean ± standard deviation` over independent seeds, as the paper prints it; one value stands alone."""
@@ -94,11 +150,19 @@ def _bar(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
 
 
+def _without_bold(cell: str) -> str:
+    """The cell's text; `**…**` is bold."""
+    return cell.removeprefix("**").removesuffix("**")
+
+
 def _html(cell: str) -> str:
-    """A cell as HTML; `**…**` is bold."""
-    bold = cell.removeprefix("**").removesuffix("**")
-    return html.escape(cell) if bold == cell else f"<b>{html.escape(bold)}</b>"
+    """A cell as HTML; what follows `^` is raised, a mean stays beside its deviation."""
+    bold = _without_bold(cell)
+    text = _SUPERSCRIPT.sub(r"<sup>\1</sup>", html.escape(bold)).replace(" ± ", "&nbsp;±&nbsp;")
+    return text if bold == cell else f"<b>{text}</b>"
 
 
-def _latex(text: str) -> str:
-    return "".join(_LATEX_SPECIAL.get(character, character) for character in text)
+def _latex(cell: str) -> str:
+    bold = _without_bold(cell)
+    text = _LATEX_TOKEN.sub(lambda token: _LATEX[token.group()], _MINUS.sub("−", bold))
+    return text if bold == cell else rf"\textbf{{{text}}}"

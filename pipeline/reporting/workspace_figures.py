@@ -45,8 +45,8 @@ def cloud_figure(clouds: Mapping[str, Cloud], workspace: WorkspaceSpecification)
         for column, (title, cloud) in enumerate(clouds.items()):
             x, y, z = cloud.position.T
             above, beside = panels[:, column]
-            _draw_sector(above, workspace)
-            _draw_section(beside, workspace)
+            draw_sector(above, workspace)
+            draw_section(beside, workspace)
             for axes, across, up in ((above, x, y), (beside, np.hypot(x, y), z)):
                 marks = axes.scatter(
                     across,
@@ -69,7 +69,7 @@ def cloud_figure(clouds: Mapping[str, Cloud], workspace: WorkspaceSpecification)
         return to_png(figure)
 
 
-def _draw_sector(axes: Axes, workspace: WorkspaceSpecification) -> None:
+def draw_sector(axes: Axes, workspace: WorkspaceSpecification) -> None:
     """Outline of W+ from above."""
     yaw = np.linspace(-workspace.yaw_max_rad, workspace.yaw_max_rad, ARC_POINTS)
     radius = np.repeat([workspace.radius_min_m, workspace.radius_max_m], ARC_POINTS)
@@ -78,7 +78,7 @@ def _draw_sector(axes: Axes, workspace: WorkspaceSpecification) -> None:
     axes.plot(*np.append(outline, outline[:, :1], axis=1), color=REGION, linewidth=1.0)
 
 
-def _draw_section(axes: Axes, workspace: WorkspaceSpecification) -> None:
+def draw_section(axes: Axes, workspace: WorkspaceSpecification) -> None:
     """Outline of W+ in the plane of the arm."""
     near, far, low, high = (
         workspace.radius_min_m,

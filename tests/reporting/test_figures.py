@@ -8,6 +8,7 @@ from PIL import Image
 
 from pipeline.machine.specification import WorkspaceSpecification
 from pipeline.reporting.figures import (
+    CurvePanel,
     LearningCurve,
     error_growth_figure,
     learning_curve_figure,
@@ -37,7 +38,8 @@ def success_rate() -> bytes:
 
 def learning_curve() -> bytes:
     steps = np.linspace(0, 1e6, 10)
-    return learning_curve_figure({"PPO": LearningCurve(steps, np.stack([steps, 2 * steps]))})
+    curves = {"PPO": LearningCurve(steps, np.stack([steps, 2 * steps]))}
+    return learning_curve_figure([CurvePanel("return", None, curves)])
 
 
 @pytest.mark.parametrize("draw", [open_loop, error_growth, success_rate, learning_curve])

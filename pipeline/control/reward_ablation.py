@@ -1,0 +1,177 @@
+"""Reward ablation: PPO with some terms of the reward left out (paper, appendix, table "Performance of the PPO ...").
+
+A cell of the ablation is a set of terms and a seed. Cells are trained one after the other; a finished cell's file holds
+the identity of its training, so that an interrupted ablation goes on where it stopped and a changed one starts anew.
+"""
+
+import dataclasses
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from pipeline.atomic_files import write_whole
+from pipeline.control.checkpoint import identity
+from pipeline.control.curve import CurvePoint
+from pipeline.control.evaluate import evaluate_policy
+from pipeline.control.ppo import PPOConfig, train
+from pipeline.dynamics.model import DynamicsModel
+from pipeline.dynamics.network import Parameters
+from pipeline.errors import InputError
+from pipeline.machine.kinematics import Arm
+from pipeline.machine.specification import MachineSpecification
+from pipeline.reaching.environment import ReachingEnvironment
+from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses
+from pipeline.reaching.metrics import reaching_metrics
+from pipeline.reaching.reward import RewardConfig, RewardTerm
+from pipeline.reaching.task import ReachingTask
+
+
+@dataclass
+class RewardAblationConfig:
+    """Section `reward_ablation` of a profile; all else of the training is as in section `ppo`.
+
+    Attributes:
+        rows: sets of reward terms, in the order of the table.
+        seeds: of the trainings of each row.
+        training_steps: as `ppo.training_steps`.
+        evaluated_at_steps: as `ppo.evaluated_at_steps`.
+    """
+
+    rows: list[list[RewardTerm]]
+    seeds: list[int]
+    training_steps: int
+    evaluated_at_steps: int
+
+    def __post_init__(self) -> None:
+        self.rows = [[RewardTerm(term) for term in row] for row in self.rows]
+        if not self.rows or not all(self.rows) or len(set(map(frozenset, self.rows))) != len(self.rows):
+            raise InputError("reward_ablation.rows: list each wanted set of reward terms once, none empty")
+        if not self.seeds or len(set(self.seeds)) != len(self.seeds):
+            raise InputError(f"reward_ablation.seeds is {self.seeds}; list each wanted seed once")
+        if not 0 < self.evaluated_at_steps <= self.training_steps:
+            raise InputError(
+                f"reward_ablation.evaluated_at_steps is {self.evaluated_at_steps}; it must be positive and not "
+                f"above reward_ablation.training_steps ({self.training_steps})"
+            )
+
+
+class Cell(NamedTuple):
+    """A training of the ablation."""
+
+    terms: tuple[RewardTerm, ...]
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Place of its file below the ablation's folder."""
+        return f"{'+'.join(self.terms)}/seed_{self.seed}"
+
+
+class CellResult(NamedTuple):
+    """What a cell gave: steps that its policy was trained for, and metrics over the evaluation's episodes."""
+
+    steps: int
+    metrics: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """What all cells share: the task but for its reward, the training but for its seed."""
+
+    machine: MachineSpecification
+    arm: Arm
+    dynamics: DynamicsModel
+    parameters: Parameters
+    fingerprint: str  # of the dynamics model
+    reward: RewardConfig
+    episodes: EpisodesConfig
+    action_repeats: int
+    ppo: PPOConfig
+
+    def rewarded(self, cell: Cell) -> RewardConfig:
+        """The reward with the cell's terms alone."""
+        return dataclasses.replace(self.reward, terms=list(cell.terms))
+
+    def identity(self, cell: Cell) -> str:
+        """Hash of everything that the cell's result depends on."""
+        settings = (self.machine, self.rewarded(cell), self.episodes, self.ppo)
+        content = json.dumps([dataclasses.asdict(part) for part in settings], sort_keys=True, default=str)
+        return identity(content, self.fingerprint, self.action_repeats, cell.seed)
+
+    def run(self, cell: Cell, progress: Callable[[CurvePoint], None], checkpoints: Path | None) -> CellResult:
+        """Train the cell's policy, and evaluate it on the same fixed episodes as every controller.
+
+        Args:
+            cell: what to train.
+            progress: called with every point of the learning curve.
+            checkpoints: where an interrupted training goes on from, or None.
+        """
+        conditions = self.episodes
+        task = ReachingTask(self.machine, self.arm, self.dynamics, self.parameters, self.rewarded(cell))
+        environment = ReachingEnvironment(
+            task,
+            learning_poses(self.machine, self.arm, conditions, cell.seed),
+            self.action_repeats,
+            conditions.steps,
+        )
+        curve_episodes = evaluation_episodes(
+            self.machine, self.arm, conditions, conditions.curve_seed, self.ppo.curve_episodes
+        )
+        result = train(environment, self.ppo, cell.seed, curve_episodes, progress, checkpoints)
+        fixed = evaluation_episodes(
+            self.machine, self.arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
+        )
+        traces = evaluate_policy(result.policy, task, self.action_repeats, conditions.steps, fixed)
+        return CellResult(result.policy_steps, reaching_metrics(traces).as_dict())
+
+
+def cells(config: RewardAblationConfig) -> Iterator[Cell]:
+    """Every row's first seed before any row's second: an interrupted ablation compares all rows."""
+    for seed in config.seeds:
+        for row in config.rows:
+            yield Cell(tuple(row), seed)
+
+
+def load_cell(directory: Path, cell: Cell, training: str) -> CellResult | None:
+    """The cell's result, or None where it is not finished or of another training.
+
+    Args:
+        directory: the ablation's folder.
+        cell: which.
+        training: `Ablation.identity` of the cell.
+
+    Raises:
+        InputError: the file is broken.
+    """
+    path = directory / f"{cell.name}.json"
+    if not path.exists():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["training"] != training:
+            return None
+        return CellResult(content["steps"], content["metrics"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{path}: not a cell of an ablation ({error!r}); delete it to train it anew"
+        ) from None
+
+
+def save_cell(directory: Path, cell: Cell, training: str, result: CellResult) -> None:
+    """Write the cell's file, whole or not at all; arguments as of `load_cell`."""
+    content = {"training": training, "steps": result.steps, "metrics": result.metrics}
+    write_whole(directory / f"{cell.name}.json", (json.dumps(content, indent=1) + "\n").encode())
+
+
+def finished(
+    directory: Path, config: RewardAblationConfig, identify: Callable[[Cell], str]
+) -> dict[tuple[RewardTerm, ...], Sequence[CellResult]]:
+    """Results of the finished cells by row, in the order of rows and seeds."""
+    results: dict[tuple[RewardTerm, ...], list[CellResult]] = {tuple(row): [] for row in config.rows}
+    for cell in cells(config):
+        result = load_cell(directory, cell, identify(cell))
+        if result is not None:
+            results[cell.terms].append(result)
+    return dict(results)

@@ -1,0 +1,30 @@
+"""Files that stages left, or one line that says which stage has to run."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pipeline.errors import InputError
+
+
+def existing(path: Path) -> Path:
+    """The path.
+
+    Raises:
+        InputError: There is no such file.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: no such file; run the stage that writes it first (dvc repro)")
+    return path
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Content of a JSON file.
+
+    Raises:
+        InputError: There is no such file, or it is no JSON.
+    """
+    try:
+        return json.loads(existing(path).read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: not JSON ({error}); run the stage that writes it again") from error

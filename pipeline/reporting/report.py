@@ -1,0 +1,116 @@
+"""The report put together: its page, its tables, and the figures that sum up a pipeline run."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.logs.tuples import Trajectory
+from pipeline.machine.kinematics import Arm
+from pipeline.machine.specification import MachineSpecification
+from pipeline.reporting.closed_loop_chapter import closed_loop_section, closed_loop_table
+from pipeline.reporting.controller_chapter import controller_section, evaluated, film_section
+from pipeline.reporting.controllers import by_controller
+from pipeline.reporting.data_chapter import data_section
+from pipeline.reporting.evaluation_tables import brax_evaluation_table, comparison_table
+from pipeline.reporting.model_chapter import (
+    error_table,
+    judgement_section,
+    model_section,
+    selected_models_table,
+)
+from pipeline.reporting.overview import key_figures, overview_section, verdict
+from pipeline.reporting.page import render_page
+from pipeline.reporting.pictures import Pictures
+from pipeline.reporting.results import PipelineResults
+from pipeline.reporting.tables import Table
+
+
+@dataclass(frozen=True)
+class Report:
+    """What `build_report` gives.
+
+    Attributes:
+        page: HTML, self-contained but for the link to the closed loop's own report.
+        tables: by name.
+        summary: figures of the whole pipeline, by `<stage>.<cell>.<name>`; nested as the stages wrote them.
+    """
+
+    page: str
+    tables: dict[str, Table]
+    summary: dict[str, object]
+
+
+def build_report(
+    machine: MachineSpecification,
+    arm: Arm | None,
+    trajectories: Sequence[Trajectory],
+    results: PipelineResults,
+    pictures: Pictures,
+    origin: str,
+    profile: str,
+    output: Path,
+    provenance: Sequence[tuple[str, str]],
+) -> Report:
+    """Lay out the chapters.
+
+    Args:
+        machine: the machine.
+        arm: its kinematics, where it is described.
+        trajectories: what was learnt from.
+        results: what the stages left.
+        pictures: of the controllers.
+        origin: whose machine it is, `paper.SIMULATED` or `paper.OWN`.
+        profile: name of the profile.
+        output: folder of the page, from which links start.
+        provenance: name and value of what the figures were made from.
+    """
+    data = data_section(machine, arm, trajectories)
+    closed_loop = closed_loop_section(machine, results.closed_loop, output)
+    sections = [overview_section(machine, results, data, closed_loop, origin)]
+    if results.controllers:
+        sections.append(film_section(pictures.films, pictures.unavailable))
+        sections.append(controller_section(results.controllers, pictures.figures, origin))
+    sections.append(model_section(machine, results.models, origin))
+    sections += [*map(judgement_section, results.judgements), data, closed_loop]
+    page = render_page(
+        f"Reaching with {machine.name}: from teleoperation logs to a controller",
+        verdict(results, profile),
+        key_figures(machine, results),
+        sections,
+        provenance,
+    )
+    return Report(page, _tables(machine, results, origin), _summary(results))
+
+
+def write_report(report: Report, output: Path) -> None:
+    """Write the page, and each table as Markdown, LaTeX and JSON."""
+    for name, table in report.tables.items():
+        write_table(table, output / "tables", name)
+    (output / "index.html").write_text(report.page, encoding="utf-8")
+
+
+def write_table(table: Table, directory: Path, name: str) -> None:
+    """Write a table as Markdown, LaTeX and JSON."""
+    directory.mkdir(parents=True, exist_ok=True)
+    (directory / f"{name}.md").write_text(table.markdown(), encoding="utf-8")
+    (directory / f"{name}.tex").write_text(table.latex(), encoding="utf-8")
+    (directory / f"{name}.json").write_text(table.json(), encoding="utf-8")
+
+
+def _tables(machine: MachineSpecification, results: PipelineResults, origin: str) -> dict[str, Table]:
+    tables = {"selected_models": selected_models_table(results.models, origin)}
+    tables |= {f"prediction_error_{model.kind}": error_table(machine, model) for model in results.models}
+    if results.controllers:
+        tables["brax_evaluation"] = brax_evaluation_table(results.controllers, origin)
+        tables["brax_evaluation_beside_paper"] = comparison_table(results.controllers, origin)
+    if (closed_loop := closed_loop_table(machine, results.closed_loop)) is not None:
+        tables["closed_loop"] = closed_loop
+    return tables
+
+
+def _summary(results: PipelineResults) -> dict[str, object]:
+    summary: dict[str, object] = {f"identify.{model.kind}": model.metrics for model in results.models}
+    for group in by_controller(results.controllers).values():
+        summary[f"{group[0].algorithm}.{group[0].kind}"] = evaluated(group)
+    summary["close_loop.error"] = results.closed_loop.document.get("error", {})
+    return summary

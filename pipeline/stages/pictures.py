@@ -1,0 +1,59 @@
+"""Stage `pictures`: the evaluated controllers to look at: films, paths, success rates, learning curves."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from omegaconf import MISSING
+
+from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, stage
+from pipeline.errors import InputError
+from pipeline.reporting.controllers import controllers_of, read_controllers
+from pipeline.reporting.pictures import draw_pictures, save_pictures
+from pipeline.tracking import StageRun
+
+
+@dataclass
+class PicturesStage(PipelineConfiguration):
+    """Keys of `conf/pictures.yaml`."""
+
+    cells: str = MISSING
+    artifacts: str = MISSING
+    episode: int = MISSING
+    paths: int = MISSING
+    frames_per_second: int = MISSING
+    output: str = MISSING
+
+    def __post_init__(self) -> None:
+        if self.episode < 0 or self.paths < 1:
+            raise InputError(
+                f"episode is {self.episode}, paths {self.paths}; they count from 0 and 1 upwards"
+            )
+        if self.frames_per_second < 1 or self.machine.rate_hz % self.frames_per_second:
+            raise InputError(
+                f"frames_per_second is {self.frames_per_second}; it must divide the machine's "
+                f"{self.machine.rate_hz:g} Hz"
+            )
+
+
+@stage(PicturesStage)
+def main(configuration: PicturesStage, run: StageRun) -> None:
+    """Draw every controller whose evaluation is there."""
+    cells = yaml.safe_load(Path(configuration.cells).read_text(encoding="utf-8"))
+    pictures = draw_pictures(
+        configuration.machine,
+        MACHINE_DIRECTORY,
+        read_controllers(Path(configuration.artifacts), controllers_of(cells)),
+        configuration.episode,
+        configuration.paths,
+        configuration.frames_per_second,
+    )
+    output = Path(configuration.output)
+    save_pictures(output, pictures)
+    run.artifact(output, "pictures")
+    if pictures.unavailable:
+        print(f"pictures: no films, {pictures.unavailable}")
+
+
+if __name__ == "__main__":
+    main()
