@@ -47,7 +47,7 @@ class ControlInterface(Component):
         if isinstance(message, EmergencyStop):
             return self._mute(now_ns)
         if isinstance(message, SupervisorState):
-            self._alive_ns = now_ns
+            self._alive_ns = message.stamp_ns  # the sender's: clocks that disagree are no supervision either
             return self._mute(now_ns) if message.rule and not self._is_muted else ()
         if not isinstance(message, JointCommand) or self._is_muted:
             return ()
@@ -65,7 +65,7 @@ class ControlInterface(Component):
         return self._mute(now_ns) if lost else ()
 
     def _is_supervisor_silent(self, now_ns: int) -> bool:
-        return self._alive_ns is None or not 0 <= now_ns - self._alive_ns <= self._maximum_silence_ns
+        return self._alive_ns is None or abs(now_ns - self._alive_ns) > self._maximum_silence_ns
 
     def _mute(self, now_ns: int) -> Sequence[Output]:
         self._is_muted = True

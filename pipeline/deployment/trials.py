@@ -54,23 +54,30 @@ class GraphParts:
     action_repeats: int
     maximum_ticks: int
 
-    def components(
-        self, machine: Machine, estimator: VelocityEstimator | None = None, *further: Component
-    ) -> list[Component]:
-        """A graph that drives `machine`, with `further` components (a supervisor) in it."""
-        task, config = self.task, self.config
-        server = AutonomousServer(
-            task.machine,
-            task.dynamics.specification,
+    def with_goals(self, solve_goal: GoalSolver) -> "GraphParts":
+        """The same graph with another way from poses to configurations."""
+        return replace(self, solve_goal=solve_goal)
+
+    def server(self) -> AutonomousServer:
+        """A server of its own buffers."""
+        return AutonomousServer(
+            self.task.machine,
+            self.task.dynamics.specification,
             self.controller,
             self.solve_goal,
             self.conditions,
             self.action_repeats,
             self.maximum_ticks,
         )
+
+    def components(
+        self, machine: Machine, estimator: VelocityEstimator | None = None, *further: Component
+    ) -> list[Component]:
+        """A graph that drives `machine`, with `further` components (a supervisor) in it."""
+        task, config = self.task, self.config
         interface = ControlInterface(task.machine, config.interface)
         driver = SimulationDriver(machine, task.machine.n_joint, config.driver, estimator)
-        return [server, interface, driver, *further]
+        return [self.server(), interface, driver, *further]
 
 
 def run_episodes(
@@ -91,7 +98,7 @@ def run_episodes(
         One trial per episode, of T_reset ticks of the machine from when the target was in force.
     """
     step = LearnedStep(parts.task)
-    parts = replace(parts, solve_goal=known_configurations(parts.task.arm, episodes.targets))
+    parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
     poses = parts.task.arm.forward(jnp.asarray(episodes.targets))
     positions, quaternions = np.asarray(poses.position), np.asarray(poses.quaternion)
     trials = []

@@ -1,0 +1,53 @@
+"""`emcb_200u_driver`: between the graph and a CAN bus (paper, appendix; the EMCB-200U is a USB-CAN adapter)."""
+
+from collections.abc import Sequence
+
+import can
+
+from pipeline.deployment.component import Component, Output, Publication, nanoseconds
+from pipeline.deployment.messages import CanFrame, Message, Topic
+from pipeline.deployment.settings import DriverConfig
+
+
+class CanDriver(Component):
+    """Sends frames on the bus as they come, and publishes at each tick what came from it.
+
+    A bus that takes no frame (bus off) is counted, not waited for: the machine's controller zeroes its outputs
+    when frames stay away, and the supervisor misses the joint states.
+    """
+
+    name = "emcb_200u_driver"
+    subscriptions = (Topic.can_to_machine,)
+
+    def __init__(self, bus: can.BusABC, config: DriverConfig) -> None:
+        self.period_ns = nanoseconds(config.can_period_s)
+        self._bus = bus
+        self.n_refused = 0
+
+    def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
+        """Send a frame."""
+        if isinstance(message, CanFrame):
+            frame = can.Message(
+                arbitration_id=message.identifier, data=message.data, is_extended_id=False, check=True
+            )
+            try:
+                self._bus.send(frame)
+            except can.CanOperationError:
+                self.n_refused += 1
+        return ()
+
+    def on_timer(self, now_ns: int) -> Sequence[Output]:
+        """Publish the frames that came since the last tick, stamped with this one."""
+        return [Publication(Topic.can_from_machine, frame) for frame in received(self._bus, now_ns)]
+
+
+def received(bus: can.BusABC, now_ns: int) -> list[CanFrame]:
+    """All data frames that wait on a bus, stamped `now_ns`; error and remote frames are left out."""
+    frames = []
+    try:
+        while (message := bus.recv(timeout=0.0)) is not None:
+            if not (message.is_error_frame or message.is_remote_frame):
+                frames.append(CanFrame(now_ns, message.arbitration_id, bytes(message.data)))
+    except can.CanOperationError:
+        return frames  # bus off: what came before it still counts
+    return frames

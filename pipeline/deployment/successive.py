@@ -1,0 +1,57 @@
+"""Successive targets on one machine, as in the paper's tests on the excavator (section "Sim2Real transfer")."""
+
+from collections.abc import Callable, Mapping
+
+import jax.numpy as jnp
+import numpy as np
+
+from pipeline.deployment.component import Component, nanoseconds
+from pipeline.deployment.machine import Machine
+from pipeline.deployment.messages import ReachGoal, Topic
+from pipeline.deployment.recording import Recorder
+from pipeline.deployment.simulated_time.delays import Distribution
+from pipeline.deployment.simulated_time.graph import SimulatedGraph
+from pipeline.deployment.trials import SAFETY_FACTOR, GraphParts
+from pipeline.deployment.velocity_estimator import VelocityEstimator
+
+
+def run_successive(
+    parts: GraphParts,
+    delays: Mapping[str, Distribution],
+    machine: Machine,
+    estimator: VelocityEstimator | None,
+    targets: np.ndarray,
+    start_ns: int,
+    further: tuple[Component, ...] = (),
+    progress: Callable[[int], None] = lambda n: None,
+) -> Recorder:
+    """Pursue the targets one after the other, each from wherever the one before it has left the machine.
+
+    Args:
+        parts: the graph.
+        delays: of its links.
+        machine: what is driven.
+        estimator: of its velocities, where it measures none.
+        targets: configurations whose poses are the targets, (N, n_joint).
+        start_ns: absolute time of the beginning.
+        further: components besides server, interface and driver.
+        progress: called with the number of targets done.
+
+    Returns:
+        All that was recorded; a goal that is stopped by an emergency ends the run.
+    """
+    recorder = Recorder()
+    seed = np.random.SeedSequence(parts.config.seed)
+    components = parts.components(machine, estimator, *further)
+    graph = SimulatedGraph(components, delays, seed, start_ns=start_ns, taps=[recorder])
+    poses = parts.task.arm.forward(jnp.asarray(targets))
+    longest_ns = SAFETY_FACTOR * parts.maximum_ticks * nanoseconds(parts.task.machine.dt_s)
+    for number in range(len(targets)):
+        goal = ReachGoal(number, np.asarray(poses.position[number]), np.asarray(poses.quaternion[number]))
+        graph.send(Topic.goal, goal)
+        n_before = len(recorder.results)
+        graph.run(graph.time_ns + longest_ns, lambda n=n_before: len(recorder.results) > n)  # type: ignore[misc]
+        progress(number + 1)
+        if recorder.stops:
+            break
+    return recorder

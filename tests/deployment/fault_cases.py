@@ -1,0 +1,307 @@
+"""Faults, one after the other or together, in the graph that drives the machine over CAN; what came of them.
+
+`fault_table` is the table in docs/deployment.md; `python -m tests.deployment.fault_cases` prints it.
+"""
+
+import dataclasses
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import can
+import numpy as np
+
+from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
+from pipeline.deployment.messages import (
+    EmergencyStop,
+    MachineCommand,
+    Message,
+    ReachGoal,
+    ReachResult,
+    Topic,
+)
+from pipeline.deployment.programmable_controller import ProgrammableController
+from pipeline.deployment.simulated_time.delays import Distribution
+from pipeline.deployment.simulated_time.faults import Fault
+from pipeline.deployment.simulated_time.graph import SimulatedGraph
+from tests.deployment.machines import BackAndForth, can_graph
+
+ONSET_NS = nanoseconds(1.0)
+END_NS = nanoseconds(4.0)
+SETTLED_NS = nanoseconds(0.3)  # so long after the stop nothing may move again
+DELAYS = {
+    "observation": Distribution(np.array([0.0005, 0.002]), 0.0),
+    "command": Distribution(np.array([0.0005, 0.002]), 0.0),
+    "inference": Distribution(np.array([0.001, 0.004]), 0.0),
+    "timer": Distribution(np.array([0.0, 0.001]), 0.0),
+}
+RULES_WITHOUT_SHAPES = (  # of the pairs: distances between shapes take most of the time, and no fault concerns them
+    "command_frequency",
+    "command_delay",
+    "command_order",
+    "command_value",
+    "state_frequency",
+    "encoder_reading",
+    "frozen_encoder",
+    "joint_limits",
+)
+
+
+class Messages(Fault):
+    """Changes what arrives of one topic, from the onset on."""
+
+    def __init__(
+        self,
+        topic: Topic,
+        change: Callable[[Message, int], Sequence[tuple[int, Message]]],
+        once: bool = False,
+    ) -> None:
+        self._topic, self._change, self._once = topic, change, once
+        self._done: set[str] = set()
+
+    def deliver(self, topic, target, message, time_ns):
+        if topic is not self._topic or time_ns < ONSET_NS or target in self._done:
+            return None
+        if self._once:
+            self._done.add(target)
+        return self._change(message, time_ns)
+
+
+class Killed(Fault):
+    def __init__(self, component: str) -> None:
+        self._component = component
+
+    def is_running(self, component, time_ns):
+        return component != self._component or time_ns < ONSET_NS
+
+
+class ClockStep(Fault):
+    def __init__(self, component: str, step_s: float) -> None:
+        self._component, self._step_ns = component, nanoseconds(step_s)
+
+    def clock_error_ns(self, component, time_ns):
+        return self._step_ns if component == self._component and time_ns >= ONSET_NS else 0
+
+
+class Stall(Fault):
+    def extra_computation_ns(self, component, time_ns):
+        return END_NS if time_ns >= ONSET_NS else 0
+
+
+class BadPolicy(Fault):
+    """The controller answers something else from the onset on."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self.values = values
+
+
+class BusOff(Fault):
+    """The bus takes and gives no frames from the onset on."""
+
+
+class Bus:
+    """A virtual bus that can go off, as an adapter's driver shows it."""
+
+    def __init__(self, bus: can.BusABC, is_off: Callable[[], bool]) -> None:
+        self._bus, self._is_off = bus, is_off
+
+    def send(self, message, timeout=None):
+        if self._is_off():
+            raise can.CanOperationError("bus off")
+        self._bus.send(message)
+
+    def recv(self, timeout=None):
+        if self._is_off():
+            raise can.CanOperationError("bus off")
+        return self._bus.recv(timeout)
+
+
+def delayed(seconds: float):
+    return lambda message, time_ns: [(nanoseconds(seconds), message)]
+
+
+def lost(message, time_ns):
+    return []
+
+
+def duplicated(message, time_ns):
+    return [(0, message), (nanoseconds(0.001), message)]
+
+
+class Frozen:
+    """The first reading after the onset, for ever, stamped as the real ones."""
+
+    def __init__(self) -> None:
+        self.position: np.ndarray | None = None
+
+    def __call__(self, message, time_ns):
+        if self.position is None:
+            self.position = message.position.copy()
+        return [(0, dataclasses.replace(message, position=self.position))]
+
+
+def jumping(message, time_ns):
+    return [(0, dataclasses.replace(message, position=message.position + np.array([0.3, 0, 0, 0])))]
+
+
+def not_a_number(message, time_ns):
+    return [(0, dataclasses.replace(message, position=np.array([np.nan, *message.position[1:]])))]
+
+
+def outside(message, time_ns):
+    return [(0, dataclasses.replace(message, values=np.array([2.0, 0, 0, 0])))]
+
+
+# Name -> what makes the fault. Reordered: one message arrives after the next one.
+COMMANDS, STATES = Topic.requested_commands, Topic.joint_states
+FAULTS: dict[str, Callable[[], Fault]] = {
+    "commands late by 0.1 s": lambda: Messages(COMMANDS, delayed(0.1)),
+    "a command lost": lambda: Messages(COMMANDS, lost, once=True),
+    "all commands lost": lambda: Messages(COMMANDS, lost),
+    "a command twice": lambda: Messages(COMMANDS, duplicated, once=True),
+    "commands reordered": lambda: Messages(COMMANDS, delayed(0.06), once=True),
+    "a command of 2": lambda: Messages(COMMANDS, outside, once=True),
+    "joint states late by 0.12 s": lambda: Messages(STATES, delayed(0.12)),
+    "all joint states lost": lambda: Messages(STATES, lost),
+    "a joint state twice": lambda: Messages(STATES, duplicated, once=True),
+    "joint states reordered": lambda: Messages(STATES, delayed(0.03), once=True),
+    "encoder frozen": lambda: Messages(STATES, Frozen()),
+    "encoder jumps by 0.3 rad": lambda: Messages(STATES, jumping, once=True),
+    "encoder NaN": lambda: Messages(STATES, not_a_number),
+    "policy returns NaN": lambda: BadPolicy(np.full(4, np.nan)),
+    "policy returns 0.5": lambda: BadPolicy(np.full(4, 0.5)),
+    "policy stalls": Stall,
+    "autonomous_server killed": lambda: Killed("autonomous_server"),
+    "control_supervisor killed": lambda: Killed("control_supervisor"),
+    "control_interface killed": lambda: Killed("control_interface"),
+    "bobcat_e10_driver killed": lambda: Killed("bobcat_e10_driver"),
+    "emcb_200u_driver killed": lambda: Killed("emcb_200u_driver"),
+    "clock of the server 0.5 s on": lambda: ClockStep("autonomous_server", 0.5),
+    "clock of the server 0.5 s back": lambda: ClockStep("autonomous_server", -0.5),
+    "clock of the supervisor 0.5 s on": lambda: ClockStep("control_supervisor", 0.5),
+    "clock of the interface 0.5 s back": lambda: ClockStep("control_interface", -0.5),
+    "clock of the driver 0.5 s back": lambda: ClockStep("emcb_200u_driver", -0.5),
+    "CAN bus off": BusOff,
+}
+# Between the interface and the valves: where these fail, no order to stop gets through, and the PLC stops by itself.
+CUTS = ("control_interface killed", "bobcat_e10_driver killed", "emcb_200u_driver killed", "CAN bus off")
+
+
+@dataclass(frozen=True)
+class FaultRun:
+    """What came of it; seconds.
+
+    Attributes:
+        reaction: who reacted first, and by which rule.
+        known_s: after the onset.
+        stopped_s: from then until the PLC's outputs were zero; negative: they were already.
+        commands_after: commands other than zero that left the interface after it had been told.
+        moves_after: PLC cycles with an output other than zero after the first cycle without.
+    """
+
+    reaction: str
+    known_s: float
+    stopped_s: float
+    commands_after: int
+    moves_after: int
+
+
+class Watch:
+    """A tap that sees reactions and what leaves the interface."""
+
+    def __init__(self) -> None:
+        self.reactions: list[tuple[int, str]] = []
+        self.commands: list[tuple[int, bool]] = []
+
+    def __call__(self, topic: Topic, message: Message, time_ns: int) -> None:
+        if isinstance(message, EmergencyStop):
+            self.reactions.append((time_ns, f"control_supervisor: {message.rule}"))
+        elif isinstance(message, ReachResult):
+            self.reactions.append((time_ns, f"autonomous_server: {message.outcome}"))
+        elif isinstance(message, MachineCommand):
+            moves = bool(np.any(message.values))
+            if not moves:
+                self.reactions.append((time_ns, "control_interface: muted"))
+            self.commands.append((time_ns, moves))
+
+
+class ObservedPLC(ProgrammableController):
+    """Keeps its output of every cycle."""
+
+    outputs: list[tuple[int, bool]]
+
+    def on_timer(self, now_ns):
+        outputs = super().on_timer(now_ns)
+        self.outputs.append((now_ns, bool(self.output.any())))
+        return outputs
+
+
+def run_faults(*names: str, seed: int = 0, rules: Sequence[str] = RULES_WITHOUT_SHAPES) -> FaultRun:
+    """Run the graph, with faults from one second on, until it has stopped for a while."""
+    faults = [FAULTS[name]() for name in names]
+    clock: list[SimulatedGraph] = []
+    is_off = lambda: any(isinstance(f, BusOff) for f in faults) and clock[0].time_ns >= ONSET_NS  # noqa: E731
+    channel = uuid.uuid4().hex
+    controller, watch = BackAndForth(), Watch()
+    with can.Bus(channel, interface="virtual") as host, can.Bus(channel, interface="virtual") as plc_end:
+        components: list[Component] = can_graph(controller, Bus(host, is_off), Bus(plc_end, is_off), rules)
+        plc = components[-1]
+        plc.__class__, plc.outputs = ObservedPLC, []
+        graph = SimulatedGraph(components, DELAYS, np.random.SeedSequence(seed), faults=faults, taps=[watch])
+        clock.append(graph)
+        graph.send(Topic.goal, ReachGoal(1, np.zeros(3), np.array([1.0, 0, 0, 0])))
+        graph.run(ONSET_NS)
+        for fault in faults:
+            if isinstance(fault, BadPolicy):
+                controller.values = fault.values
+
+        def is_over() -> bool:
+            outputs = plc.outputs
+            return (
+                outputs[-1][0] > ONSET_NS + SETTLED_NS
+                and not any(moves for time_ns, moves in outputs[-int(SETTLED_NS / plc.period_ns) :])
+                and bool(reactions_of(watch, plc))
+            )
+
+        graph.run(END_NS, is_over)
+    return outcome_of(watch, plc)
+
+
+def reactions_of(watch: Watch, plc: ObservedPLC) -> list[tuple[int, str]]:
+    """What anyone did after the onset, in order; the PLC's own stop last."""
+    stopped = [t for (t, moves) in plc.outputs if t >= ONSET_NS and not moves]
+    own = [(stopped[0], "plc: no frames")] if stopped else []
+    return sorted([r for r in watch.reactions if r[0] >= ONSET_NS], key=lambda r: r[0]) + own
+
+
+def outcome_of(watch: Watch, plc: ObservedPLC) -> FaultRun:
+    reactions = sorted(reactions_of(watch, plc), key=lambda r: r[0])
+    known_ns, reaction = reactions[0] if reactions else (END_NS, "none")
+    stopped = [t for t, moves in plc.outputs if t >= ONSET_NS and not moves]
+    stopped_ns = stopped[0] if stopped else END_NS
+    told = [t for t, text in reactions if text == "control_interface: muted"]
+    return FaultRun(
+        reaction,
+        (known_ns - ONSET_NS) / NANOSECONDS,
+        (stopped_ns - known_ns) / NANOSECONDS,
+        sum(moves for t, moves in watch.commands if told and t > told[0]),
+        sum(moves for t, moves in plc.outputs if t > stopped_ns),
+    )
+
+
+def fault_table() -> str:
+    """Markdown: every fault alone; of three seeds the latest."""
+    lines = [
+        "| fault | who reacts first | known after, s | valves at zero then after, s |",
+        "|---|---|---|---|",
+    ]
+    for name in FAULTS:
+        runs = [run_faults(name, seed=seed) for seed in range(3)]
+        reactions = sorted({run.reaction for run in runs})
+        known, stopped = (max(getattr(run, k) for run in runs) for k in ("known_s", "stopped_s"))
+        lines.append(f"| {name} | {' or '.join(reactions)} | {known:.3f} | {stopped:.3f} |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(fault_table(), end="")

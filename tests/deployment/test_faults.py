@@ -1,0 +1,52 @@
+"""Every fault stops the machine, alone and together with every other one; the page says what these tests see."""
+
+import re
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from pipeline.deployment.component import NANOSECONDS
+from pipeline.deployment.supervisor_rules import RULES
+from tests.deployment.fault_cases import CUTS, DELAYS, FAULTS, fault_table, run_faults
+from tests.deployment.machines import bobcat, supervised
+
+PAGE = Path(__file__).parents[2] / "docs/deployment.md"
+CONTROL_PERIOD_S = bobcat().dt_s
+# when the PLC stops by itself: its time-out, begun with a command of up to a period before, seen in its next cycle
+PLC_STOPS_S = supervised().driver.command_timeout_s + CONTROL_PERIOD_S + supervised().driver.can_period_s
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_stops_the_machine_within_a_control_period(name: str) -> None:
+    run = run_faults(name, seed=7)
+    assert run.reaction != "none"
+    assert run.stopped_s <= (PLC_STOPS_S if name in CUTS else CONTROL_PERIOD_S)
+    assert run.commands_after == run.moves_after == 0
+
+
+@pytest.mark.parametrize("first", FAULTS)
+def test_faults_in_pairs_stop_it_too(first: str) -> None:
+    for a, b in combinations(FAULTS, 2):
+        if a != first or (a.startswith("clock") and a.rsplit(" ", 3)[0] == b.rsplit(" ", 3)[0]):
+            continue  # one clock does not step on and back at once
+        run = run_faults(a, b, seed=1)
+        assert run.reaction != "none", (a, b)
+        # what cuts the way to the valves cuts the supervisor's order too
+        limit_s = max(PLC_STOPS_S - run.known_s, CONTROL_PERIOD_S) if {a, b} & set(CUTS) else CONTROL_PERIOD_S
+        assert run.stopped_s <= limit_s, (a, b)
+        assert run.commands_after == run.moves_after == 0, (a, b)
+
+
+def test_a_sound_graph_runs_on_with_every_rule_switched_on() -> None:
+    run = run_faults(seed=3, rules=tuple(RULES))
+    assert run.reaction == "none"
+    assert max(link.quantiles_s[-1] for link in DELAYS.values()) * NANOSECONDS > 0
+
+
+def test_the_page_holds_the_table_that_these_runs_give() -> None:
+    found = re.search(r"<!-- faults -->\n(.*?)<!-- /faults -->", PAGE.read_text(), re.DOTALL)
+    assert found is not None
+    assert found[1] == fault_table(), (
+        "run `python -m tests.deployment.fault_cases` and put its table in place"
+    )
