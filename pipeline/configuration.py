@@ -56,6 +56,7 @@ class PipelineConfiguration:
     episodes: Any = MISSING
     reward: Any = MISSING
     ppo: Any = MISSING
+    icem: Any = MISSING
     reward_ablation: Any = MISSING
     search: Any = MISSING
     judge: Any = MISSING

@@ -1,0 +1,24 @@
+import dataclasses
+
+import jax.numpy as jnp
+import pytest
+
+from pipeline.configuration import load_section
+from pipeline.control.icem.config import IcemConfig
+
+
+class Quadratic:
+    """Returns that can be computed by hand: minus the squared distance of a sequence to the one `prepared`."""
+
+    def prepare(self, state):
+        return state
+
+    def evaluate(self, prepared, commands):
+        return -jnp.sum((commands - prepared) ** 2, axis=(1, 2))
+
+
+@pytest.fixture(scope="session")
+def small_icem() -> IcemConfig:
+    """The paper's ingredients with a small budget: 30, 24, 19 and 16 samples, of which 4 of 8 elites are reused."""
+    paper = load_section("icem", IcemConfig)
+    return dataclasses.replace(paper, horizon=5, samples=30, elites=8, iterations=4)
