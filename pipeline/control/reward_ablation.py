@@ -33,19 +33,23 @@ class RewardAblationConfig:
     """Section `reward_ablation` of a profile; all else of the training is as in section `ppo`.
 
     Attributes:
-        rows: sets of reward terms, in the order of the table.
+        rows: sets of reward terms (names of `RewardTerm`, which OmegaConf cannot nest), in the order of the table.
         seeds: of the trainings of each row.
         training_steps: as `ppo.training_steps`.
         evaluated_at_steps: as `ppo.evaluated_at_steps`.
     """
 
-    rows: list[list[RewardTerm]]
+    rows: list[list[str]]
     seeds: list[int]
     training_steps: int
     evaluated_at_steps: int
 
     def __post_init__(self) -> None:
-        self.rows = [[RewardTerm(term) for term in row] for row in self.rows]
+        unknown = sorted({term for row in self.rows for term in row} - set(RewardTerm))
+        if unknown:
+            raise InputError(
+                f"reward_ablation.rows has {', '.join(unknown)}; a term is one of {', '.join(RewardTerm)}"
+            )
         if not self.rows or not all(self.rows) or len(set(map(frozenset, self.rows))) != len(self.rows):
             raise InputError("reward_ablation.rows: list each wanted set of reward terms once, none empty")
         if not self.seeds or len(set(self.seeds)) != len(self.seeds):
@@ -127,11 +131,16 @@ class Ablation:
         return CellResult(result.policy_steps, reaching_metrics(traces).as_dict())
 
 
+def terms_of(row: Sequence[str]) -> tuple[RewardTerm, ...]:
+    """A row's terms."""
+    return tuple(RewardTerm(term) for term in row)
+
+
 def cells(config: RewardAblationConfig) -> Iterator[Cell]:
     """Every row's first seed before any row's second: an interrupted ablation compares all rows."""
     for seed in config.seeds:
         for row in config.rows:
-            yield Cell(tuple(row), seed)
+            yield Cell(terms_of(row), seed)
 
 
 def load_cell(directory: Path, cell: Cell, training: str) -> CellResult | None:
@@ -169,7 +178,7 @@ def finished(
     directory: Path, config: RewardAblationConfig, identify: Callable[[Cell], str]
 ) -> dict[tuple[RewardTerm, ...], Sequence[CellResult]]:
     """Results of the finished cells by row, in the order of rows and seeds."""
-    results: dict[tuple[RewardTerm, ...], list[CellResult]] = {tuple(row): [] for row in config.rows}
+    results: dict[tuple[RewardTerm, ...], list[CellResult]] = {terms_of(row): [] for row in config.rows}
     for cell in cells(config):
         result = load_cell(directory, cell, identify(cell))
         if result is not None:

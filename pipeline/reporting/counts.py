@@ -29,11 +29,21 @@ class PlanningBudget(NamedTuple):
         return f"{self.samples} samples × {self.iterations} iterations × {self.horizon_entries} entries{held}"
 
     @property
+    def cell(self) -> str:
+        """For a column: `500 × 12 × 20`."""
+        held = f" of {self.ticks_per_entry} ticks" if self.ticks_per_entry is not None else ""
+        return f"{self.samples} × {self.iterations} × {self.horizon_entries}{held}"
+
+    @property
     def effort(self) -> int:
         """Simulated entries per decision."""
         return self.samples * self.iterations * self.horizon_entries
 
 
+BUDGET_LEGEND = (
+    "Budget: environment steps that a policy was trained for; of a planner, samples × optimisation steps × entries "
+    "of a sequence."
+)
 PAPER_PLANNING = PlanningBudget(*ICEM_BUDGET, ticks_per_entry=None)
 
 
@@ -42,19 +52,27 @@ def steps_text(steps: float) -> str:
     return f"{steps / MILLION:.3g} M steps"
 
 
-def budget_text(group: Sequence[ControllerResult]) -> str:
-    """Training steps or planning budget of our controllers, one entry where the seeds agree."""
-    return " / ".join(dict.fromkeys(map(_own_budget, group)))
+def budget_cell(group: Sequence[ControllerResult]) -> str:
+    """Training steps or planning budget of our controllers for a column, one entry where the seeds agree."""
+    return " / ".join(
+        dict.fromkeys(
+            steps_text(controller.meta["steps"])
+            if controller.algorithm == TRAINED
+            else planning_budget(controller.meta).cell
+            for controller in group
+        )
+    )
 
 
-def paper_budget_text(algorithm: str, kind: str) -> str:
-    """Training steps or planning budget of the paper's."""
-    return steps_text(PPO_EVALUATED_STEPS[kind]) if algorithm == TRAINED else str(PAPER_PLANNING)
+def paper_budget_cell(algorithm: str, kind: str) -> str:
+    """Training steps or planning budget of the paper's for a column."""
+    return steps_text(PPO_EVALUATED_STEPS[kind]) if algorithm == TRAINED else PAPER_PLANNING.cell
 
 
 def counts_text(title: str, group: Sequence[ControllerResult]) -> str:
     """`PPO MLP Δq̇: 5 seeds, 500 episodes each, 32 M steps`."""
-    return f"{title}: {seeds_text(group)}, {episodes_text(group)} episodes each, {budget_text(group)}"
+    budget = " / ".join(dict.fromkeys(map(_own_budget, group)))
+    return f"{title}: {seeds_text(group)}, {episodes_text(group)} episodes each, {budget}"
 
 
 def seeds_text(group: Sequence[ControllerResult]) -> str:

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 
 from pipeline.reporting.controllers import ControllerResult, by_controller, controller_title, split_name
 from pipeline.reporting.counts import (
-    budget_text,
+    BUDGET_LEGEND,
+    budget_cell,
     counts_text,
     episodes_text,
-    paper_budget_text,
+    paper_budget_cell,
     smaller_budget,
 )
 from pipeline.reporting.differences import Circumstances, difference_sentences
@@ -61,15 +62,15 @@ def comparison_table(controllers: Sequence[ControllerResult], origin: str) -> Ta
     rows = []
     for name, group in groups.items():
         ours = _figures(group, (*EVALUATION_METRICS, *BESIDE))
-        counts = [str(len(group)), episodes_text(group), budget_text(group)]
+        counts = [str(len(group)), episodes_text(group), budget_cell(group)]
         rows.append([*_labels(name), "ours", *ours, *counts])
         if name in BRAX_EVALUATION:
             published = [str(figure) for figure in BRAX_EVALUATION[name].values()]
-            counts = [str(PAPER_SEEDS), str(PAPER_EPISODES), paper_budget_text(*split_name(name))]
+            counts = [str(PAPER_SEEDS), str(PAPER_EPISODES), paper_budget_cell(*split_name(name))]
             rows.append([*_labels(name), "paper", *published, *[NONE] * len(BESIDE), *counts])
     columns = ["Algo.", "Dyn. model", "Whose", *(METRIC_COLUMNS[metric] for metric in EVALUATION_METRICS)]
     columns += [*BESIDE.values(), "Seeds", "Episodes", "Budget"]
-    notes = [LEGEND, PATH_LENGTH, VARIANTS, END_STOPS, machine_note(origin)]
+    notes = [LEGEND, PATH_LENGTH, BUDGET_LEGEND, VARIANTS, END_STOPS, machine_note(origin)]
     rules = [index for index, row in enumerate(rows) if index and row[2] == "ours"]
     return Table("Evaluation in the Brax environment, beside the paper's", columns, rows, notes, 2, rules)
 

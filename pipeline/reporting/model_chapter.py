@@ -48,25 +48,26 @@ def judgement_section(judgement: JudgementResult) -> Section:
         for name, content in judgement.figures.items()
         if name == "error_growth"
     ]
-    tables = [
-        Table(
+    tables = {
+        name: Table(
             content["title"],
             list(content["rows"][0]),
             [list(row.values()) for row in content["rows"]],
             content["notes"],
         )
-        for content in judgement.comparisons.values()
-    ]
+        for name, content in judgement.comparisons.items()
+    }
     sentences = {name: content["sentence"] for name, content in judgement.comparisons.items()}
     return Section(
         f"{KIND_NAMES[judgement.kind]} beside a control engineer's references",
         f"Prediction: {sentences['errors']}",
         figures,
-        tables,
+        [tables["errors"]],
         [
             f"Over the horizon: {sentences['error_growth']}",
             f"Outside the training distribution, where a policy exploits what is wrong: {sentences['extrapolation']}",
         ],
+        folded_tables=[table for name, table in tables.items() if name != "errors"],
     )
 
 

@@ -40,7 +40,7 @@ class Points:
 class Section:
     """A chapter of the page: a question, its answer in a sentence, the evidence.
 
-    With `gallery` its pictures stand side by side.
+    With `gallery` its pictures stand side by side; `folded_tables` are closed until the reader opens them.
     """
 
     title: str
@@ -50,6 +50,7 @@ class Section:
     paragraphs: Sequence[str] = field(default_factory=tuple)
     points: Sequence[Points] = field(default_factory=tuple)
     gallery: bool = False
+    folded_tables: Sequence[Table] = field(default_factory=tuple)
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,7 @@ def test_the_profiles_have_the_papers_nine_rows_in_its_order(profile):
     [
         ({"rows": [["pose"], []]}, "rows"),
         ({"rows": [["pose", "action"], ["action", "pose"]]}, "rows"),
+        ({"rows": [["posture"]]}, "rows has posture"),
         ({"seeds": [1, 1]}, "seeds"),
         ({"evaluated_at_steps": 10}, "evaluated_at_steps"),
     ],
