@@ -1,0 +1,113 @@
+"""Stage `sim2real`: successive targets on the simulated machine, a stand-in for the excavator, recorded as a bag."""
+
+import json
+import shutil
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from omegaconf import MISSING
+
+from pipeline.configuration import MACHINE_DIRECTORY, stage
+from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
+from pipeline.deployment.control_supervisor import ControlSupervisor
+from pipeline.deployment.goals import known_configurations
+from pipeline.deployment.machine import Sample
+from pipeline.deployment.simulated_time.delays import load_delays
+from pipeline.deployment.successive import run_successive
+from pipeline.deployment.supervisor_rules import build_rules
+from pipeline.deployment.velocity_estimator import VelocityEstimator
+from pipeline.plant.parameters import Parameters
+from pipeline.plant.simulated import simulated_machine
+from pipeline.plant.simulator import Plant
+from pipeline.reaching.episodes import evaluation_episodes
+from pipeline.stages.sim2sim import Sim2SimStage, policy_parts
+from pipeline.tracking import StageRun, progress_bar
+
+PERIOD_S = 0.01  # at which the plant is advanced: commands act within so much of their arrival
+
+
+@dataclass
+class Sim2RealStage(Sim2SimStage):
+    """Keys of `conf/sim2real.yaml`."""
+
+    start_time: str = MISSING
+    plant_seed: int = MISSING
+
+
+class PlantMachine:
+    """The plant behind a driver: encoder readings at their own rate, no velocities."""
+
+    def __init__(self, parameters: Parameters, seed: int, start: np.ndarray) -> None:
+        """A plant at rest in `start`, (n_joint,), rad; it takes commands every `PERIOD_S`."""
+        numerics = parameters.numerics._replace(control_period_s=PERIOD_S)
+        self._plant = Plant(parameters._replace(numerics=numerics), seed, start)
+
+    @property
+    def period_ns(self) -> int:
+        """Length of one period."""
+        return nanoseconds(PERIOD_S)
+
+    def read(self) -> Sequence[Sample]:
+        """Nothing yet: the encoders' first readings come with the first periods."""
+        return ()
+
+    def advance(self, command: np.ndarray) -> Sequence[Sample]:
+        """One period."""
+        states = self._plant.step(np.asarray(command)).joint_states
+        ages_ns = np.maximum(np.round((self._plant.time_s - states.stamp_s) * NANOSECONDS), 0).astype(int)
+        return [Sample(int(age), q, None) for age, q in zip(ages_ns, states.position_rad, strict=True)]
+
+
+@stage(Sim2RealStage)
+def main(configuration: Sim2RealStage, run: StageRun) -> None:
+    """Pursue the first targets of the evaluation; write one bag, and how the goals ended."""
+    machine, deployment, output = configuration.machine, configuration.deployment, Path(configuration.output)
+    parts, conditions = policy_parts(configuration, machine), configuration.episodes
+    run.inputs(f"{configuration.model}/parameters.msgpack", f"{configuration.policy}/policy.msgpack")
+    episodes = evaluation_episodes(
+        machine, parts.task.arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
+    ).first(deployment.targets)
+    parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
+    plant = PlantMachine(
+        simulated_machine(machine.name), configuration.plant_seed, np.asarray(episodes.starts[0], float)
+    )
+    start = datetime.fromisoformat(configuration.start_time)
+    supervisor: tuple[Component, ...] = ()
+    if deployment.supervisor.rules:
+        rules = build_rules(machine, deployment.supervisor, MACHINE_DIRECTORY)
+        supervisor = (ControlSupervisor(rules, deployment.supervisor.period_s),)
+    with progress_bar("sim2real", total=len(episodes.targets), unit="target") as bar:
+        recorder = run_successive(
+            parts,
+            load_delays(Path(deployment.delays)),
+            plant,
+            VelocityEstimator(nanoseconds(machine.dt_s), configuration.control.loop_tracker),
+            episodes.targets,
+            int(start.timestamp()) * NANOSECONDS,
+            supervisor,
+            lambda done: bar.update(done - bar.n),
+        )
+    bag = output / "logs" / start.strftime("%Y-%m-%d-%H-%M-%S")
+    shutil.rmtree(bag, ignore_errors=True)
+    recorder.write(bag, machine)
+    outcomes = Counter(str(result.outcome) for result in recorder.results)
+    content = {
+        "outcomes": dict(outcomes),
+        "goals": [
+            {"goal": result.goal_id, "outcome": result.outcome, "ticks": result.n_ticks}
+            for result in recorder.results
+        ],
+        "stops": [{"rule": stop.rule, "detail": stop.detail} for stop in recorder.stops],
+    }
+    (output / "goals.json").write_text(json.dumps(content, indent=1) + "\n")
+    print("sim2real: " + ", ".join(f"{n} {outcome}" for outcome, n in outcomes.items()))
+    run.metrics({f"goals_{outcome}": n for outcome, n in outcomes.items()})
+    run.artifact(output, "deployment")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,85 @@
+"""Messages survive ROS's wire format."""
+
+import dataclasses
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.deployment import messages as m
+from pipeline.deployment.messages import Topic
+from pipeline.deployment.ros1.installation import DEBIAN_PACKAGES, require_ros
+from pipeline.deployment.ros1.measurements import distributions, real_time_table
+from pipeline.deployment.ros1.message_types import carriers
+from pipeline.errors import InputError
+from tests.deployment.machines import bobcat
+from tests.ros_graph import DIST_PACKAGES, requires_debian
+
+PACKAGES = {"python3-rospy": DIST_PACKAGES / "rospy", "python3-sensor-msgs": DIST_PACKAGES / "sensor_msgs"}
+NOW = 1_700_000_000_123_456_789
+EXAMPLES = {
+    Topic.joint_states: m.JointState(NOW, np.array([0.1, 0.2, -1.0, -0.3]), np.array([0.0, 1.0, 2.0, -3.0])),
+    Topic.joystick: m.Joystick(NOW, np.array([0.5, -1.0, 0.0])),
+    Topic.goal: m.ReachGoal(7, np.array([1.0, 2.0, 3.0]), np.array([1.0, 0.0, 0.5, 0.0])),
+    Topic.cancel: m.CancelGoal(7),
+    Topic.result: m.ReachResult(NOW, 7, m.Outcome.left_workspace, 123),
+    Topic.target_pose: m.TargetPose(NOW, np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.0, 0.8, 0.0])),
+    Topic.requested_commands: m.JointCommand(
+        NOW, "server", 5, NOW - 10**7, np.array([1.0, 0.0, -1.0, 0.0]), True
+    ),
+    Topic.joint_commands: m.MachineCommand(NOW, np.array([-1.0, 0.0, 1.0, 1.0])),
+    Topic.emergency_stop: m.EmergencyStop(NOW, "joint_limits", "swing at 1.0 rad"),
+    Topic.supervisor_state: m.SupervisorState(NOW, "joint_limits"),
+}
+
+
+@requires_debian(PACKAGES)
+@pytest.mark.parametrize("topic", EXAMPLES)
+def test_a_message_comes_back_as_it_was(topic: Topic) -> None:
+    carrier = carriers(bobcat())[topic]
+    stream = io.BytesIO()
+    carrier.to_ros(EXAMPLES[topic]).serialize(stream)
+    back = carrier.from_ros(carrier.ros_type().deserialize(stream.getvalue()), NOW)
+    for field in dataclasses.fields(back):
+        np.testing.assert_array_equal(getattr(back, field.name), getattr(EXAMPLES[topic], field.name))
+
+
+@requires_debian(PACKAGES)
+def test_every_topic_between_processes_is_carried_by_the_machines_names() -> None:
+    table = carriers(bobcat())
+    assert set(table) == set(EXAMPLES) == {topic for topic in Topic if not topic.startswith("can_")}
+    assert (
+        table[Topic.joint_states].name == "/joint_states" and table[Topic.target_pose].name == "/target_pose"
+    )
+
+
+def test_without_ros_one_line_says_what_to_install(monkeypatch) -> None:
+    monkeypatch.setattr("pipeline.deployment.ros1.installation.ROSMASTER", Path("/no/such/rosmaster"))
+    with pytest.raises(InputError, match="apt-get install"):
+        require_ros()
+    assert DEBIAN_PACKAGES == DIST_PACKAGES
+
+
+def test_measurements_become_distributions_and_a_table() -> None:
+    ramp = [1.0] * 40 + list(np.linspace(0.001, 0.002, 1001))  # the first forty are the warm-up
+    quantities = (
+        "age joint_states",
+        "age requested_commands",
+        "computation DecisionRequest",
+        "timer",
+        "tick",
+    )
+    node = dict.fromkeys(quantities, ramp)
+    measured = {
+        "autonomous_server": {**node, "missed": [0.1]},
+        "control_interface": node,
+        "bobcat_e10_sim_driver": node,
+    }
+    links = distributions(measured)
+    assert links["inference"].quantiles_s[[0, 100, 200]] == pytest.approx([0.001, 0.0015, 0.002])
+    table = real_time_table(measured)
+    assert "| inference, from request to command | 1.50 | 2.00 | 1001 |" in table
+    assert "| missed ticks of autonomous_server | 1 of 1042 | | |" in table
+    with pytest.raises(InputError, match="run for longer"):
+        distributions({**measured, "control_interface": {}})
