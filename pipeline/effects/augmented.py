@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 
 from pipeline.dynamics.features import History, push
 from pipeline.dynamics.model import DynamicsModel, Target
@@ -68,6 +69,10 @@ class AugmentedModel:
             *measured, measured, self.chain.initial(batch), jnp.full(batch, WARM_S, q.dtype)
         )
 
+    def normalise_position(self, q: jax.Array) -> jax.Array:
+        """As the frozen model."""
+        return self.frozen.normalise_position(q)
+
     def features(self, history: AugmentedHistory) -> jax.Array:
         """The policy's x̃_t, from what is measured."""
         return self.frozen.features(History(history.motion, history.commands, history.q))
@@ -96,6 +101,28 @@ class AugmentedModel:
             nominal=History(motion, after.commands, true),
             chain=state,
             time_s=history.time_s + dt_s,
+        )
+
+    def stopped(
+        self, parameters: AugmentedParameters, history: AugmentedHistory, lower: ArrayLike, upper: ArrayLike
+    ) -> AugmentedHistory:
+        """End stops: a joint beyond a limit (n_joint,), rad or m, is at it, with zero velocity.
+
+        Stops are where they are, whatever the encoders read: they act on the true configuration.
+        """
+        nominal, is_dq = history.nominal, self.specification.target is Target.dq
+        true = jnp.clip(nominal.q, lower, upper)
+        is_free = true == nominal.q
+        q = jnp.where(is_free, history.q, self.chain.measured(parameters.effects, true))
+        true_rest, rest = (true, q) if is_dq else (jnp.zeros_like(true), jnp.zeros_like(q))
+
+        def with_newest(motion: jax.Array, rest: jax.Array) -> jax.Array:
+            return motion.at[..., -1, :].set(jnp.where(is_free, motion[..., -1, :], rest))
+
+        return history._replace(
+            motion=with_newest(history.motion, rest),
+            q=q,
+            nominal=nominal._replace(motion=with_newest(nominal.motion, true_rest), q=true),
         )
 
     @property

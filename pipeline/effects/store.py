@@ -1,11 +1,13 @@
 """An augmented model's folder: the frozen model's files and `effects.json`."""
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from pipeline.atomic_files import write_whole
@@ -13,7 +15,8 @@ from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
 from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.dynamics.store import load_model
+from pipeline.dynamics.store import load_model, model_fingerprint
+from pipeline.effects.augmented import AugmentedModel, AugmentedParameters
 from pipeline.effects.catalogue import CATALOGUE
 from pipeline.effects.chain import Chain
 from pipeline.effects.dependence import DEPENDENCES
@@ -154,6 +157,41 @@ def load_predictor(directory: Path) -> Predictor:
     Raises:
         InputError: as `load_model` and `load_effects`, or the effects are of another machine than the model.
     """
+    return predictor(*_load(directory))
+
+
+def load_dynamics(directory: Path) -> tuple[DynamicsModel | AugmentedModel, Any]:
+    """Read a model folder of `identify` or `close_loop` as dynamics to act on, with all their effects set in.
+
+    Returns:
+        The model and its parameters: the frozen ones where no effect is active.
+
+    Raises:
+        InputError: as `load_predictor`.
+    """
+    model, parameters, effects = _load(directory)
+    families = effects.families() if effects is not None else []
+    if effects is None or not families:
+        return model, parameters
+    values = {
+        family: {name: jnp.asarray(value, jnp.float32) for name, value in effects.values[family].items()}
+        for family in families
+    }
+    return AugmentedModel(model, effects.chain(families)), AugmentedParameters(parameters, values)
+
+
+def dynamics_fingerprint(directory: Path) -> str:
+    """Digest of the network's parameters and of the effects around it.
+
+    Raises:
+        InputError: as `load_model`.
+    """
+    network = model_fingerprint(directory)
+    path = directory / FILE
+    return network if not path.exists() else hashlib.sha256(network.encode() + path.read_bytes()).hexdigest()
+
+
+def _load(directory: Path) -> tuple[DynamicsModel, Parameters, ActiveEffects | None]:
     model, parameters = load_model(directory)
     effects = load_effects(directory)
     expected = (model.specification.n_joint, model.specification.dt_s)
@@ -162,4 +200,4 @@ def load_predictor(directory: Path) -> Predictor:
             f"{directory / FILE}: effects of {effects.setting.n_joint} joints at steps of {effects.setting.dt_s} s, "
             f"the model has {expected[0]} joints and steps of {expected[1]} s; close the loop again"
         )
-    return predictor(model, parameters, effects)
+    return model, parameters, effects

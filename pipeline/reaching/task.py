@@ -3,16 +3,15 @@
 The environment (policy learning), the evaluation and model predictive control all call `ReachingTask.tick`.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.features import History
 from pipeline.dynamics.held_command import hold
 from pipeline.dynamics.model import DynamicsModel, Target
-from pipeline.dynamics.network import Parameters
+from pipeline.effects.augmented import AugmentedModel
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import Arm, Pose
 from pipeline.machine.poses import workspace_of
@@ -42,13 +41,13 @@ class TaskState(NamedTuple):
     """What the task knows between two ticks; any leading axes.
 
     Attributes:
-        history: the dynamics' window, before the next command.
+        history: the dynamics' window, `History` or `AugmentedHistory`, before the next command.
         pose: of the chisel tip, of `history.q`.
         command: of the last tick, shape (..., n_joint); zero at the start of an episode.
         goal: the target.
     """
 
-    history: History
+    history: Any
     pose: Pose
     command: jax.Array
     goal: Goal
@@ -85,8 +84,8 @@ class ReachingTask:
         self,
         machine: MachineSpecification,
         arm: Arm,
-        dynamics: DynamicsModel,
-        parameters: Parameters,
+        dynamics: DynamicsModel | AugmentedModel,
+        parameters: Any,
         reward: RewardConfig,
     ) -> None:
         """Puts the parts together.
@@ -94,7 +93,7 @@ class ReachingTask:
         Args:
             machine: joint limits, kind of commands and workspace.
             arm: its kinematics.
-            dynamics: the learned model.
+            dynamics: the learned model, or one with effects around it.
             parameters: its parameters.
             reward: weights, thresholds and enabled terms.
 
@@ -114,7 +113,7 @@ class ReachingTask:
             )
         self.machine = machine
         self.arm = arm
-        self.dynamics = dynamics
+        self.dynamics: Any = dynamics  # both kinds begin, step and observe alike
         self.reward = reward
         self.parameters = parameters
         self._workspace = workspace_of(machine)
@@ -156,6 +155,8 @@ class ReachingTask:
         Returns:
             The state after the last tick, and what every tick led to, (n_ticks, ...).
         """
+        if not isinstance(self.dynamics, DynamicsModel):
+            return jax.lax.scan(lambda state, _: self.tick(state, command), state, length=n_ticks)
         history, q = hold(self.dynamics, self.parameters, state.history, command, n_ticks, self._stopped)
         pose = tip_pose(self.arm.description, q)
         previous = jnp.concatenate([state.command[None], jnp.broadcast_to(command, q[1:].shape)])
@@ -208,7 +209,9 @@ class ReachingTask:
             configuration=q - goal.configuration,
         )
 
-    def _with_end_stops(self, history: History) -> History:
+    def _with_end_stops(self, history: Any) -> Any:
+        if not isinstance(self.dynamics, DynamicsModel):
+            return self.dynamics.stopped(self.parameters, history, self._lower, self._upper)
         q, newest = self._stopped(history.q, history.motion[..., -1, :])
         return history._replace(q=q, motion=history.motion.at[..., -1, :].set(newest))
 

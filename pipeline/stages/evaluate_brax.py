@@ -10,7 +10,7 @@ from omegaconf import MISSING
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.policy import load_policy
-from pipeline.dynamics.store import load_model, model_fingerprint
+from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, save_episodes
@@ -37,9 +37,9 @@ def main(configuration: EvaluateBraxStage, run: StageRun) -> None:
     """Evaluate one policy; write metrics, success-rate matrix, episodes and traces."""
     machine, conditions, output = configuration.machine, configuration.episodes, Path(configuration.output)
     arm = load_arm(machine, MACHINE_DIRECTORY)
-    dynamics, parameters = load_model(Path(configuration.model))
+    dynamics, parameters = load_dynamics(Path(configuration.model))
     policy, lineage = load_policy(Path(configuration.policy))
-    if lineage.get("model") != model_fingerprint(Path(configuration.model)):
+    if lineage.get("model") != dynamics_fingerprint(Path(configuration.model)):
         raise InputError(
             f"{configuration.policy}: was not learned on {configuration.model}; name the model that it was learned on"
         )

@@ -15,7 +15,7 @@ from pipeline.control.evaluate import controller_evaluation
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_controller
 from pipeline.control.icem.variant import RewardVariant, variant_reward
-from pipeline.dynamics.store import load_model
+from pipeline.effects.store import load_dynamics
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, save_episodes
 from pipeline.reaching.metrics import reaching_metrics, success_rate_matrix
@@ -45,7 +45,7 @@ def main(configuration: EvaluateIcemStage, run: StageRun) -> None:
     machine, conditions, icem = configuration.machine, configuration.episodes, configuration.icem
     output, repeats = Path(configuration.output), configuration.control.action_repeats
     arm = load_arm(machine, MACHINE_DIRECTORY)
-    dynamics, parameters = load_model(Path(configuration.model))
+    dynamics, parameters = load_dynamics(Path(configuration.model))
     run.inputs(f"{configuration.model}/parameters.msgpack")
     # The return is that of the reward planned with, as in the paper's table; see docs/controllers.md.
     reward = variant_reward(configuration.reward, configuration.variant)

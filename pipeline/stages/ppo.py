@@ -11,7 +11,7 @@ from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, Pipe
 from pipeline.control.curve import CurvePoint, write_curve
 from pipeline.control.policy import save_policy
 from pipeline.control.ppo import PPOConfig, train
-from pipeline.dynamics.store import load_model, model_fingerprint
+from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses
@@ -39,7 +39,7 @@ def main(configuration: PPOStage, run: StageRun) -> None:
     """Train one policy and write its folder."""
     machine, episodes, output = configuration.machine, configuration.episodes, Path(configuration.output)
     arm = load_arm(machine, MACHINE_DIRECTORY)
-    dynamics, parameters = load_model(Path(configuration.model))
+    dynamics, parameters = load_dynamics(Path(configuration.model))
     run.inputs(f"{configuration.model}/parameters.msgpack")
     settings = configuration.ppo.for_model(dynamics.specification)
     environment = ReachingEnvironment(
@@ -72,7 +72,7 @@ def main(configuration: PPOStage, run: StageRun) -> None:
         "seed": configuration.seed,
         "steps": result.policy_steps,
         "machine": machine.name,
-        "model": model_fingerprint(Path(configuration.model)),
+        "model": dynamics_fingerprint(Path(configuration.model)),
         "action_repeats": configuration.control.action_repeats,
     }
     save_policy(output, result.policy, lineage)

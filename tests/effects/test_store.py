@@ -9,10 +9,20 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.dynamics.store import save_model
+from pipeline.dynamics.store import model_fingerprint, save_model
+from pipeline.effects.augmented import AugmentedModel
 from pipeline.effects.effect import Setting
 from pipeline.effects.predictor import AugmentedPredictor
-from pipeline.effects.store import FILE, KNOWN, ActiveEffects, load_effects, load_predictor, save_effects
+from pipeline.effects.store import (
+    FILE,
+    KNOWN,
+    ActiveEffects,
+    dynamics_fingerprint,
+    load_dynamics,
+    load_effects,
+    load_predictor,
+    save_effects,
+)
 from pipeline.errors import InputError
 
 from .conftest import SETTING, VALUES, make_model, random_trajectory
@@ -64,6 +74,21 @@ def test_a_model_folder_is_a_predictor_with_its_effects(saved):
     np.testing.assert_array_equal(found.predict(log, starts, 5), expected.predict(log, starts, 5))
     (saved / FILE).unlink()
     assert isinstance(load_predictor(saved), LearnedPredictor)
+
+
+def test_a_model_folder_is_dynamics_with_its_effects(saved):
+    model = make_model()
+    save_model(saved, model, model.initialise(jax.random.key(0)), {}, {}, {})
+    save_effects(saved, ActiveEffects(SETTING, {"gain": VALUES["gain"]}, EFFECTS.onset_ns))
+    with_gain = dynamics_fingerprint(saved)
+    dynamics, parameters = load_dynamics(saved)
+    assert isinstance(dynamics, AugmentedModel)
+    assert list(parameters.effects) == ["gain"]
+    save_effects(saved, ActiveEffects(SETTING, {"lag": VALUES["lag"]}, {}))
+    assert dynamics_fingerprint(saved) != with_gain
+    (saved / FILE).unlink()
+    assert type(load_dynamics(saved)[0]) is type(model)
+    assert dynamics_fingerprint(saved) == model_fingerprint(saved) != with_gain
 
 
 def test_effects_of_another_machine_are_refused(saved):
