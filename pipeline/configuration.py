@@ -56,8 +56,8 @@ class PipelineConfiguration:
     episodes: Any = MISSING
     reward: Any = MISSING
     ppo: Any = MISSING
-    icem: Any = MISSING
     reward_ablation: Any = MISSING
+    icem: Any = MISSING
     search: Any = MISSING
     judge: Any = MISSING
     close_loop: Any = MISSING
