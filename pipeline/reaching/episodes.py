@@ -72,8 +72,9 @@ class EpisodesConfig:
 
 
 # Folded into a training's key for its table of poses: what PPO draws with the same seed, and the episodes of a curve or
-# an evaluation whose seed happens to be the same number, come from other streams.
-_POSE_TABLE_STREAM = 1
+# an evaluation whose seed happens to be the same number, come from other streams. Any large number would do; a small n
+# would not, since `fold_in(key, n)` is the n-th key of `split(key, ...)`.
+_POSE_TABLE_STREAM = 0x706F7365
 
 
 class Episodes(NamedTuple):

@@ -1,0 +1,20 @@
+"""What the speed of PPO's environment is measured against computes the same."""
+
+import jax
+import numpy as np
+
+from benchmarks.ppo_speed import check_equal, environments_of, operations
+
+
+def test_the_plain_environment_is_the_same_task():
+    before = jax.config.read("jax_disable_most_optimizations")
+    jax.config.update("jax_disable_most_optimizations", True)
+    try:
+        check_equal(*environments_of([16, 8]))
+    finally:
+        jax.config.update("jax_disable_most_optimizations", before)
+
+
+def test_operations_are_two_per_weight():
+    assert operations([156, 512, 128, 4]) == 2 * (156 * 512 + 512 * 128 + 128 * 4)
+    assert np.isclose(operations([3, 2]), 12.0)
