@@ -18,12 +18,14 @@ PATH: a Python with PyTorch (requirements-benchmark.lock); without it NumPy's si
 """
 
 import argparse
+import contextlib
 import dataclasses
 import json
 import os
 import statistics
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -121,7 +123,8 @@ def write_case(path: Path, held: bool) -> None:
     )
 
 
-def serve_ours(held: bool, variant: str) -> None:
+def our_planner(held: bool, variant: str) -> tuple[dict, Callable[[int], float]]:
+    """What the process says first, and its turn: so many decisions."""
     import jax
     import jax.numpy as jnp
 
@@ -224,7 +227,11 @@ def main() -> None:
         if what == "peak":
             serve_peak({}, Path())
         else:
-            serve_ours(bool(int(held)), variant)
+            with contextlib.redirect_stdout(
+                sys.stderr
+            ):  # Brax prints while it is imported; answers are JSON alone
+                answer, turn = our_planner(bool(int(held)), variant)
+            serve(answer, turn)
         return
     if arguments.processor_time:
         os.environ["SPEED_CLOCK"] = "processor"

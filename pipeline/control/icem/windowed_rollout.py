@@ -84,7 +84,7 @@ class WindowedRollout:
 
         Args:
             model: the dynamics model.
-            parameters: θ.
+            parameters: θ; values, not traced.
             lower: end stops, rad or m, (n_joint,).
             upper: end stops, rad or m, (n_joint,).
             n_entries: H, entries of a sequence.

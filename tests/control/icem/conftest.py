@@ -19,6 +19,6 @@ class Quadratic:
 
 @pytest.fixture(scope="session")
 def small_icem() -> IcemConfig:
-    """The paper's ingredients with a small budget: 30, 24, 19 and 16 samples, of which 4 of 8 elites are reused."""
+    """The paper's ingredients with a small budget: 30, 24 and 19 samples, 8 elites, of which 4 are reused."""
     paper = load_section("icem", IcemConfig)
-    return dataclasses.replace(paper, horizon=5, samples=30, elites=8, iterations=4)
+    return dataclasses.replace(paper, horizon=5, samples=30, elites=8, iterations=3)

@@ -5,10 +5,10 @@ from scipy.stats import norm
 
 
 class LoopPlanner:
-    """Draws the same random numbers as the planner under test, by `draw(key_path, n)`; all else is its own."""
+    """Is given the noise that the planner under test draws; all else is its own."""
 
-    def __init__(self, config, value, shift, shape):
-        self.c, self.value, self.shift = config, value, shift
+    def __init__(self, config, shift, shape):
+        self.c, self.shift = config, shift
         self.mean, self.std = np.zeros(shape), np.full(shape, config.initial_std)
         self.elites = []  # (return, sequence), best first
 
@@ -18,7 +18,7 @@ class LoopPlanner:
         low, high = norm.cdf((-1 - self.mean) / self.std), norm.cdf((1 - self.mean) / self.std)
         return [self.mean + self.std * norm.ppf(low + norm.cdf(z) * (high - low)) for z in noise]
 
-    def decide(self, noises, shift_noise):
+    def decide(self, value, noises, shift_noise):
         c = self.c
         n = float(c.samples)
         for i in range(c.iterations):
@@ -27,13 +27,13 @@ class LoopPlanner:
             samples = self.sample(noises[i][:count])
             if c.mean_in_last_iteration and i == c.iterations - 1:
                 samples[0] = self.mean.copy()
-            pool = [(self.value(s), s) for s in samples]
+            pool = [(value(s), s) for s in samples]
             n_reused = int(c.elite_fraction * c.elites)
             if i == 0 and c.shift_elites:
                 last = self.sample(shift_noise)
                 for (_, elite), fresh in zip(self.elites[:n_reused], last[: len(self.elites)], strict=False):
                     moved = np.concatenate([elite[self.shift :], fresh[-self.shift :]])
-                    pool.append((self.value(moved), moved))
+                    pool.append((value(moved), moved))
             if i > 0 and c.keep_elites:
                 pool += self.elites[:n_reused]
             pool.sort(key=lambda pair: -pair[0])

@@ -55,20 +55,21 @@ def test_windows_equal_ticks(bobcat, arm, paper_reward, kind, target, lags, entr
     state = state_of(task)
     commands = jnp.sign(jax.random.normal(jax.random.key(3), (N, entries, 4)))
 
+    ways = TickReturns(task, ticks, DISCOUNT), WindowedReturns(task, entries, ticks, DISCOUNT)
+
     def both(state, commands):
-        returns = TickReturns(task, ticks, DISCOUNT), WindowedReturns(task, entries, ticks, DISCOUNT)
-        return [way.evaluate(way.prepare(state), commands) for way in returns]
+        return [way.evaluate(way.prepare(state), commands) for way in ways]
 
     plain, fast = map(np.asarray, jax.jit(both)(state, commands))
     assert np.ptp(plain) > 0.1  # the sequences differ
     np.testing.assert_allclose(fast, plain, atol=1e-4 * entries * ticks)
 
 
-def test_returns_by_hand(task, tick):
+def test_returns_by_hand(task):
     """The plain way: the reward of every tick, times the discount of its entry."""
     state = state_of(task)
     commands = jnp.asarray([[[1.0, 0, 0, 0], [0.0, 1, 0, -1]]])
-    expected, now = 0.0, state
+    expected, now, tick = 0.0, state, jax.jit(task.tick)
     for entry in range(2):
         for _ in range(3):
             now, outcome = tick(now, commands[0, entry])
