@@ -1,7 +1,9 @@
 """From a target pose to the configuration that a policy also wants to see."""
 
 from collections.abc import Callable
+from functools import cache
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -33,12 +35,18 @@ def goal_solver(machine: MachineSpecification, arm: Arm) -> GoalSolver:
     return solve
 
 
+@cache
+def compiled_forward(arm: Arm) -> Callable[[np.ndarray], Pose]:
+    """The arm's forward kinematics, compiled once per shape of its argument."""
+    return jax.jit(arm.forward)
+
+
 def known_configurations(arm: Arm, targets: np.ndarray) -> GoalSolver:
     """A solver that looks a pose up among those of known configurations, (N, n_joint), float32.
 
     For experiments on fixed episodes: their targets are given as configurations, and are pursued as just these.
     """
-    positions = np.asarray(arm.forward(jnp.asarray(targets)).position)
+    positions = np.asarray(compiled_forward(arm)(targets).position)
 
     def solve(position: np.ndarray, quaternion: np.ndarray, q: np.ndarray) -> np.ndarray | None:
         distance = np.abs(positions - position).max(axis=1)

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping
 
-import jax.numpy as jnp
 import numpy as np
 
 from pipeline.deployment.component import Component, nanoseconds
+from pipeline.deployment.goals import compiled_forward
 from pipeline.deployment.machine import Machine
 from pipeline.deployment.messages import ReachGoal, Topic
 from pipeline.deployment.recording import Recorder
@@ -44,7 +44,7 @@ def run_successive(
     seed = np.random.SeedSequence(parts.config.seed)
     components = parts.components(machine, estimator, *further)
     graph = SimulatedGraph(components, delays, seed, start_ns=start_ns, taps=[recorder])
-    poses = parts.task.arm.forward(jnp.asarray(targets))
+    poses = compiled_forward(parts.task.arm)(targets)
     longest_ns = SAFETY_FACTOR * parts.maximum_ticks * nanoseconds(parts.task.machine.dt_s)
     for number in range(len(targets)):
         goal = ReachGoal(number, np.asarray(poses.position[number]), np.asarray(poses.quaternion[number]))

@@ -7,7 +7,6 @@ ran and what a bag of it holds are evaluated alike.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 
 from pipeline.deployment.autonomous_server import AutonomousServer
@@ -15,7 +14,7 @@ from pipeline.deployment.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.component import NANOSECONDS, Component
 from pipeline.deployment.control_interface import ControlInterface
 from pipeline.deployment.controllers import Controller
-from pipeline.deployment.goals import GoalSolver, known_configurations
+from pipeline.deployment.goals import GoalSolver, compiled_forward, known_configurations
 from pipeline.deployment.machine import LearnedMachine, LearnedStep, Machine, TracedMachine
 from pipeline.deployment.messages import Outcome, ReachGoal, Topic
 from pipeline.deployment.recording import Recorder
@@ -44,6 +43,7 @@ class GraphParts:
         config: section `deployment`.
         action_repeats: ticks per decision.
         maximum_ticks: T_reset.
+        step: of the learned model in the machine's place.
     """
 
     task: ReachingTask
@@ -53,6 +53,7 @@ class GraphParts:
     config: DeploymentConfig
     action_repeats: int
     maximum_ticks: int
+    step: LearnedStep
 
     def with_goals(self, solve_goal: GoalSolver) -> "GraphParts":
         """The same graph with another way from poses to configurations."""
@@ -97,13 +98,12 @@ def run_episodes(
     Returns:
         One trial per episode, of T_reset ticks of the machine from when the target was in force.
     """
-    step = LearnedStep(parts.task)
     parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
-    poses = parts.task.arm.forward(jnp.asarray(episodes.targets))
+    poses = compiled_forward(parts.task.arm)(episodes.targets)
     positions, quaternions = np.asarray(poses.position), np.asarray(poses.quaternion)
     trials = []
     for number, start in enumerate(episodes.starts):
-        machine, recorder = TracedMachine(LearnedMachine(step, start)), Recorder()
+        machine, recorder = TracedMachine(LearnedMachine(parts.step, start)), Recorder()
         # keyed by the episode, so that a part of the episodes runs as it does among all
         seed = np.random.SeedSequence(parts.config.seed, spawn_key=(number,))
         graph = SimulatedGraph(parts.components(machine), delays, seed, taps=[recorder])

@@ -27,7 +27,7 @@ def main(configuration: MeasureDelaysStage, run: StageRun) -> None:
     """Run the graph over the targets; write the file of delays and the real-time table."""
     output = Path(configuration.output)
     load_before = os.getloadavg()[0]
-    results = run_targets(configuration, [word for word in sys.argv[1:] if not word.startswith("delays=")])
+    results, _ = run_targets(configuration, [word for word in sys.argv[1:] if not word.startswith("delays=")])
     measured = load_measured(output / "nodes")
     how = {
         "command": "measure_delays",

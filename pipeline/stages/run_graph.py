@@ -1,6 +1,7 @@
 """Stage `run_graph`: the graph as ROS 1 nodes at wall-clock time, the learned model in the machine's place."""
 
 import json
+import shutil
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -16,11 +17,15 @@ from pipeline.deployment.component import Component
 from pipeline.deployment.control_interface import ControlInterface
 from pipeline.deployment.control_supervisor import ControlSupervisor
 from pipeline.deployment.controllers import ControllerState
-from pipeline.deployment.machine import LearnedMachine, LearnedStep
+from pipeline.deployment.goals import known_configurations
+from pipeline.deployment.machine import LearnedMachine
 from pipeline.deployment.messages import ReachGoal, ReachResult
+from pipeline.deployment.recording import Recorder
 from pipeline.deployment.ros1.launch import graph
 from pipeline.deployment.ros1.node import Node
 from pipeline.deployment.ros1.operator import Operator
+from pipeline.deployment.simulated_time.delays import load_delays
+from pipeline.deployment.successive import run_successive
 from pipeline.deployment.supervisor_rules import build_rules
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
@@ -59,13 +64,27 @@ def main(configuration: RunGraphStage, run: StageRun) -> None:
     if configuration.node is not None:
         run_node(configuration, configuration.node)
         return
-    results = run_targets(configuration, sys.argv[1:])
+    output = Path(configuration.output)
+    results, recorder = run_targets(configuration, sys.argv[1:])
     content = [asdict(result) for result in results]
-    (Path(configuration.output) / "results.json").write_text(json.dumps(content, indent=1) + "\n")
+    (output / "results.json").write_text(json.dumps(content, indent=1) + "\n")
+    for folder, recorded in (("logs", recorder), ("simulated", simulate(configuration))):
+        shutil.rmtree(output / folder, ignore_errors=True)
+        recorded.write(output / folder / "targets", configuration.machine)
     print(f"run_graph: {len(results)} goals: {', '.join(result.outcome for result in results)}")
 
 
-def run_targets(configuration: TargetsStage, overrides: list[str]) -> list[ReachResult]:
+def simulate(configuration: TargetsStage) -> Recorder:
+    """The same targets from the same start through the graph in simulated time: what the real one is held against."""
+    episodes = fixed_episodes(configuration)
+    parts = policy_parts(configuration, configuration.machine)
+    parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
+    delays = load_delays(Path(configuration.deployment.delays))
+    machine = LearnedMachine(parts.step, episodes.starts[0])
+    return run_successive(parts, delays, machine, None, episodes.targets, time.time_ns())
+
+
+def run_targets(configuration: TargetsStage, overrides: list[str]) -> tuple[list[ReachResult], Recorder]:
     """Launch the nodes with the overrides of this command, pursue the targets, shut the nodes down."""
     output, machine = Path(configuration.output), configuration.machine
     offset_ns = time.time_ns() - time.monotonic_ns()
@@ -83,12 +102,13 @@ def run_targets(configuration: TargetsStage, overrides: list[str]) -> list[Reach
         for number in range(len(episodes.targets))
     ]
     with graph(nodes, output / "nodes") as processes:
-        operator = Operator(machine)
+        operator = Operator(machine, offset_ns)
         operator.wait_for_server(
             START_TIMEOUT_S, lambda: all(process.poll() is None for process in processes.values())
         )
         time.sleep(SETTLE_S)
-        return operator.pursue(goals, configuration.episodes.steps * machine.dt_s + GOAL_MARGIN_S)
+        results = operator.pursue(goals, configuration.episodes.steps * machine.dt_s + GOAL_MARGIN_S)
+    return results, operator.recorder
 
 
 def fixed_episodes(configuration: TargetsStage) -> Episodes:
@@ -120,9 +140,8 @@ def build(configuration: RunGraphStage, name: str) -> Component:
     parts = policy_parts(configuration, machine)
     start = fixed_episodes(configuration).starts[0]
     if name == "bobcat_e10_sim_driver":
-        step = LearnedStep(parts.task)
-        LearnedMachine(step, start).advance(np.zeros(machine.n_joint))
-        return SimulationDriver(LearnedMachine(step, start), machine.n_joint, deployment.driver)
+        LearnedMachine(parts.step, start).advance(np.zeros(machine.n_joint))
+        return SimulationDriver(LearnedMachine(parts.step, start), machine.n_joint, deployment.driver)
     history = parts.task.dynamics.initial_history(jnp.asarray(start))
     motion, commands = np.asarray(history.motion), np.asarray(history.commands)
     parts.controller.decide(ControllerState(motion, commands, start, start))

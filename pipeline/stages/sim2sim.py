@@ -12,6 +12,7 @@ from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, Pipe
 from pipeline.control.policy import load_policy
 from pipeline.deployment.controllers import PolicyController
 from pipeline.deployment.goals import goal_solver
+from pipeline.deployment.machine import LearnedStep
 from pipeline.deployment.settings import DeploymentConfig
 from pipeline.deployment.simulated_time.delays import load_delays
 from pipeline.deployment.termination import TerminalConditions
@@ -95,6 +96,7 @@ def policy_parts(configuration: Sim2SimStage, machine: MachineSpecification) -> 
         configuration.deployment,
         configuration.control.action_repeats,
         configuration.episodes.steps,
+        LearnedStep(task),
     )
 
 

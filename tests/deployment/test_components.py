@@ -11,6 +11,7 @@ from pipeline.deployment.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.can_frames import CanFrames
 from pipeline.deployment.component import Computation, Publication, nanoseconds
 from pipeline.deployment.control_interface import ControlInterface
+from pipeline.deployment.goals import compiled_forward
 from pipeline.deployment.messages import (
     CancelGoal,
     EmergencyStop,
@@ -142,7 +143,7 @@ def conditions(**changes) -> TerminalConditions:
 
 
 def test_a_goal_is_reached_within_its_tolerances_only() -> None:
-    pose = arm().forward(MIDDLE)
+    pose = compiled_forward(arm())(MIDDLE)
     watch = conditions(at_goal=True).begin(np.asarray(pose.position), np.asarray(pose.quaternion))
     assert watch.check(MIDDLE, np.zeros(4), 0) is Outcome.reached
     assert watch.check(MIDDLE + np.array([0, 0, 0, 0.1]), np.zeros(4), 0) is None  # 0.1 rad of pitch

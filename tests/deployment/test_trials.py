@@ -11,7 +11,8 @@ from pipeline.configuration import ControlConfiguration, load_machine, load_sect
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.policy import Layer, Policy
 from pipeline.deployment.controllers import PolicyController
-from pipeline.deployment.goals import goal_solver, known_configurations
+from pipeline.deployment.goals import compiled_forward, goal_solver, known_configurations
+from pipeline.deployment.machine import LearnedStep
 from pipeline.deployment.messages import Outcome
 from pipeline.deployment.simulated_time.delays import Distribution, no_delays
 from pipeline.deployment.successive import run_successive
@@ -47,6 +48,7 @@ def parts() -> GraphParts:
         paper(),
         action_repeats=4,
         maximum_ticks=TICKS,
+        step=LearnedStep(task),
     )
 
 
@@ -79,7 +81,7 @@ def test_delays_change_the_trial_and_the_seed_repeats_it(parts: GraphParts, epis
 
 
 def test_poses_find_their_configurations(parts: GraphParts, episodes: Episodes) -> None:
-    pose = arm().forward(jnp.asarray(TARGETS[0]))
+    pose = compiled_forward(arm())(TARGETS[0])
     position, quaternion = np.asarray(pose.position), np.asarray(pose.quaternion)
     known = known_configurations(arm(), episodes.targets)
     np.testing.assert_array_equal(known(position, quaternion, MIDDLE), TARGETS[0])
@@ -101,4 +103,4 @@ def test_successive_targets_are_a_bag_that_is_read_as_any_log(parts, episodes, t
     (log,) = load_logs(tmp_path / "logs", load_machine("bobcat_e10"), ingest, control.loop_tracker)
     trials = logged_trials(log.trajectories, log.targets, TICKS)
     assert len(trials) == 3 and min(trial.n_ticks for trial in trials) >= TICKS - 2
-    np.testing.assert_allclose(trials[1].position, arm().forward(TARGETS[1]).position, atol=1e-6)
+    np.testing.assert_allclose(trials[1].position, compiled_forward(arm())(TARGETS[1]).position, atol=1e-6)
