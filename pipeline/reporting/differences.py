@@ -75,8 +75,8 @@ def is_large(metric: str, values: Sequence[float], published: Published) -> bool
 
 
 def _reason(metric: str, mean: float, published: Published, circumstances: Circumstances) -> str:
-    worse_with_less = metric == "path_length_m"  # a longer way, where all else falls
-    explained = (mean > published.mean) == worse_with_less
+    # A way is longer where the arm searches and shorter where it hardly moves; all else falls with less practice.
+    explained = metric == "path_length_m" or mean < published.mean
     if metric in PRECISION and circumstances.budget and explained:
         return f"That may be the budget: {circumstances.budget}; or the machine: {circumstances.machine}."
     return f"That may be the machine: {circumstances.machine}."

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from importlib import resources
 
 import jinja2
+from markupsafe import Markup
 
-from pipeline.reporting.tables import Table
+from pipeline.reporting.tables import Table, raised
 
 PNG, SVG, WEBP = "image/png", "image/svg+xml", "image/webp"
 
@@ -81,6 +82,12 @@ def render_page(
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    environment.filters["raised"] = _raised
     return environment.from_string(template).render(
         title=title, verdict=verdict, key_figures=key_figures, sections=sections, provenance=provenance
     )
+
+
+def _raised(text: str) -> Markup:
+    """Symbols such as r^X as HTML; what is HTML already stays."""
+    return text if isinstance(text, Markup) else Markup(raised(text))

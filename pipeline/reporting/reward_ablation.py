@@ -98,7 +98,7 @@ def ablation_page(rows: Rows, title: str, origin: str, provenance: Sequence[tupl
         "Terms of the reward left out",
         precision_sentence(rows),
         tables=[ablation_beside_paper(rows, title, origin)],
-        points=[Points("Where ours differ from the paper's", sentences)] if sentences else [],
+        points=[Points(f"Where ours differ from the paper's ({len(sentences)})", sentences, folded=True)],
     )
     return render_page("Reward ablation", _counts(rows), [], [section], provenance)
 
@@ -117,8 +117,6 @@ def _steps(cells: Sequence[CellResult]) -> str:
 
 def _counts(rows: Rows) -> str:
     everything = [cell for cells in rows.values() for cell in cells]
-    seeds = sorted({len(cells) for cells in rows.values()})
-    return (
-        f"{' to '.join(str(n) for n in dict.fromkeys((seeds[0], seeds[-1])))} seeds per row, {_episodes(everything)} "
-        f"episodes each, {_steps(everything)}."
-    )
+    fewest, most = (pick(len(cells) for cells in rows.values()) for pick in (min, max))
+    seeds = f"{most} seed{'s' if most > 1 else ''}" if fewest == most else f"{fewest} to {most} seeds"
+    return f"{seeds} per row, {_episodes(everything)} episodes each, {_steps(everything)}."

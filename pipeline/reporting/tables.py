@@ -146,6 +146,11 @@ def mean_and_deviation(values: Sequence[float], digits: int = 2) -> str:
     return f"{mean:.{digits}f} ± {deviation:.{digits}f}"
 
 
+def raised(text: str) -> str:
+    """Text as HTML, with what follows `^` raised."""
+    return _SUPERSCRIPT.sub(r"<sup>\1</sup>", html.escape(text))
+
+
 def _bar(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
 
@@ -156,9 +161,9 @@ def _without_bold(cell: str) -> str:
 
 
 def _html(cell: str) -> str:
-    """A cell as HTML; what follows `^` is raised, a mean stays beside its deviation."""
+    """A cell as HTML; a mean stays beside its deviation."""
     bold = _without_bold(cell)
-    text = _SUPERSCRIPT.sub(r"<sup>\1</sup>", html.escape(bold)).replace(" ± ", "&nbsp;±&nbsp;")
+    text = raised(bold).replace(" ± ", "&nbsp;±&nbsp;")
     return text if bold == cell else f"<b>{text}</b>"
 
 

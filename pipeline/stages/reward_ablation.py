@@ -4,6 +4,7 @@ Outside `make repro` (`make ablation`). Finished trainings are kept; start it ag
 """
 
 import dataclasses
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,6 +64,9 @@ def main(configuration: RewardAblationStage, run: StageRun) -> None:
 
             result = ablation.run(cell, progress, Path(configuration.checkpoints) / cell.name)
         save_cell(output / "cells", cell, training, result)
+        shutil.rmtree(
+            Path(configuration.checkpoints) / cell.name, ignore_errors=True
+        )  # as the stage ppo does
         run.metrics({f"{cell.name}/{key}": value for key, value in result.metrics.items()})
         write(configuration, ablation)
     write(configuration, ablation)
