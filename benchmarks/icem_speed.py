@@ -141,10 +141,8 @@ def our_planner(held: bool, variant: str) -> tuple[dict, Callable[[int], float]]
     decide = jax.jit(planner.decide)
     # A state with elites: the first decision of an episode is not the usual one.
     planning, _ = decide(planner.begin(jax.random.key(0)), state)
-    serve(
-        {"returns": np.asarray(first, float).tolist(), "name": jax.__version__},
-        rate_of(lambda: decide(planning, state), 1.0),
-    )
+    answer = {"returns": np.asarray(first, float).tolist(), "name": jax.__version__}
+    return answer, rate_of(lambda: decide(planning, state), 1.0)
 
 
 def operations(held: bool) -> float:
@@ -175,8 +173,7 @@ def compare(held: bool, arguments: argparse.Namespace, folder: Path) -> None:
     servers = {
         "peak": ours("peak", held, VARIANT),
         "this project": ours("planner", held, VARIANT),
-        "this project, dagger": ours("planner", held, "icem_dagger"),
-        "this project, double dagger": ours("planner", held, "icem_double_dagger"),
+        **{f"this project, {reward}": ours("planner", held, reward) for reward in arguments.rewards},
         "plain, NumPy": Turns([python, plain, str(case), "numpy"]),
     }
     if arguments.torch_python:
@@ -220,6 +217,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="of measuring per length of the plan")
     parser.add_argument("--turn-seconds", type=float, default=1.0, help="of one process at a time")
     parser.add_argument("--ticks", nargs="*", type=int, default=[20, 80], choices=[20, 80])
+    parser.add_argument(
+        "--rewards", nargs="*", default=["icem_dagger", "icem_double_dagger"], help="beside the full one"
+    )
     parser.add_argument("--serve", nargs=3, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.serve:
@@ -227,9 +227,8 @@ def main() -> None:
         if what == "peak":
             serve_peak({}, Path())
         else:
-            with contextlib.redirect_stdout(
-                sys.stderr
-            ):  # Brax prints while it is imported; answers are JSON alone
+            # Brax prints while it is imported; answers are JSON alone.
+            with contextlib.redirect_stdout(sys.stderr):
                 answer, turn = our_planner(bool(int(held)), variant)
             serve(answer, turn)
         return
