@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED := 1
 
 .PHONY: help
 help: ## show this help
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-14s %s\n", $$1, $$2}'
 
 $(VENV)/installed: requirements.lock requirements-uv.lock pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -37,6 +37,10 @@ demo: env ## run the same graph on the smoke profile in build/demo: a first look
 search: env ## search hyper-parameters for all four model kinds, then select (needs the tuples that `make repro` makes)
 	$(BIN)/python -m pipeline.stages.search -m model=mlp,kan target=dq,dqdot $(SEARCH)
 	$(BIN)/python -m pipeline.stages.select
+
+.PHONY: control-level
+control-level: env ## policies from before and after closing the loop, on the changed machine (an hour, after `make repro`)
+	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro artifacts/control_level/dvc.yaml
 
 .PHONY: ablation
 ablation: env ## train PPO with terms of the reward left out (the paper's appendix; needs the model that `make repro` makes)

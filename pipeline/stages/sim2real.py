@@ -1,10 +1,11 @@
 """Stage `sim2real`: successive targets on the simulated machine, a stand-in for the excavator, recorded as a bag."""
 
 import json
+import math
 import shutil
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from pipeline.deployment.velocity_estimator import VelocityEstimator
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.simulator import Plant
+from pipeline.plant.undeclared import draw_effects
 from pipeline.reaching.episodes import evaluation_episodes
 from pipeline.stages.sim2sim import Sim2SimStage, policy_parts
 from pipeline.tracking import StageRun, progress_bar
@@ -36,6 +38,9 @@ class Sim2RealStage(Sim2SimStage):
 
     start_time: str = MISSING
     plant_seed: int = MISSING
+    effects: list[str] = field(default_factory=list)
+    effects_seed: int = MISSING
+    effect_size: float = MISSING
 
 
 class PlantMachine:
@@ -62,6 +67,17 @@ class PlantMachine:
         return [Sample(int(age), q, None) for age, q in zip(ages_ns, states.position_rad, strict=True)]
 
 
+def changed_machine(configuration: Sim2RealStage) -> Parameters:
+    """The machine with the effects named, all of which have set in: drawn as `record_changed` draws them."""
+    nominal = simulated_machine(configuration.machine.name)
+    effects = draw_effects(
+        configuration.effects, configuration.effects_seed, nominal, configuration.effect_size, math.inf
+    )
+    for effect in effects:
+        nominal = effect.apply(nominal)
+    return nominal
+
+
 @stage(Sim2RealStage)
 def main(configuration: Sim2RealStage, run: StageRun) -> None:
     """Pursue the first targets of the evaluation; write one bag, and how the goals ended."""
@@ -73,7 +89,7 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
     ).first(deployment.targets)
     parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
     plant = PlantMachine(
-        simulated_machine(machine.name), configuration.plant_seed, np.asarray(episodes.starts[0], float)
+        changed_machine(configuration), configuration.plant_seed, np.asarray(episodes.starts[0], float)
     )
     start = datetime.fromisoformat(configuration.start_time)
     supervisor: tuple[Component, ...] = ()

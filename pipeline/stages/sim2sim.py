@@ -17,7 +17,7 @@ from pipeline.deployment.settings import DeploymentConfig
 from pipeline.deployment.simulated_time.delays import load_delays
 from pipeline.deployment.termination import TerminalConditions
 from pipeline.deployment.trials import GraphParts, run_episodes
-from pipeline.dynamics.store import load_model, model_fingerprint
+from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
@@ -80,9 +80,9 @@ def policy_parts(configuration: Sim2SimStage, machine: MachineSpecification) -> 
     Raises:
         InputError: the policy was learned on another model.
     """
-    dynamics, parameters = load_model(Path(configuration.model))
+    dynamics, parameters = load_dynamics(Path(configuration.model))
     policy, lineage = load_policy(Path(configuration.policy))
-    if lineage.get("model") != model_fingerprint(Path(configuration.model)):
+    if lineage.get("model") != dynamics_fingerprint(Path(configuration.model)):
         raise InputError(
             f"{configuration.policy}: was not learned on {configuration.model}; name the model that it was learned on"
         )
