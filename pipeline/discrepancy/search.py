@@ -113,6 +113,7 @@ class Search:
         self.excluded = tuple(excluded)
         self.encoders = encoders
         self.found: list[Found] = []
+        self._closed: set[int] = set()  # joints on which nothing plausible is left
         self.first: list[Candidate] = []  # of the first screen, for the ranking
         self._say = say or (lambda _: None)
 
@@ -142,9 +143,8 @@ class Search:
             passing = [candidate for candidate in candidates if self.passes(candidate)]
             if any(f.candidate.family in COMMON_CAUSES for f in self.found):
                 passing = [c for c in passing if c.family not in COMMON_CAUSES]
-            passing = self._without_repairs(
-                [c for c in passing if c.family != "thermal_drift" or _is_plausible(c.family, [c])]
-            )
+            passing = self._without_repairs([c for c in passing if self._may_stand_alone(c, candidates)])
+            passing = [c for c in passing if c.joint not in self._closed]
             if not passing:
                 break
             self.found += self._choose(passing, candidates)
@@ -152,6 +152,13 @@ class Search:
             self.simulation.onsets = onsets_of(self.found)
         self._look_back()
         return self.found
+
+    def _may_stand_alone(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
+        """Whether it is plausible on its joint, and oil that warms up shows on another joint, too."""
+        if candidate.family == THERMAL_DRIFT:
+            showing = [c for c in candidates if c.family == THERMAL_DRIFT and self._shows(c)]
+            return len(showing) > 1 and _is_plausible(candidate.family, [candidate])
+        return candidate.family != FLOW_COUPLING or _is_plausible(candidate.family, [candidate])
 
     def _compare_stops(self) -> None:
         """An encoder's error is known where stops have moved, before anything else is looked for."""
@@ -253,6 +260,11 @@ class Search:
             return common
         rivals = sorted((c for c in passing if c.joint == best.joint), key=self.net, reverse=True)
         rivals = self._refined(rivals[:REFINED]) + rivals[REFINED:]
+        rivals = [c for c in rivals if not self._is_at_bound(c)]
+        if not rivals:
+            self._say(f"joint {best.joint}: what explains most is {best.family} beyond any plausible value")
+            self._closed.add(best.joint)
+            return []
         best = max(rivals, key=self.net)
         as_good = [c for c in rivals if not self._is_worse(c, best)]
         chosen = min(as_good, key=lambda c: (complexity(c), -self.net(c)))
@@ -263,7 +275,9 @@ class Search:
             and complexity(c) < complexity(chosen) + AS_SIMPLE
             and not _same(c, chosen)
         ]
-        equivalents += self._better_dependence(chosen, as_good)
+        better = self._better_dependence(chosen, as_good)
+        if better is not None:  # a wrong name is worse than none
+            chosen, equivalents = better, [chosen, *equivalents]
         self._say(
             f"{chosen.family} on joint {chosen.joint}: removes {chosen.share:.0%} of the squared residual there"
             + (f"; as good: {', '.join(c.family for c in equivalents)}" if equivalents else "")
@@ -285,15 +299,31 @@ class Search:
             ]
         return found
 
-    def _better_dependence(self, chosen: Candidate, as_good: Sequence[Candidate]) -> list[Candidate]:
-        """The dependence, if any, that explains so much more than the name chosen that the name is no certain one."""
+    def _better_dependence(self, chosen: Candidate, as_good: Sequence[Candidate]) -> Candidate | None:
+        """The dependence, if any, that explains clearly more than the name chosen."""
         if chosen.family.startswith("other"):
-            return []
+            return None
         others = [c for c in as_good if c.family.startswith("other")]
         best = max(others, key=self.net, default=None)
         if best is None or self.net(best) < DOUBT_FACTOR * self.net(chosen):
-            return []
-        return [best] if _t(best.gain_by_block - chosen.gain_by_block) > DOUBT_T else []
+            return None
+        return best if _t(best.gain_by_block - chosen.gain_by_block) > DOUBT_T else None
+
+    def _is_at_bound(self, candidate: Candidate) -> bool:
+        """Whether a named effect fits only with a value at the edge of what is plausible: then it is another."""
+        if candidate.family.startswith("other") or candidate.family == SUPPLY:
+            return False
+        by_name = {p.name: p for p in self.simulation.effects[candidate.family].card.parameters}
+        values = list(candidate.point.items())
+        for freed, coefficient in zip(candidate.freed, candidate.coefficients, strict=True):
+            name = freed[0][0]
+            values.append((name, by_name[name].neutral + float(coefficient)))
+        for name, value in values:
+            parameter = by_name[name]
+            margin = AT_BOUND * (parameter.upper - parameter.lower)
+            if value > parameter.upper - margin or 0.0 != parameter.lower > value - margin:
+                return True
+        return False
 
     def _common(
         self, best: Candidate, passing: list[Candidate], candidates: list[Candidate]
@@ -375,7 +405,8 @@ class Search:
 
 SENSOR_BIAS, BACKLASH = "sensor_bias", "backlash"
 REFINED = 3  # of a joint's candidates
-COMMON_CAUSES = ("thermal_drift", SUPPLY, "other:activity")
+THERMAL_DRIFT = "thermal_drift"
+COMMON_CAUSES = (THERMAL_DRIFT, SUPPLY, "other:activity")
 COMMON_FACTOR = 1.3
 RIVAL_SHARE = 0.7
 FLOW_COUPLING = "flow_coupling"
@@ -385,24 +416,28 @@ COMMON_T = 2.0  # what all joints have in common may lie in few blocks, and join
 ON_SEVERAL_JOINTS = (FLOW_COUPLING, "load")  # one pump, one payload
 # A cause with an equation comes before a dependence, and both before one that nobody can observe.
 COMMON_PENALTY = {"other:activity": 1.1, SUPPLY: 1.25}
-WHOLE_MACHINE = ("thermal_drift", "timing", SUPPLY, "other:activity", FLOW_COUPLING)
+WHOLE_MACHINE = (THERMAL_DRIFT, "timing", SUPPLY, "other:activity", FLOW_COUPLING)
 WHOLE_SECOND_SHARE = 0.5
 AS_SIMPLE = 0.4
 DOUBT_FACTOR, DOUBT_T = 1.1, 1.0
+AT_BOUND = 0.01  # of the range between the bounds
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
 
 
 def _is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
     """Whether the signs are those of the cause on most joints.
 
-    Oil that warms up makes faster; a joint that is slower both ways carries no load.
+    Oil that warms up makes faster; a joint that is slower both ways carries no load; nothing loses more than all of its
+    speed to others.
     """
-    if family == "thermal_drift":
+    if family == THERMAL_DRIFT:
         return sum(c.coefficients[0] > 0.0 for c in showing) > 0.5 * len(showing)
     if family == "load":
         both_ways = [c.coefficients[:2] for c in showing]
         tells_apart = [np.ptp(of_joint) > APART * np.abs(of_joint).max() for of_joint in both_ways]
         return sum(tells_apart) > 0.5 * len(showing)
+    if family == FLOW_COUPLING:
+        return sum(c.coefficients.sum() < 1.0 for c in showing) > 0.5 * len(showing)
     return True
 
 
