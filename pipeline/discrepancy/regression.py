@@ -66,6 +66,12 @@ def evidence(
     return Evidence(coefficients, float(by_block.sum()), by_block)
 
 
+def t_statistic(by_block: np.ndarray) -> float:
+    """Sum of the blocks' gains over its standard error; by_block: (n_blocks,)."""
+    spread = np.std(by_block, ddof=1) * np.sqrt(len(by_block))
+    return float(by_block.sum() / max(spread, 1e-12))
+
+
 def _bounded(a: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Least squares with bounds; a vanishing ridge keeps what is not excited at zero."""
     gram = a.T @ a

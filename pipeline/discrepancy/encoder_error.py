@@ -1,0 +1,66 @@
+"""Errors of encoders that the stops show, and what they do to the speeds."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.discrepancy.found import Found, residual_of
+from pipeline.discrepancy.plausibility import BACKLASH, SENSOR_BIAS
+from pipeline.discrepancy.regression import evidence, t_statistic
+from pipeline.discrepancy.screen import Candidate, Rows, scored
+from pipeline.discrepancy.simulation import Simulation
+from pipeline.discrepancy.stops import Encoder
+
+
+def encoder_errors(
+    simulation: Simulation,
+    rows: Rows,
+    encoders: Mapping[int, Encoder],
+    excluded: Sequence[str],
+    smallest_t: float,
+    say: Callable[[str], None],
+) -> list[Found]:
+    """Where stops have moved, the encoder's error is known before anything else is looked for.
+
+    Args:
+        simulation: On the measured logs.
+        rows: For fitting and selection.
+        encoders: What the stops say, by joint.
+        excluded: Families that are not tried.
+        smallest_t: Of the loss by blocks that speaks against an encoder's error.
+        say: Called with a sentence per joint whose stops have moved.
+    """
+    found = []
+    for joint, encoder in encoders.items():
+        if encoder.point is None or SENSOR_BIAS in excluded:
+            continue
+        candidate = _at_stops(simulation, rows, SENSOR_BIAS, joint, encoder.point, encoder.deviation)
+        width = {"width": 2.0 * encoder.inward}
+        play = _at_stops(simulation, rows, BACKLASH, joint, width, 2.0 * encoder.deviation)
+        if BACKLASH not in excluded and encoder.inward > 0.0 and play.gain > candidate.gain:
+            say(f"the stops of joint {joint} are read further in: by play rather than by its encoder")
+        elif t_statistic(candidate.gain_by_block) < -smallest_t:
+            say(f"the stops of joint {joint} have moved, but its speeds speak against its encoder")
+        else:
+            say(f"the stops of joint {joint} have moved by {encoder.z:.0f} standard deviations: its encoder")
+            found.append(Found(candidate))
+    return found
+
+
+def _at_stops(
+    simulation: Simulation,
+    rows: Rows,
+    family: str,
+    joint: int,
+    point: Mapping[str, float],
+    deviation: float,
+) -> Candidate:
+    """An effect whose parameters the stops gave, and what it does to the speeds."""
+    nothing = np.zeros(0)
+    blank = Candidate(family, joint, None, point, (), nothing, 0.0, 0.0, nothing, deviation=deviation)
+    before = residual_of(simulation, rows, [])[:, joint]
+    after = residual_of(simulation, rows, [Found(blank)])[:, joint]
+    seen = evidence(before, after, np.zeros((len(before), 0)), rows.folds, nothing, nothing)
+    candidate = scored(seen, before, rows.floor[joint], family, joint, None, point, ())
+    return replace(candidate, deviation=deviation)

@@ -1,0 +1,52 @@
+"""Causes that several joints have in common: they compete as one, by what they explain on all joints together."""
+
+from collections.abc import Callable, Sequence
+
+from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
+from pipeline.discrepancy.plausibility import FLOW_COUPLING, LOAD, THERMAL_DRIFT, is_plausible
+from pipeline.discrepancy.screen import Candidate
+
+COMMON_CAUSES = (THERMAL_DRIFT, SUPPLY, "other:activity")
+WHOLE_MACHINE = (THERMAL_DRIFT, "timing", SUPPLY, "other:activity", FLOW_COUPLING)
+ON_SEVERAL_JOINTS = (FLOW_COUPLING, LOAD)  # one pump, one payload
+COMMON_FACTOR = 1.3  # times what the best effect on one joint explains
+MOST_ON_ONE = 0.4  # of that, at least, on one of the joints
+RIVAL_SHARE = 0.7  # of what the best explains on its joint
+# A cause with an equation comes before a dependence, and both before one that nobody can observe.
+COMMON_PENALTY = {"other:activity": 1.1, SUPPLY: 1.25}
+
+
+def common_cause(
+    best: Candidate,
+    candidates: Sequence[Candidate],
+    net: Callable[[Candidate], float],
+    shows: Callable[[Candidate], bool],
+) -> list[Candidate]:
+    """The cause that explains clearly more on all its joints together than the best candidate does on one.
+
+    Args:
+        best: Of all candidates, by itself.
+        candidates: All of them.
+        net: What a candidate explains.
+        shows: Whether a candidate can be seen on its joint.
+
+    Returns:
+        The cause on each joint on which it shows, the clearest first; empty if there is none.
+    """
+    options: list[tuple[float, list[Candidate]]] = []
+    for family in (*COMMON_CAUSES, *ON_SEVERAL_JOINTS):
+        showing = [c for c in candidates if c.family == family and shows(c)]
+        if len(showing) < 2 or not is_plausible(family, showing):
+            continue
+        here = next((c for c in candidates if c.family == family and c.joint == best.joint), None)
+        joints = {c.joint for c in showing}
+        is_rival = here is None or here.joint not in joints or here.gain > RIVAL_SHARE * best.gain
+        total = sum(net(c) for c in showing)
+        if (
+            is_rival
+            and total > COMMON_FACTOR * net(best)
+            and max(map(net, showing)) > MOST_ON_ONE * net(best)
+        ):
+            options.append((total / COMMON_PENALTY.get(family, 1.0), showing))
+    showing = max(options, key=lambda option: option[0])[1] if options else []
+    return sorted(showing, key=net, reverse=True)
