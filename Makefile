@@ -21,7 +21,7 @@ $(VENV)/installed: requirements.lock requirements-uv.lock pyproject.toml
 env: $(VENV)/installed ## build the environment from the lock file
 
 .PHONY: repro
-repro: env ## run the whole pipeline on the profile in params.yaml (default: at most 40 minutes on two cores)
+repro: env ## run the whole pipeline on the profile in params.yaml (default: some 40 minutes on two cores)
 	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
 
 .PHONY: demo
