@@ -84,6 +84,8 @@ class StageRun:
         requirements: Sequence[str],
         registered_name: str,
         example: Any,
+        name: str = "model",
+        alias: str | None = None,
     ) -> None:
         """Log a model from code with its input example, and register it as a new version of `registered_name`.
 
@@ -94,6 +96,8 @@ class StageRun:
             requirements: Packages with versions, for a machine that has none of them.
             registered_name: Name in MLflow's registry.
             example: A table that the model takes.
+            name: Of the model in the run.
+            alias: Of the new version in the registry, taken from the version that had it.
         """
         if self._client is None:
             return
@@ -105,8 +109,8 @@ class StageRun:
                 package, Path(folder) / package.name, ignore=shutil.ignore_patterns("__pycache__", "stages")
             )
             with mlflow.start_run(run_id=self.run_id):
-                mlflow.pyfunc.log_model(
-                    name="model",
+                logged = mlflow.pyfunc.log_model(
+                    name=name,
                     python_model=str(code),
                     code_paths=[str(copied)],
                     artifacts={name: str(path.absolute()) for name, path in artifacts.items()},
@@ -114,6 +118,9 @@ class StageRun:
                     registered_model_name=registered_name,
                     input_example=example,
                 )
+        if alias is not None:
+            version = str(logged.registered_model_version)
+            self._client.set_registered_model_alias(registered_name, alias, version)
 
     def parent_metrics(self, values: Mapping[str, float], tags: Mapping[str, str] | None = None) -> None:
         """Report metrics of the whole pipeline on the parent run, so that pipeline runs can be compared."""

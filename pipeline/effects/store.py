@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -151,13 +151,20 @@ def _fault(effects: ActiveEffects) -> str | None:
     return f"an onset of {', '.join(without)}, which has no values" if without else None
 
 
-def load_predictor(directory: Path) -> Predictor:
+def load_predictor(directory: Path, all_set_in: bool = False) -> Predictor:
     """Read a model folder of `identify` or `close_loop` as a predictor.
+
+    Args:
+        directory: The folder.
+        all_set_in: Whether effects act from the first row on, whenever they set in.
 
     Raises:
         InputError: as `load_model` and `load_effects`, or the effects are of another machine than the model.
     """
-    return predictor(*_load(directory))
+    model, parameters, effects = _load(directory)
+    if effects is not None and all_set_in:
+        effects = replace(effects, onset_ns={})
+    return predictor(model, parameters, effects)
 
 
 def load_dynamics(directory: Path) -> tuple[DynamicsModel | AugmentedModel, Any]:

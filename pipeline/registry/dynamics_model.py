@@ -11,8 +11,8 @@ import numpy as np
 import pandas
 from mlflow.pyfunc.model import PythonModel, PythonModelContext
 
-from pipeline.dynamics.predictor import LearnedPredictor
 from pipeline.dynamics.store import load_model
+from pipeline.effects.store import load_predictor
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 
@@ -24,14 +24,16 @@ class DynamicsPyfunc(PythonModel):
 
     Input: consecutive rows at the machine's rate with columns `q_<joint>`, `qd_<joint>`, `a_<joint>` (tuples of stage
     `ingest`). The first rows are measured, at least lags + 2 of them; in the rows to predict positions and velocities
-    are empty (NaN) and only the commands count. Output: `q_<joint>` of those rows, rad or m.
+    are empty (NaN) and only the commands count. Output: `q_<joint>` of those rows, rad or m. Effects around the network
+    have all set in; the log begins with the first row.
     """
 
     def load_context(self, context: PythonModelContext) -> None:
         """Read the model folder."""
-        model, parameters = load_model(Path(context.artifacts[MODEL_FOLDER]))
-        self.joints = model.specification.joints
-        self.predictor = LearnedPredictor(model, parameters)
+        folder = Path(context.artifacts[MODEL_FOLDER])
+        specification = load_model(folder)[0].specification
+        self.joints, self.dt_s = specification.joints, specification.dt_s
+        self.predictor = load_predictor(folder, all_set_in=True)
 
     def predict(
         self, context: Any, model_input: pandas.DataFrame, params: dict[str, Any] | None = None
@@ -59,7 +61,7 @@ class DynamicsPyfunc(PythonModel):
         if horizon == 0:
             return pandas.DataFrame(columns=[f"q_{joint}" for joint in self.joints], dtype=np.float64)
         row = np.arange(len(q))
-        rows = Trajectory("", row.astype(float), row, q, qd, a, np.zeros(len(q), bool))
+        rows = Trajectory("", self.dt_s * row, row, q, qd, a, np.zeros(len(q), bool))
         predicted = self.predictor.predict(rows, np.array([n_measured - 1]), horizon)[0]
         return pandas.DataFrame(
             {f"q_{joint}": predicted[:, number] for number, joint in enumerate(self.joints)},

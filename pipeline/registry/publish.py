@@ -18,9 +18,15 @@ EXAMPLE_HORIZON = 20  # rows that the input example asks for: a second at 20 Hz
 
 
 def publish_dynamics_model(
-    run: StageRun, folder: Path, model: DynamicsModel, registered_name: str, trajectory: Trajectory
+    run: StageRun,
+    folder: Path,
+    model: DynamicsModel,
+    registered_name: str,
+    trajectory: Trajectory,
+    name: str = "model",
+    alias: str | None = None,
 ) -> None:
-    """Log the model that `identify` wrote, with signature and input example, as a new version of a registered model.
+    """Log a model that `identify` or `close_loop` wrote, with its signature, as a new version of a registered model.
 
     It loads in one line wherever the tracking store is known:
     `mlflow.pyfunc.load_model("models:/<registered_name>/<version>")`.
@@ -31,6 +37,8 @@ def publish_dynamics_model(
         model: What it holds.
         registered_name: Name in the registry.
         trajectory: Rows for the input example.
+        name: Of the model in the run.
+        alias: Of the new version.
     """
     n_measured = model.specification.lags + 2
     example = example_rows(model, trajectory, n_measured, EXAMPLE_HORIZON)
@@ -41,6 +49,8 @@ def publish_dynamics_model(
         requirements=[f"{name}=={version(name)}" for name in REQUIREMENTS],
         registered_name=registered_name,
         example=example,
+        name=name,
+        alias=alias,
     )
 
 

@@ -20,6 +20,7 @@ from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import Trajectory
+from pipeline.registry.publish import publish_dynamics_model
 from pipeline.reporting.closed_loop import write_closed_loop_report
 from pipeline.reporting.page import render_page
 from pipeline.tracking import StageRun, flatten_metrics
@@ -83,6 +84,16 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
     run.metrics(
         flatten_metrics({"error": result.document["error"], "baselines": result.document["baselines"]})
     )
+    for part in ("before", "after"):
+        publish_dynamics_model(
+            run,
+            output / f"model_{part}",
+            model,
+            f"{machine.name}-closed_loop",
+            max(nominal, key=len),
+            f"model_{part}",
+            part,
+        )
     run.artifact(output)
 
 

@@ -12,6 +12,8 @@ import pytest
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.predictor import LearnedPredictor
 from pipeline.dynamics.store import save_model
+from pipeline.effects.effect import Setting
+from pipeline.effects.store import ActiveEffects, predictor, save_effects
 from pipeline.registry.publish import example_rows, publish_dynamics_model
 from pipeline.tracking import TrackingConfiguration, track
 from tests.dynamics.conftest import LAGS, make_specification, random_trajectory
@@ -119,3 +121,38 @@ def test_loads_in_a_fresh_environment(published, asked, tmp_path):
     )
     predicted = pandas.read_csv(tmp_path / "predicted.csv").to_numpy()
     np.testing.assert_allclose(predicted, expected(published, trajectory), rtol=0, atol=1e-6)
+
+
+def test_before_and_after_stand_side_by_side(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    uri = f"sqlite:///{tmp_path}/mlflow.db"
+    model = DynamicsModel(make_specification("mlp", "dqdot"))
+    parameters, trajectory = model.initialise(jax.random.key(5)), random_trajectory(3, 60)
+    n = model.specification.n_joint
+    setting = Setting(model.specification.dt_s, -np.ones(n), np.ones(n), np.ones(n))
+    halved = {"ratio_positive": np.full(n, 0.5), "ratio_negative": np.full(n, 0.5)}
+    with track(
+        "close_loop",
+        TrackingConfiguration(True, uri, str(tmp_path / "mlruns"), "loop"),
+        {"machine": {"name": "m"}},
+        "",
+    ) as run:
+        for part in ("before", "after"):
+            save_model(tmp_path / part, model, parameters, {}, {}, {})
+            if part == "after":
+                save_effects(tmp_path / part, ActiveEffects(setting, {"gain": halved}, {"gain": 2**62}))
+            publish_dynamics_model(
+                run, tmp_path / part, model, "m-closed_loop", trajectory, f"model_{part}", part
+            )
+    mlflow.set_tracking_uri(uri)
+    rows = example_rows(model, trajectory, N_MEASURED, HORIZON)
+    starts, effects = np.array([N_MEASURED - 1]), ActiveEffects(setting, {"gain": halved}, {})
+    positions = {
+        "before": LearnedPredictor(model, parameters).predict(trajectory, starts, HORIZON)[0],
+        # the effect acts though its onset lies far in the future
+        "after": predictor(model, parameters, effects).predict(trajectory, starts, HORIZON)[0],
+    }
+    assert np.abs(positions["after"] - positions["before"]).max() > 1e-3
+    for alias, expected_positions in positions.items():
+        loaded = mlflow.pyfunc.load_model(f"models:/m-closed_loop@{alias}")
+        np.testing.assert_allclose(loaded.predict(rows).to_numpy(), expected_positions, atol=1e-6)
