@@ -31,10 +31,10 @@ def paper_ppo() -> PPOConfig:
 
 @pytest.fixture(scope="session")
 def small() -> PPOConfig:
-    """Seconds of training: two points of 40 batches of 128 sequences of ten decisions."""
+    """Seconds of training: two points of 80 batches of 128 sequences of ten decisions."""
     return PPOConfig(
-        training_steps=2 * 40 * 5120,
-        evaluated_at_steps=40 * 5120,
+        training_steps=2 * 80 * 5120,
+        evaluated_at_steps=80 * 5120,
         learning_rate=3e-3,
         final_learning_rate=3e-4,
         entropy_cost=1e-3,

@@ -19,7 +19,7 @@ from pipeline.dynamics.network import Parameterization
 from pipeline.errors import InputError
 from tests.reaching.lag import model_specification
 
-POINT = 40 * 5120  # steps between two points of the curve
+POINT = 80 * 5120  # steps between two points of the curve
 
 
 def specification_of(kind: str) -> ModelSpecification:
@@ -37,7 +37,7 @@ def trained(environment, small, episodes, tmp_path_factory):
 
 def test_curve_has_the_asked_points_and_the_kept_policy_is_of_one(trained):
     result, points, _ = trained
-    # 128 sequences x 10 decisions x 4 ticks = 5120 steps a batch, 40 batches a point
+    # 128 sequences x 10 decisions x 4 ticks = 5120 steps a batch, 80 batches a point
     assert [point.steps for point in result.curve] == [0, POINT, 2 * POINT]
     assert points == result.curve
     assert result.policy_steps == POINT
