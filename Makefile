@@ -52,7 +52,11 @@ test: env ## check style, types and layers, and run the tests (at most 10 minute
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	$(BIN)/pytest -n 2 --dist worksteal --durations 15 --cov pipeline --cov-report term:skip-covered
+	$(BIN)/pytest -n 2 --dist worksteal --durations 15
+
+.PHONY: coverage
+coverage: env ## run the tests and report which lines of the library they run
+	$(BIN)/pytest -n 2 --dist worksteal --cov pipeline --cov-report term:skip-covered
 
 .PHONY: ui
 ui: env ## open MLflow on the recorded runs
