@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import serialization
 
+from pipeline.effects.store import dynamics_fingerprint
 from pipeline.errors import InputError
 
 POLICY_SCHEMA_VERSION = 1
@@ -139,3 +140,15 @@ def load_policy(directory: Path) -> tuple[Policy, dict[str, Any]]:
             f"{POLICY_SCHEMA_VERSION}; train the policy again"
         )
     return policy_from_content(content), meta
+
+
+def load_policy_of(directory: Path, model: Path) -> Policy:
+    """Read a policy that was learned on the model in the folder `model`.
+
+    Raises:
+        InputError: as `load_policy`, or it was learned on another model.
+    """
+    policy, lineage = load_policy(directory)
+    if lineage.get("model") != dynamics_fingerprint(model):
+        raise InputError(f"{directory}: was not learned on {model}; name the model that it was learned on")
+    return policy

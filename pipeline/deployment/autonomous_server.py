@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.deployment.commands import is_command
-from pipeline.deployment.component import Component, Computation, Output, Publication, nanoseconds
+from pipeline.deployment.component import Computation, ComputingComponent, Output, Publication, nanoseconds
 from pipeline.deployment.controllers import Controller, ControllerState
 from pipeline.deployment.goals import GoalSolver
 from pipeline.deployment.messages import (
@@ -75,7 +75,7 @@ class _Pursuit:
     is_deciding: bool = False
 
 
-class AutonomousServer(Component):
+class AutonomousServer(ComputingComponent):
     """One goal at a time; a new one takes the place of the one in hand, and the machine goes on moving. A pose that the
     arm cannot take is refused."""
 

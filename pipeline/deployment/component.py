@@ -4,6 +4,7 @@ A component never reads a clock and never waits: a transport hands it messages a
 time of the component's clock, and carries out what it returns.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -49,13 +50,17 @@ class Component:
         """Do what is due at a tick."""
         return ()
 
+
+class ComputingComponent(Component, ABC):
+    """Base of the components that return a `Computation`."""
+
+    @abstractmethod
     def compute(self, request: Any) -> Any:
         """Carry a `Computation` out, without touching the component's state."""
-        raise NotImplementedError
 
+    @abstractmethod
     def on_computed(self, result: Any, now_ns: int) -> Sequence[Output]:
         """Take the result of a `Computation` in."""
-        return ()
 
 
 def nanoseconds(seconds: float) -> int:

@@ -211,21 +211,18 @@ class Loop:
         gate, seed = self.config.gate, self.config.seed
         passed, self.p_values = [], {}
         everything, fitted = self.residual(self.confirm, found), self.residual(self.rows, found)
-        in_common = [f.candidate.joint for f in found if f.candidate.family == SUPPLY]
-        if in_common:
+        widths_s = {
+            f.candidate.joint: f.candidate.point["width"] for f in found if f.candidate.family == SUPPLY
+        }
+        if widths_s:
             active = values_of(self.simulation, found)
             confirmed = {c.joint: c for c in common_speed_candidates(self.simulation, active, self.confirm)}
-            widths_s = {
-                f.candidate.joint: f.candidate.point["width"] for f in found if f.candidate.family == SUPPLY
-            }
-            p_of_common = (
-                common_speed_p(self.simulation, active, self.rows, widths_s, seed) * self.n_hypotheses
-            )
+            p_of_common = common_speed_p(self.simulation, active, self.rows, widths_s, seed)
         for effect in found:
             joint = effect.candidate.joint
             if effect.candidate.family == SUPPLY:
                 share = bound = confirmed[joint].share
-                p = min(p_of_common, 1.0)
+                p = min(p_of_common * self.n_hypotheses, 1.0)
             else:
                 others = [f for f in found if f is not effect]
                 without = self.residual(self.confirm, others)[:, joint]
@@ -284,11 +281,9 @@ class Loop:
         """The frozen model with these effects; compiled once, however often it is asked for."""
         key = tuple(id(member) for effect in effects for member in effect.members)
         if key not in self._predictors:
+            # kept with the effects, so that no identity is used again
             built = predictor(self.model, self.parameters, self._active(effects))
-            self._predictors[key] = (
-                list(effects),
-                built,
-            )  # with the effects, so that no identity is used again
+            self._predictors[key] = list(effects), built
         return self._predictors[key][1]
 
     def errors(self, of: Predictor, horizon: int) -> WindowErrors:
@@ -298,12 +293,13 @@ class Loop:
 
     def _confirm(self, effects: list[Effect]) -> ClosedLoop:
         before = LearnedPredictor(self.model, self.parameters)
-        effects = self._worth_a_name(self._without_harm(effects, before), before)
+        of_before = {horizon: self.errors(before, horizon) for horizon in LEVELS}
+        effects = self._worth_a_name(self._without_harm(effects, of_before[80]), of_before[80])
         after = self.predictor(effects)
-        errors = {}
-        for horizon in LEVELS:
-            of_before = self.errors(before, horizon)
-            errors[horizon] = (of_before, self.errors(after, horizon) if effects else of_before)
+        errors = {
+            horizon: (of_before[horizon], self.errors(after, horizon) if effects else of_before[horizon])
+            for horizon in LEVELS
+        }
         floor = {h: self._nominal_floor(before, h) for h in LEVELS}
         self.lap("errors before and after")
         baselines = self._baselines(effects)
@@ -313,9 +309,9 @@ class Loop:
         self.lap("evidence")
         return ClosedLoop(document, self._active(effects), evidence)
 
-    def _without_harm(self, effects: list[Effect], before: Predictor) -> list[Effect]:
+    def _without_harm(self, effects: list[Effect], before: WindowErrors) -> list[Effect]:
         """Drop the weakest effect of a joint whose open-loop error rises beyond the margin, until none does."""
-        limit = self.errors(before, 80).rmse * (1.0 + self.config.gate.worse_margin)
+        limit = before.rmse * (1.0 + self.config.gate.worse_margin)
         while effects:
             worse = np.flatnonzero(self.errors(self.predictor(effects), 80).rmse > limit)
             guilty = [e for e in effects if set(e.joints) & set(worse.tolist()) and e.family != SUPPLY]
@@ -334,12 +330,11 @@ class Loop:
         scale = np.maximum(before.squares.mean(axis=0)[joints], 1e-18)
         return 1.0 - float(np.sum(alone.squares.mean(axis=0)[joints] / scale) / len(joints))
 
-    def _worth_a_name(self, effects: list[Effect], before: Predictor) -> list[Effect]:
+    def _worth_a_name(self, effects: list[Effect], before: WindowErrors) -> list[Effect]:
         """The first effect, and of the others those that show in the prediction: the rest is what the first leaves."""
-        errors = self.errors(before, 80)
         kept = effects[:1]
         for effect in effects[1:]:
-            reduction = self.error_reduction(effect, errors)
+            reduction = self.error_reduction(effect, before)
             if reduction < self.config.gate.smallest_error_reduction:
                 self.say(f"{effect.family} is not named: it removes {reduction:.0%} of the open-loop error.")
             else:

@@ -11,15 +11,14 @@ from collections.abc import Mapping
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.stats import norm
 
+from pipeline.discrepancy.gate import shifted_p
 from pipeline.discrepancy.regression import evidence
 from pipeline.discrepancy.screen import Candidate, Rows, averaged, scored
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 FAMILY = "supply_variation"
 WIDTHS_S = (0.7, 1.5, 3.0, 6.0, 12.0)
-PLACEBOS = 200
 PRIOR_STD = 0.1  # of z: keeps the estimate at zero where nothing moves
 
 
@@ -105,10 +104,7 @@ def common_speed_p(
             )
         return total
 
-    length = rows.is_used.shape[1]
-    shifts = np.random.default_rng(seed).integers(length // 20, length - length // 20, PLACEBOS)
-    placebos = np.array([root_gain(int(shift)) for shift in shifts])
-    return float(norm.sf((root_gain(0) - placebos.mean()) / max(float(placebos.std()), 1e-12)))
+    return shifted_p(root_gain, rows.is_used.shape[1], seed)
 
 
 def common_speed_parameters(simulation: Simulation, active: Hypothesis, rows: Rows) -> dict[str, float]:

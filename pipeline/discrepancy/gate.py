@@ -1,5 +1,6 @@
 """The gate: what an effect has to pass on confirmation rows and against placebos before it is reported."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,15 +79,24 @@ def placebo_p(residual: np.ndarray, change: np.ndarray, n_hypotheses: int, seed:
     if square <= 0.0:
         return 1.0
 
-    def root_gain(shifted: np.ndarray) -> float:
-        return float(shifted @ residual) / np.sqrt(square)
+    def root_gain(shift: int) -> float:
+        return float(np.roll(change, shift) @ residual) / np.sqrt(square)
 
-    shifts = np.random.default_rng(seed).integers(
-        len(residual) // 20, len(residual) - len(residual) // 20, PLACEBOS
-    )
-    placebos = np.array([root_gain(np.roll(change, shift)) for shift in shifts])
-    z = (root_gain(change) - placebos.mean()) / max(float(placebos.std()), 1e-12)
-    return float(np.clip(norm.sf(z) * n_hypotheses, np.finfo(float).tiny, 1.0))
+    p = shifted_p(root_gain, len(residual), seed)
+    return float(np.clip(p * n_hypotheses, np.finfo(float).tiny, 1.0))
+
+
+def shifted_p(root_gain: Callable[[int], float], n_rows: int, seed: int) -> float:
+    """How far a root gain without shift in time lies beyond those with shifts, taken for normal, as a probability.
+
+    Args:
+        root_gain: Of what explains, shifted by so many rows (cyclically).
+        n_rows: Rows along which it is shifted: by a twentieth of them at least, either way.
+        seed: Of the shifts.
+    """
+    shifts = np.random.default_rng(seed).integers(n_rows // 20, n_rows - n_rows // 20, PLACEBOS)
+    placebos = np.array([root_gain(int(shift)) for shift in shifts])
+    return float(norm.sf((root_gain(0) - placebos.mean()) / max(float(placebos.std()), 1e-12)))
 
 
 def can_be_shifted(change: np.ndarray) -> bool:

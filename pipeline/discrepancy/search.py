@@ -7,7 +7,6 @@ taken; what is as simple and as good is kept as its equivalent.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
@@ -91,9 +90,9 @@ class Search:
         rows: Rows,
         null: Null,
         config: SearchConfig,
-        excluded: Sequence[str] = (),
-        encoders: Mapping[int, Encoder] = MappingProxyType({}),
-        say: Callable[[str], None] | None = None,
+        excluded: Sequence[str],
+        encoders: Mapping[int, Encoder],
+        say: Callable[[str], None],
     ) -> None:
         self.simulation, self.rows, self.null, self.config = simulation, rows, null, config
         self.excluded = tuple(excluded)
@@ -101,7 +100,7 @@ class Search:
         self.found: list[Found] = []
         self._closed: set[int] = set()  # joints on which nothing plausible is left
         self.first: list[Candidate] = []  # of the first screen, for the ranking
-        self._say = say or (lambda _: None)
+        self._say = say
 
     def net(self, candidate: Candidate) -> float:
         """Gain beyond what the candidate gains on nominal logs."""

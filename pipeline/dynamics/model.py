@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from pipeline.dynamics.features import History, approximate_state, min_max, push
 from pipeline.dynamics.network import (
@@ -156,6 +157,28 @@ class DynamicsModel:
         residual = self.scale_residual(apply(self.network, parameters, self.features(history)))
         q, newest = self.integrate(history.q, history.motion[..., -1, :], residual)
         return History(motion=push(history.motion, newest), commands=history.commands, q=q)
+
+    def stopped(
+        self, parameters: Parameters, history: History, lower: ArrayLike, upper: ArrayLike
+    ) -> History:
+        """End stops after a step, as `at_stops`; `parameters` are of no use here, only to models with effects."""
+        q, newest = self.at_stops(history.q, history.motion[..., -1, :], lower, upper)
+        return history._replace(q=q, motion=history.motion.at[..., -1, :].set(newest))
+
+    def at_stops(
+        self, q: jax.Array, newest: jax.Array, lower: ArrayLike, upper: ArrayLike
+    ) -> tuple[jax.Array, jax.Array]:
+        """End stops: a joint beyond a limit (n_joint,), rad or m, is at it, with zero velocity.
+
+        Args:
+            q: (..., n_joint).
+            newest: its row of `motion`, (..., n_joint).
+            lower: limits.
+            upper: limits.
+        """
+        inside = jnp.clip(q, lower, upper)
+        at_rest = inside if self.specification.target is Target.dq else jnp.zeros_like(newest)
+        return inside, jnp.where(inside == q, newest, at_rest)
 
     def integrate(self, q: jax.Array, newest: jax.Array, residual: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Next configuration and next row of `motion` from the newest row and the residual."""

@@ -110,20 +110,12 @@ class AugmentedModel:
 
         Stops are where they are, whatever the encoders read: they act on the true configuration.
         """
-        nominal, is_dq = history.nominal, self.specification.target is Target.dq
-        true = jnp.clip(nominal.q, lower, upper)
-        is_free = true == nominal.q
-        q = jnp.where(is_free, history.q, self.chain.measured(parameters.effects, true))
-        true_rest, rest = (true, q) if is_dq else (jnp.zeros_like(true), jnp.zeros_like(q))
-
-        def with_newest(motion: jax.Array, rest: jax.Array) -> jax.Array:
-            return motion.at[..., -1, :].set(jnp.where(is_free, motion[..., -1, :], rest))
-
-        return history._replace(
-            motion=with_newest(history.motion, rest),
-            q=q,
-            nominal=nominal._replace(motion=with_newest(nominal.motion, true_rest), q=true),
-        )
+        nominal = self.frozen.stopped(parameters.network, history.nominal, lower, upper)
+        is_free = nominal.q == history.nominal.q
+        q = jnp.where(is_free, history.q, self.chain.measured(parameters.effects, nominal.q))
+        at_rest = q if self.specification.target is Target.dq else jnp.zeros_like(q)
+        newest = jnp.where(is_free, history.motion[..., -1, :], at_rest)
+        return history._replace(motion=history.motion.at[..., -1, :].set(newest), q=q, nominal=nominal)
 
     @property
     def has_sensor(self) -> bool:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.dynamics.held_command import hold
-from pipeline.dynamics.model import DynamicsModel, Target
+from pipeline.dynamics.model import DynamicsModel
 from pipeline.effects.augmented import AugmentedModel
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import Arm, Pose
@@ -139,9 +139,10 @@ class ReachingTask:
 
     def tick(self, state: TaskState, command: jax.Array) -> tuple[TaskState, Outcome]:
         """Advance by one control period under `command` (..., n_joint), which the machine takes as it is."""
-        history = self._with_end_stops(self.dynamics.step(self.parameters, state.history, command))
+        history = self.dynamics.step(self.parameters, state.history, command)
+        history = self.dynamics.stopped(self.parameters, history, self._lower, self._upper)
         pose = self.arm.forward(history.q)
-        outcome = self._outcome(history.q, pose, state.goal, command, state.command)
+        outcome = self.outcome(history.q, pose, state.goal, command, state.command)
         return TaskState(history, pose, command, state.goal), outcome
 
     def hold(self, state: TaskState, command: jax.Array, n_ticks: int) -> tuple[TaskState, Outcome]:
@@ -157,10 +158,10 @@ class ReachingTask:
         """
         if not isinstance(self.dynamics, DynamicsModel):
             return jax.lax.scan(lambda state, _: self.tick(state, command), state, length=n_ticks)
-        history, q = hold(self.dynamics, self.parameters, state.history, command, n_ticks, self._stopped)
+        history, q = hold(self.dynamics, self.parameters, state.history, command, n_ticks, self._at_stops)
         pose = tip_pose(self.arm.description, q)
         previous = jnp.concatenate([state.command[None], jnp.broadcast_to(command, q[1:].shape)])
-        outcome = self._outcome(q, pose, state.goal, command, previous)
+        outcome = self.outcome(q, pose, state.goal, command, previous)
         last = jax.tree.map(lambda value: value[-1], pose)
         return TaskState(history, last, command, state.goal), outcome
 
@@ -184,9 +185,10 @@ class ReachingTask:
             axis=-1,
         )
 
-    def _outcome(
+    def outcome(
         self, q: jax.Array, pose: Pose, goal: Goal, command: jax.Array, previous: jax.Array
     ) -> Outcome:
+        """What ticks led to that reached `q` (..., n_joint) under `command`, each after the command `previous`."""
         deviation = self._deviation(q, pose, goal)
         inside = contains(self._workspace, pose.position, self.arm.yaw(q))
         terms = reward_terms(self.reward, deviation, command, previous, inside)
@@ -209,14 +211,5 @@ class ReachingTask:
             configuration=q - goal.configuration,
         )
 
-    def _with_end_stops(self, history: Any) -> Any:
-        if not isinstance(self.dynamics, DynamicsModel):
-            return self.dynamics.stopped(self.parameters, history, self._lower, self._upper)
-        q, newest = self._stopped(history.q, history.motion[..., -1, :])
-        return history._replace(q=q, motion=history.motion.at[..., -1, :].set(newest))
-
-    def _stopped(self, q: jax.Array, newest: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """End stops: a joint beyond its limit is at it, with zero velocity; `newest` is its row of the motion."""
-        inside = jnp.clip(q, self._lower, self._upper)
-        at_rest = inside if self.dynamics.specification.target is Target.dq else jnp.zeros_like(newest)
-        return inside, jnp.where(inside == q, newest, at_rest)
+    def _at_stops(self, q: jax.Array, newest: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return self.dynamics.at_stops(q, newest, self._lower, self._upper)

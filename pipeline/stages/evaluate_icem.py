@@ -1,6 +1,5 @@
 """Stage `evaluate_icem`: iCEM plans through the fixed episodes, on the model that it plans with."""
 
-import json
 import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,8 +16,9 @@ from pipeline.control.icem.controller import icem_controller
 from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.effects.store import load_dynamics
 from pipeline.machine.kinematics import load_arm
-from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, save_episodes
-from pipeline.reaching.metrics import reaching_metrics, success_rate_matrix
+from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes
+from pipeline.reaching.evaluation_files import write_evaluation
+from pipeline.reaching.metrics import reaching_metrics
 from pipeline.reaching.reward import RewardConfig, total_reward
 from pipeline.reaching.task import ReachingTask
 from pipeline.tracking import StageRun, flatten_metrics, progress_bar
@@ -84,11 +84,7 @@ def main(configuration: EvaluateIcemStage, run: StageRun) -> None:
             "sequences_per_decision": icem.sequences_per_decision,
         },
     }
-    output.mkdir(parents=True, exist_ok=True)
-    (output / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
-    np.savetxt(output / "success_rates.csv", success_rate_matrix(traces), fmt="%.4f", delimiter=",")
-    save_episodes(output / "episodes.npz", episodes)
-    np.savez_compressed(output / "traces.npz", **traces._asdict())
+    write_evaluation(output, metrics, traces, episodes)
     run.metrics(flatten_metrics(metrics))
     run.artifact(output, "evaluation")
     if checkpoints:  # a finished evaluation must not be taken up again by changed code

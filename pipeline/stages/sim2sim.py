@@ -1,15 +1,13 @@
 """Stage `sim2sim`: a policy drives its model through the asynchronous graph, in simulated time (paper, "Sim2Sim")."""
 
-import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
-from pipeline.control.policy import load_policy
+from pipeline.control.policy import load_policy_of
 from pipeline.deployment.controllers import PolicyController
 from pipeline.deployment.goals import goal_solver
 from pipeline.deployment.machine import LearnedStep
@@ -17,13 +15,13 @@ from pipeline.deployment.settings import DeploymentConfig
 from pipeline.deployment.simulated_time.delays import load_delays
 from pipeline.deployment.termination import TerminalConditions
 from pipeline.deployment.trials import GraphParts, run_episodes
-from pipeline.effects.store import dynamics_fingerprint, load_dynamics
-from pipeline.errors import InputError
+from pipeline.effects.store import load_dynamics
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
-from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, save_episodes
+from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes
+from pipeline.reaching.evaluation_files import write_evaluation
 from pipeline.reaching.logged_trials import trial_traces
-from pipeline.reaching.metrics import reaching_metrics, success_rate_matrix
+from pipeline.reaching.metrics import reaching_metrics
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
 from pipeline.tracking import StageRun, progress_bar
@@ -65,11 +63,7 @@ def main(configuration: Sim2SimStage, run: StageRun) -> None:
     traces = trial_traces(trials, machine, parts.task.arm)
     metrics = reaching_metrics(traces).as_dict()
     del metrics["average_return"]  # of rewards, which logs of the graph do not hold
-    output.mkdir(parents=True, exist_ok=True)
-    (output / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
-    np.savetxt(output / "success_rates.csv", success_rate_matrix(traces), fmt="%.4f", delimiter=",")
-    save_episodes(output / "episodes.npz", episodes)
-    np.savez_compressed(output / "traces.npz", **traces._asdict())
+    write_evaluation(output, metrics, traces, episodes)
     run.metrics(metrics)
     run.artifact(output, "evaluation")
 
@@ -81,11 +75,7 @@ def policy_parts(configuration: Sim2SimStage, machine: MachineSpecification) -> 
         InputError: the policy was learned on another model.
     """
     dynamics, parameters = load_dynamics(Path(configuration.model))
-    policy, lineage = load_policy(Path(configuration.policy))
-    if lineage.get("model") != dynamics_fingerprint(Path(configuration.model)):
-        raise InputError(
-            f"{configuration.policy}: was not learned on {configuration.model}; name the model that it was learned on"
-        )
+    policy = load_policy_of(Path(configuration.policy), Path(configuration.model))
     arm = load_arm(machine, MACHINE_DIRECTORY)
     task = ReachingTask(machine, arm, dynamics, parameters, configuration.reward)
     return GraphParts(

@@ -9,8 +9,6 @@ from pipeline.control.icem.returns import SequenceReturns, TickReturns, discount
 from pipeline.control.icem.windowed_rollout import SharedPart, WindowedRollout
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.machine.poses import workspace_of
-from pipeline.machine.workspace import contains
-from pipeline.reaching.reward import Deviation, euclidean_norm, geodesic_distance, reward_terms, total_reward
 from pipeline.reaching.task import Goal, ReachingTask, TaskState
 from pipeline.reaching.tip import tip_pose
 
@@ -68,17 +66,8 @@ class WindowedReturns:
         self, prepared: Prepared, q: jax.Array, command: jax.Array, previous: jax.Array
     ) -> jax.Array:
         """Rewards (...) of ticks that reached q (..., n_joint)."""
-        arm, reward, goal = self._task.arm, self._task.reward, prepared.goal
-        pose = tip_pose(arm.description, q)
-        deviation = Deviation(  # as `ReachingTask` has it
-            position=euclidean_norm(goal.pose.position - pose.position),
-            rotation=geodesic_distance(goal.pose.quaternion, pose.quaternion),
-            yaw=arm.yaw(q) - arm.yaw(goal.configuration),
-            pitch=arm.pitch(q) - arm.pitch(goal.configuration),
-            configuration=q - goal.configuration,
-        )
-        inside = contains(self._workspace, pose.position, arm.yaw(q))
-        return total_reward(reward, reward_terms(reward, deviation, command, previous, inside))
+        pose = tip_pose(self._task.arm.description, q)
+        return self._task.outcome(q, pose, prepared.goal, command, previous).reward
 
 
 def sequence_returns(

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.dynamics.features import History
-from pipeline.dynamics.model import DynamicsModel, Target
+from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
 
 # While the window still fills with predictions, the loop is cut into so many pieces, each with a product of its
@@ -162,18 +162,13 @@ class WindowedRollout:
             y = jnp.concatenate([motion.reshape(n, -1), recent, position], axis=1) @ kernel + shared
             for layer in self._others:
                 y = model.network.activate(y) @ layer.kernel + layer.bias
-            q, newest = self._stopped(*model.integrate(q, newest, model.scale_residual(y)))
+            q, newest = model.integrate(q, newest, model.scale_residual(y))
+            q, newest = model.at_stops(q, newest, self._lower, self._upper)
             predicted = model.network.expand(model.normalise_motion(newest))
             motion = jnp.concatenate([motion[:, 1:], predicted[:, None]], axis=1)
             return _Carry(motion, newest, q), q
 
         return jax.lax.scan(tick, carry, (jnp.asarray(piece.kernels), shared))
-
-    def _stopped(self, q: jax.Array, newest: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """End stops: a joint beyond its limit is at it, with zero velocity."""
-        inside = jnp.clip(q, self._lower, self._upper)
-        at_rest = inside if self._model.specification.target is Target.dq else jnp.zeros_like(newest)
-        return inside, jnp.where(inside == q, newest, at_rest)
 
     def _cut(self, by_motion: np.ndarray, by_commands: np.ndarray, by_q: np.ndarray) -> list[_Piece]:
         """The loop's pieces: some while the window fills with predictions, one thereafter."""

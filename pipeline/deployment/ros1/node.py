@@ -13,7 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.atomic_files import write_whole
-from pipeline.deployment.component import NANOSECONDS, Component, Computation, Output, Publication
+from pipeline.deployment.component import (
+    NANOSECONDS,
+    Component,
+    Computation,
+    ComputingComponent,
+    Output,
+    Publication,
+)
 from pipeline.deployment.messages import JointCommand, JointState, Topic
 from pipeline.deployment.ros1.installation import require_ros
 from pipeline.deployment.ros1.message_types import carriers
@@ -66,7 +73,8 @@ class Node:
 
     def spin(self) -> None:
         """Run until the graph is shut down."""
-        threading.Thread(target=self._compute, daemon=True).start()
+        if isinstance(component := self._component, ComputingComponent):
+            threading.Thread(target=self._compute, args=(component,), daemon=True).start()
         period_ns = self._component.period_ns
         if period_ns is None:
             self._rospy.spin()
@@ -105,12 +113,12 @@ class Node:
             elif isinstance(output, Publication):
                 self._publishers[output.topic].publish(self._carriers[output.topic].to_ros(output.message))
 
-    def _compute(self) -> None:
+    def _compute(self, component: ComputingComponent) -> None:
         while True:
             begun_ns, request = self._computations.get()
-            result = self._component.compute(request)
+            result = component.compute(request)
             with self._lock:
-                self._carry_out(self._component.on_computed(result, self.now_ns()))
+                self._carry_out(component.on_computed(result, self.now_ns()))
             self._measure(f"computation {type(request).__name__}", self.now_ns() - begun_ns)
 
     def _measure(self, name: str, nanoseconds: int) -> None:

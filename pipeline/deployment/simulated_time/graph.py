@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.deployment.component import Component, Computation, Output, Publication
+from pipeline.deployment.component import Component, Computation, ComputingComponent, Output, Publication
 from pipeline.deployment.messages import Message, Topic
 from pipeline.deployment.simulated_time.delays import Distribution, Sampler
 from pipeline.deployment.simulated_time.faults import Fault
@@ -111,7 +111,7 @@ class SimulatedGraph:
         if self._is_running(component):
             self._carry_out(component, component.on_message(topic, message, self._now(component)))
 
-    def _finish(self, component: Component, result: Any) -> None:
+    def _finish(self, component: ComputingComponent, result: Any) -> None:
         if self._is_running(component):
             self._carry_out(component, component.on_computed(result, self._now(component)))
 
@@ -120,6 +120,7 @@ class SimulatedGraph:
             if isinstance(output, Publication):
                 self._publish(output.topic, output.message)
             elif isinstance(output, Computation):
+                assert isinstance(component, ComputingComponent)
                 delay_ns = max(self._computing[component.name].draw_ns(), 0)
                 delay_ns += sum(f.extra_computation_ns(component.name, self.time_ns) for f in self._faults)
                 self._schedule(
