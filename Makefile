@@ -20,6 +20,10 @@ $(VENV)/installed: requirements.lock requirements-uv.lock pyproject.toml
 .PHONY: env
 env: $(VENV)/installed ## build the environment from the lock file
 
+.PHONY: hooks
+hooks: env ## check style, types and layers before each commit (pre-commit)
+	$(BIN)/pre-commit install
+
 .PHONY: repro
 repro: env ## run the whole pipeline on the profile in params.yaml (default: some 40 minutes on two cores)
 	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro

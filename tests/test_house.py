@@ -1,0 +1,52 @@
+"""What a fresh reader expects of a repository: it says what it is, whose it is, how it is checked."""
+
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+import yaml
+from pre_commit.clientlib import load_config
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def test_hooks_are_tools_of_the_locked_environment() -> None:
+    locked = set(re.findall(r"^([a-z0-9-]+)==", (ROOT / "requirements.lock").read_text(), re.M))
+    hooks = load_config(str(ROOT / ".pre-commit-config.yaml"))["repos"]
+    assert [repository["repo"] for repository in hooks] == ["local"]  # nothing is downloaded
+    programs = {Path(hook["entry"].split()[0]) for repository in hooks for hook in repository["hooks"]}
+    assert {program.parent for program in programs} == {Path(".venv/bin")}
+    assert {program.name.replace("lint-imports", "import-linter") for program in programs} <= locked
+
+
+def test_make_test_checks_what_the_hooks_check() -> None:
+    recipe = subprocess.run(
+        ["make", "--dry-run", "--always-make", "test"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    for repository in load_config(str(ROOT / ".pre-commit-config.yaml"))["repos"]:
+        for hook in repository["hooks"]:
+            assert hook["entry"].removesuffix(" --force-exclude") in recipe
+
+
+def test_make_help_names_every_target() -> None:
+    shown = subprocess.run(["make"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    targets = re.findall(r"^\.PHONY: (\S+)", (ROOT / "Makefile").read_text(), re.M)
+    assert targets and all(re.search(rf"^  make {target} ", shown, re.M) for target in targets)
+
+
+def test_citation_names_paper_and_software() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["cff-version"] == "1.2.0" and citation["version"] == PROJECT["project"]["version"]
+    (paper,) = citation["references"]
+    assert paper["title"] in " ".join((ROOT / "README.md").read_text().split()).replace("*", "")
+    assert [author["family-names"] for author in paper["authors"]] == [
+        "Leiva", "Canales", "Valenzuela", "Ruiz-del-Solar",
+    ]  # fmt: skip
+
+
+def test_licence_and_changelog_are_of_this_version() -> None:
+    project = PROJECT["project"]
+    assert (ROOT / "LICENSE").read_text().startswith(f"{project['license']} License")
+    assert f"\n## {project['version']}" in (ROOT / "CHANGELOG.md").read_text()
