@@ -21,6 +21,7 @@ from pipeline.deployment.goals import known_configurations
 from pipeline.deployment.machine import LearnedMachine
 from pipeline.deployment.messages import ReachGoal, ReachResult
 from pipeline.deployment.recording import Recorder
+from pipeline.deployment.ros1.goal_errors import goal_errors
 from pipeline.deployment.ros1.launch import graph
 from pipeline.deployment.ros1.node import Node
 from pipeline.deployment.ros1.operator import Operator
@@ -51,7 +52,6 @@ class RunGraphStage(TargetsStage):
     """Keys of `conf/run_graph.yaml`."""
 
     node: str | None = None
-    clock_offset_ns: int = 0
 
     def __post_init__(self) -> None:
         if self.node is not None and self.node not in NODES:
@@ -87,12 +87,8 @@ def simulate(configuration: TargetsStage) -> Recorder:
 def run_targets(configuration: TargetsStage, overrides: list[str]) -> tuple[list[ReachResult], Recorder]:
     """Launch the nodes with the overrides of this command, pursue the targets, shut the nodes down."""
     output, machine = Path(configuration.output), configuration.machine
-    offset_ns = time.time_ns() - time.monotonic_ns()
     nodes = {
-        name: [
-            *(sys.executable, "-m", "pipeline.stages.run_graph", *overrides),
-            *(f"node={name}", f"clock_offset_ns={offset_ns}"),
-        ]
+        name: [sys.executable, "-m", "pipeline.stages.run_graph", *overrides, f"node={name}"]
         for name in NODES
     }
     episodes = fixed_episodes(configuration)
@@ -102,7 +98,7 @@ def run_targets(configuration: TargetsStage, overrides: list[str]) -> tuple[list
         for number in range(len(episodes.targets))
     ]
     with graph(nodes, output / "nodes") as processes:
-        operator = Operator(machine, offset_ns)
+        operator = Operator(machine)
         operator.wait_for_server(
             START_TIMEOUT_S, lambda: all(process.poll() is None for process in processes.values())
         )
@@ -124,7 +120,10 @@ def fixed_episodes(configuration: TargetsStage) -> Episodes:
 def run_node(configuration: RunGraphStage, name: str) -> None:
     """Be one node until the graph is shut down."""
     component = build(configuration, name)
-    node = Node(component, configuration.machine, configuration.clock_offset_ns)
+    errors = None
+    if name == "autonomous_server":
+        errors = goal_errors(load_arm(configuration.machine, MACHINE_DIRECTORY))
+    node = Node(component, configuration.machine, errors)
     node.spin()
     node.save(Path(configuration.output) / "nodes" / f"{name}.json")
 

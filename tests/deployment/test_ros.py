@@ -9,6 +9,7 @@ import pytest
 
 from pipeline.deployment import messages as m
 from pipeline.deployment.messages import Topic
+from pipeline.deployment.ros1.definitions import action_messages, generate, own_types
 from pipeline.deployment.ros1.installation import DEBIAN_PACKAGES, require_ros
 from pipeline.deployment.ros1.measurements import distributions, real_time_table
 from pipeline.deployment.ros1.message_types import carriers
@@ -16,20 +17,23 @@ from pipeline.errors import InputError
 from tests.deployment.machines import bobcat
 from tests.ros_graph import DIST_PACKAGES, requires_debian
 
-PACKAGES = {"python3-rospy": DIST_PACKAGES / "rospy", "python3-sensor-msgs": DIST_PACKAGES / "sensor_msgs"}
+PACKAGES = {
+    "python3-rospy": DIST_PACKAGES / "rospy",
+    "python3-actionlib": DIST_PACKAGES / "actionlib",
+    "python3-sensor-msgs": DIST_PACKAGES / "sensor_msgs",
+}
 NOW = 1_700_000_000_123_456_789
 EXAMPLES = {
     Topic.joint_states: m.JointState(NOW, np.array([0.1, 0.2, -1.0, -0.3]), np.array([0.0, 1.0, 2.0, -3.0])),
     Topic.joystick: m.Joystick(NOW, np.array([0.5, -1.0, 0.0])),
-    Topic.goal: m.ReachGoal(7, np.array([1.0, 2.0, 3.0]), np.array([1.0, 0.0, 0.5, 0.0])),
-    Topic.cancel: m.CancelGoal(7),
-    Topic.result: m.ReachResult(NOW, 7, m.Outcome.left_workspace, 123),
     Topic.target_pose: m.TargetPose(NOW, np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.0, 0.8, 0.0])),
     Topic.requested_commands: m.JointCommand(
         NOW, "server", 5, NOW - 10**7, np.array([1.0, 0.0, -1.0, 0.0]), True
     ),
     Topic.joint_commands: m.MachineCommand(NOW, np.array([-1.0, 0.0, 1.0, 1.0])),
     Topic.emergency_stop: m.EmergencyStop(NOW, "joint_limits", "swing at 1.0 rad"),
+    Topic.can_to_machine: m.CanFrame(NOW, 0x201, b"\x01\x02\x03"),
+    Topic.can_from_machine: m.CanFrame(NOW, 0x301, bytes(range(8))),
     Topic.supervisor_state: m.SupervisorState(NOW, "joint_limits"),
 }
 
@@ -48,10 +52,24 @@ def test_a_message_comes_back_as_it_was(topic: Topic) -> None:
 @requires_debian(PACKAGES)
 def test_every_topic_between_processes_is_carried_by_the_machines_names() -> None:
     table = carriers(bobcat())
-    assert set(table) == set(EXAMPLES) == {topic for topic in Topic if not topic.startswith("can_")}
+    assert set(table) == set(EXAMPLES) == set(Topic) - {Topic.goal, Topic.cancel, Topic.result}  # an action
     assert (
         table[Topic.joint_states].name == "/joint_states" and table[Topic.target_pose].name == "/target_pose"
     )
+
+
+@requires_debian(PACKAGES)
+def test_generated_types_are_those_that_the_message_compilers_make() -> None:
+    """By their check sums, which two nodes compare before they talk: of actionlib's own example, and of CAN frames."""
+    require_ros()
+    import actionlib.msg as compiled
+
+    text = "int32 goal\n---\nint32 result\n---\nint32 feedback\n"
+    generated = generate(action_messages("actionlib/Test", text))
+    assert len(generated) == 7
+    for name, ros_type in generated.items():
+        assert ros_type._md5sum == getattr(compiled, name.split("/")[1])._md5sum
+    assert own_types()["can_msgs/Frame"]._md5sum == "64ae5cebf967dc6aae4e78f5683a5b25"  # as released
 
 
 def test_without_ros_one_line_says_what_to_install(monkeypatch) -> None:

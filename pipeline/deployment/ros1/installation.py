@@ -9,7 +9,7 @@ from pipeline.errors import InputError
 
 DEBIAN_PACKAGES = Path("/usr/lib/python3/dist-packages")
 ROSMASTER = Path("/usr/bin/rosmaster")
-REMEDY = "apt-get install --no-install-recommends python3-rospy python3-rosmaster python3-sensor-msgs"
+REMEDY = "apt-get install --no-install-recommends python3-rospy python3-rosmaster python3-actionlib python3-sensor-msgs"
 
 
 def require_ros() -> ModuleType:
@@ -25,7 +25,7 @@ def require_ros() -> ModuleType:
     try:
         if not ROSMASTER.exists():
             raise ImportError(str(ROSMASTER))
-        for name in ("sensor_msgs.msg", "std_msgs.msg", "geometry_msgs.msg"):
+        for name in ("actionlib", "sensor_msgs.msg", "std_msgs.msg", "geometry_msgs.msg"):
             importlib.import_module(name)
         return importlib.import_module("rospy")
     except ImportError as error:

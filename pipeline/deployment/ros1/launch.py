@@ -10,6 +10,7 @@ import xmlrpc.client
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from pipeline.deployment.ros1.clock import CALLER, set_clock
 from pipeline.deployment.ros1.installation import ROSMASTER, require_ros
 from pipeline.errors import InputError
 
@@ -50,6 +51,7 @@ def graph(nodes: Mapping[str, Sequence[str]], folder: Path) -> Iterator[dict[str
         master = _start([str(ROSMASTER), "--core", "-p", str(port)], folder / "rosmaster.log")
         processes["rosmaster"] = master
         _wait_for_master(settings["ROS_MASTER_URI"], master)
+        set_clock(settings["ROS_MASTER_URI"])
         for name, command in nodes.items():
             processes[name] = _start(command, folder / f"{name}.log")
         yield {name: process for name, process in processes.items() if name != "rosmaster"}
@@ -78,7 +80,7 @@ def _wait_for_master(uri: str, master: subprocess.Popen[bytes]) -> None:
     deadline = time.monotonic() + START_S
     while time.monotonic() < deadline and master.poll() is None:
         with contextlib.suppress(OSError, xmlrpc.client.Error):
-            xmlrpc.client.ServerProxy(uri).getPid("/launch")
+            xmlrpc.client.ServerProxy(uri).getPid(CALLER)
             return
         time.sleep(POLL_S)
     raise InputError(f"no ROS master came up at {uri}; see rosmaster.log")

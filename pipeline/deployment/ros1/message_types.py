@@ -1,7 +1,6 @@
 """Messages as ROS 1 messages, there and back: standard types where there are any, our own for the rest.
 
-Our own types are made from their definitions when a node starts (`genpy.dynamic`); bags carry the definitions, so any
-ROS tool can read them.
+Goals do not travel on topics: they are an action (`reach_action`).
 """
 
 from collections.abc import Callable
@@ -11,33 +10,23 @@ import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.messages import (
-    CancelGoal,
+    CanFrame,
     EmergencyStop,
     JointCommand,
     JointState,
     Joystick,
     MachineCommand,
     Message,
-    Outcome,
-    ReachGoal,
-    ReachResult,
     SupervisorState,
     TargetPose,
     Topic,
 )
 from pipeline.deployment.recording import BASE_FRAME
+from pipeline.deployment.ros1.definitions import PACKAGE, own_types
 from pipeline.deployment.ros1.installation import require_ros
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
-PACKAGE = "hydraulic_arm"
-DEFINITIONS = {
-    "JointCommand": "time stamp\nstring source\nuint32 sequence\ntime observed\nfloat32[] values\nbool is_last\n",
-    "EmergencyStop": "time stamp\nstring rule\nstring detail\n",
-    "SupervisorState": "time stamp\nstring rule\n",
-    "ReachGoal": "uint32 goal_id\nfloat64[3] position\nfloat64[4] quaternion # w, x, y, z\n",
-    "CancelGoal": "uint32 goal_id\n",
-    "ReachResult": "time stamp\nuint32 goal_id\nstring outcome\nuint32 n_ticks\n",
-}
+MAXIMUM_CAN_BYTES = 8
 
 
 class Carrier(NamedTuple):
@@ -49,29 +38,43 @@ class Carrier(NamedTuple):
     from_ros: Callable[[Any, int], Message]
 
 
+def ros_time(nanoseconds: int) -> Any:
+    """A time of the graph's clock as a ROS time."""
+    import genpy
+
+    return genpy.Time(nanoseconds // NANOSECONDS, nanoseconds % NANOSECONDS)
+
+
+def fill_pose(ros: Any, stamp_ns: int, position: np.ndarray, quaternion: np.ndarray) -> Any:
+    """Write a pose in {B}, m (3,) and quaternion (w, x, y, z) (4,), into a `PoseStamped`; return it."""
+    ros.header.stamp, ros.header.frame_id = ros_time(stamp_ns), BASE_FRAME
+    for axis, value in zip("xyz", position, strict=True):
+        setattr(ros.pose.position, axis, float(value))
+    for axis, value in zip("wxyz", quaternion, strict=True):
+        setattr(ros.pose.orientation, axis, float(value))
+    return ros
+
+
+def read_pose(ros: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Position, m (3,), and quaternion (w, x, y, z) (4,) of a `PoseStamped`."""
+    position = np.array([getattr(ros.pose.position, axis) for axis in "xyz"])
+    return position, np.array([getattr(ros.pose.orientation, axis) for axis in "wxyz"])
+
+
 def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
     """Carriers of all topics between processes, with the machine's names where logs have them.
-
-    CAN frames are not among them: driver and adapter share a process on the machine's computer.
 
     Raises:
         InputError: ROS 1 is not installed.
     """
-    rospy = require_ros()
-    from genpy.dynamic import generate_dynamic
+    require_ros()
     from geometry_msgs.msg import PoseStamped
     from sensor_msgs.msg import JointState as RosJointState
     from sensor_msgs.msg import Joy
     from std_msgs.msg import Float32MultiArray, Int8MultiArray
 
-    own = {
-        name: generate_dynamic(f"{PACKAGE}/{name}", text)[f"{PACKAGE}/{name}"]
-        for name, text in DEFINITIONS.items()
-    }
+    own = {name.removeprefix(f"{PACKAGE}/"): ros_type for name, ros_type in own_types().items()}
     discrete = machine.command_kind is CommandKind.discrete
-
-    def stamp(nanoseconds: int) -> Any:
-        return rospy.Time(nanoseconds // NANOSECONDS, nanoseconds % NANOSECONDS)
 
     def joint_state(message: JointState) -> Any:
         ros = RosJointState(
@@ -79,7 +82,7 @@ def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
             position=message.position.tolist(),
             velocity=np.asarray(message.velocity).tolist(),
         )
-        ros.header.stamp = stamp(message.stamp_ns)
+        ros.header.stamp = ros_time(message.stamp_ns)
         return ros
 
     def read_joint_state(ros: Any, now_ns: int) -> JointState:
@@ -94,22 +97,23 @@ def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
         return Float32MultiArray(data=np.asarray(message.values).tolist())
 
     def target_pose(message: TargetPose) -> Any:
-        ros = PoseStamped()
-        ros.header.stamp, ros.header.frame_id = stamp(message.stamp_ns), BASE_FRAME
-        for axis, value in zip("xyz", message.position, strict=True):
-            setattr(ros.pose.position, axis, float(value))
-        for axis, value in zip("wxyz", message.quaternion, strict=True):
-            setattr(ros.pose.orientation, axis, float(value))
-        return ros
+        return fill_pose(PoseStamped(), message.stamp_ns, message.position, message.quaternion)
 
     def read_target_pose(ros: Any, now_ns: int) -> TargetPose:
-        position = np.array([getattr(ros.pose.position, axis) for axis in "xyz"])
-        quaternion = np.array([getattr(ros.pose.orientation, axis) for axis in "wxyz"])
-        return TargetPose(ros.header.stamp.to_nsec(), position, quaternion)
+        return TargetPose(ros.header.stamp.to_nsec(), *read_pose(ros))
+
+    def can_frame(message: CanFrame) -> Any:
+        padded = message.data.ljust(MAXIMUM_CAN_BYTES, b"\0")
+        ros = own["can_msgs/Frame"](id=message.identifier, dlc=len(message.data), data=padded)
+        ros.header.stamp = ros_time(message.stamp_ns)
+        return ros
+
+    def read_can_frame(ros: Any, now_ns: int) -> CanFrame:
+        return CanFrame(ros.header.stamp.to_nsec(), ros.id, bytes(ros.data)[: ros.dlc])
 
     def joystick(message: Joystick) -> Any:
         ros = Joy(axes=np.asarray(message.axes).tolist())
-        ros.header.stamp = stamp(message.stamp_ns)
+        ros.header.stamp = ros_time(message.stamp_ns)
         return ros
 
     table: dict[Topic, tuple[type, Callable[[Any], Any], Callable[[Any, int], Message]]] = {
@@ -128,7 +132,12 @@ def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
         Topic.requested_commands: (
             own["JointCommand"],
             lambda m: own["JointCommand"](
-                stamp(m.stamp_ns), m.source, m.sequence, stamp(m.observed_ns), m.values.tolist(), m.is_last
+                ros_time(m.stamp_ns),
+                m.source,
+                m.sequence,
+                ros_time(m.observed_ns),
+                m.values.tolist(),
+                m.is_last,
             ),
             lambda ros, now_ns: JointCommand(
                 ros.stamp.to_nsec(),
@@ -141,33 +150,16 @@ def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
         ),
         Topic.emergency_stop: (
             own["EmergencyStop"],
-            lambda m: own["EmergencyStop"](stamp(m.stamp_ns), m.rule, m.detail),
+            lambda m: own["EmergencyStop"](ros_time(m.stamp_ns), m.rule, m.detail),
             lambda ros, now_ns: EmergencyStop(ros.stamp.to_nsec(), ros.rule, ros.detail),
         ),
         Topic.supervisor_state: (
             own["SupervisorState"],
-            lambda m: own["SupervisorState"](stamp(m.stamp_ns), m.rule),
+            lambda m: own["SupervisorState"](ros_time(m.stamp_ns), m.rule),
             lambda ros, now_ns: SupervisorState(ros.stamp.to_nsec(), ros.rule),
         ),
-        Topic.goal: (
-            own["ReachGoal"],
-            lambda m: own["ReachGoal"](
-                m.goal_id, list(map(float, m.position)), list(map(float, m.quaternion))
-            ),
-            lambda ros, now_ns: ReachGoal(ros.goal_id, np.array(ros.position), np.array(ros.quaternion)),
-        ),
-        Topic.cancel: (
-            own["CancelGoal"],
-            lambda m: own["CancelGoal"](m.goal_id),
-            lambda ros, now_ns: CancelGoal(ros.goal_id),
-        ),
-        Topic.result: (
-            own["ReachResult"],
-            lambda m: own["ReachResult"](stamp(m.stamp_ns), m.goal_id, m.outcome.value, m.n_ticks),
-            lambda ros, now_ns: ReachResult(
-                ros.stamp.to_nsec(), ros.goal_id, Outcome(ros.outcome), ros.n_ticks
-            ),
-        ),
+        Topic.can_to_machine: (own["can_msgs/Frame"], can_frame, read_can_frame),
+        Topic.can_from_machine: (own["can_msgs/Frame"], can_frame, read_can_frame),
     }
     names = {
         Topic.joint_states: machine.joint_states.topic,

@@ -1,14 +1,10 @@
-"""A component as a ROS 1 node: rospy's threads bring messages, one thread ticks, one carries computations out.
-
-The node's clock is the host's monotonic clock, set once for the whole graph when it is launched: a step of the wall
-clock moves nothing.
-"""
+"""A component as a ROS 1 node: rospy's threads bring messages, one thread ticks, one carries computations out."""
 
 import json
 import queue
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +17,11 @@ from pipeline.deployment.component import (
     Output,
     Publication,
 )
-from pipeline.deployment.messages import JointCommand, JointState, Topic
+from pipeline.deployment.messages import JointCommand, JointState, Message, Topic
+from pipeline.deployment.ros1.clock import GraphClock
 from pipeline.deployment.ros1.installation import require_ros
 from pipeline.deployment.ros1.message_types import carriers
+from pipeline.deployment.ros1.reach_action import GoalErrors, ReachActionServer
 from pipeline.machine.specification import MachineSpecification
 
 QUEUE = 100
@@ -32,36 +30,50 @@ QUEUE = 100
 class Node:
     """Runs one component until the graph is shut down, and measures what it sees of the graph.
 
+    A component that raises ends its node, in whichever thread it does so: the others then miss it.
+
     Attributes:
         measured: seconds, by name: `age <topic>` of messages that arrive, `timer` lateness of ticks, `tick` from
             waking up to the last message sent, `computation`; and `missed`, ticks whose turn came too late.
     """
 
-    def __init__(self, component: Component, machine: MachineSpecification, clock_offset_ns: int) -> None:
-        """Starts the node; `clock_offset_ns` added to the monotonic clock is the graph's time.
+    def __init__(
+        self, component: Component, machine: MachineSpecification, errors: GoalErrors | None = None
+    ) -> None:
+        """Starts the node; needs the graph's master in the environment.
+
+        Args:
+            component: what it runs; one that hears goals is the server of the action `reach`.
+            machine: names its topics.
+            errors: what the action's feedback tells.
 
         Raises:
-            InputError: ROS 1 is not installed.
+            InputError: ROS 1 is not installed, or the graph has no clock.
         """
         self._rospy = require_ros()
         self._component = component
-        self._offset_ns = clock_offset_ns
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._computations: queue.Queue[Any] = queue.Queue()
         self.measured: dict[str, list[float]] = {}
         self._rospy.init_node(component.name, disable_signals=False)
+        self._clock = GraphClock(self._rospy)
         self._carriers = carriers(machine)
         self._publishers = {
             topic: self._rospy.Publisher(c.name, c.ros_type, queue_size=QUEUE, tcp_nodelay=True)
             for topic, c in self._carriers.items()
         }
+        self._failure: Exception | None = None
+        self._state: JointState | None = None
+        self._action: ReachActionServer | None = None
+        if Topic.goal in component.subscriptions:
+            self._action = ReachActionServer(self._lock, self._deliver, errors)
         for topic in component.subscriptions:
             if topic in self._carriers:
                 carrier = self._carriers[topic]
                 self._rospy.Subscriber(
                     carrier.name,
                     carrier.ros_type,
-                    self._receive,
+                    self._hear,
                     callback_args=topic,
                     queue_size=QUEUE,
                     tcp_nodelay=True,
@@ -69,16 +81,26 @@ class Node:
 
     def now_ns(self) -> int:
         """Time of the graph."""
-        return time.monotonic_ns() + self._offset_ns
+        return self._clock.now_ns()
 
     def spin(self) -> None:
-        """Run until the graph is shut down."""
+        """Run until the graph is shut down.
+
+        Raises:
+            Exception: whatever the component raised.
+        """
         if isinstance(component := self._component, ComputingComponent):
-            threading.Thread(target=self._compute, args=(component,), daemon=True).start()
-        period_ns = self._component.period_ns
-        if period_ns is None:
+            self._start_thread(self._compute, component)
+        if self._action is not None:
+            self._start_thread(self._action.work)
+        if self._component.period_ns is None:
             self._rospy.spin()
-            return
+        else:
+            self._tick(self._component.period_ns)
+        if self._failure is not None:
+            raise self._failure
+
+    def _tick(self, period_ns: int) -> None:
         due_ns = self.now_ns() + period_ns
         while not self._rospy.is_shutdown():
             wait_ns = due_ns - self.now_ns()
@@ -89,6 +111,8 @@ class Node:
                 self._carry_out(self._component.on_timer(woken_ns))
             self._measure("timer", woken_ns - due_ns)
             self._measure("tick", self.now_ns() - woken_ns)
+            if self._action is not None and self._state is not None:
+                self._action.feed_back(self._state)
             due_ns += period_ns
             while due_ns + period_ns < self.now_ns():  # too late for a whole tick: counted, not made up for
                 self._measure("missed", self.now_ns() - due_ns)
@@ -98,11 +122,30 @@ class Node:
         """Write what was measured, as JSON."""
         write_whole(path, (json.dumps(self.measured) + "\n").encode())
 
+    def _start_thread(self, function: Callable[..., None], *arguments: Any) -> None:
+        threading.Thread(target=self._guard, args=(function, *arguments), daemon=True).start()
+
+    def _guard(self, function: Callable[..., None], *arguments: Any) -> None:
+        """Call; rospy would log what is raised in its threads, and go on."""
+        try:
+            function(*arguments)
+        except Exception as failure:
+            self._failure = failure
+            self._rospy.signal_shutdown(repr(failure))
+
+    def _hear(self, ros_message: Any, topic: Topic) -> None:
+        self._guard(self._receive, ros_message, topic)
+
     def _receive(self, ros_message: Any, topic: Topic) -> None:
         now_ns = self.now_ns()
         message = self._carriers[topic].from_ros(ros_message, now_ns)
         if isinstance(message, JointCommand | JointState):
             self._measure(f"age {topic}", now_ns - message.stamp_ns)
+        if isinstance(message, JointState):
+            self._state = message
+        self._deliver(topic, message)
+
+    def _deliver(self, topic: Topic, message: Message) -> None:
         with self._lock:
             self._carry_out(self._component.on_message(topic, message, self.now_ns()))
 
@@ -110,8 +153,12 @@ class Node:
         for output in outputs:
             if isinstance(output, Computation):
                 self._computations.put((self.now_ns(), output.request))
-            elif isinstance(output, Publication):
+                continue
+            assert isinstance(output, Publication)
+            if output.topic in self._carriers:
                 self._publishers[output.topic].publish(self._carriers[output.topic].to_ros(output.message))
+            if self._action is not None:
+                self._action.published(output.message)
 
     def _compute(self, component: ComputingComponent) -> None:
         while True:

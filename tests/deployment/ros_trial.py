@@ -1,0 +1,108 @@
+"""A trial on the real graph: `python -m tests.deployment.ros_trial FOLDER`, a process of its own, as rospy allows one
+node per process. What was seen goes to FOLDER/trial.json.
+"""
+
+import json
+import signal
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.configuration import load_machine
+from pipeline.deployment.component import NANOSECONDS
+from pipeline.deployment.messages import JointCommand, ReachGoal, Topic
+from pipeline.deployment.ros1.installation import require_ros
+from pipeline.deployment.ros1.launch import graph
+from pipeline.deployment.ros1.message_types import carriers
+from pipeline.deployment.ros1.operator import Operator
+from pipeline.deployment.ros1.reach_action import ReachClient
+from tests.deployment.ros_node import NODES, PATIENCE_S
+
+START_S = 180.0
+MOVING_S = 0.5
+WATCHED_S = 0.5
+ROGUE_PERIOD_S = 0.02
+
+
+def run(folder: Path) -> dict:
+    """Two goals in peace; some that end early; one in which the encoders die; after that commands all the same."""
+    rospy, machine = require_ros(), load_machine("bobcat_e10")
+    commands = {
+        name: [sys.executable, "-m", "tests.deployment.ros_node", name, str(folder)] for name in NODES
+    }
+    with graph(commands, folder) as processes:
+        operator = Operator(machine)
+        operator.wait_for_server(START_S, lambda: all(p.poll() is None for p in processes.values()))
+        wait_for_states(operator)
+        results = operator.pursue([goal(0), goal(1)], PATIENCE_S)
+        early, feedback = end_early(operator)
+        operator.give(goal(2))
+        time.sleep(MOVING_S)
+        processes["bobcat_e10_sim_driver"].send_signal(signal.SIGKILL)
+        results.append(operator.result(PATIENCE_S))
+        requests = carriers(machine)[Topic.requested_commands]
+        rogue = rospy.Publisher(requests.name, requests.ros_type, queue_size=10)
+        while rogue.get_num_connections() < 2:  # interface and supervisor
+            time.sleep(ROGUE_PERIOD_S)
+        rogue_from_ns = operator.now_ns()
+        for number in range(round(WATCHED_S / ROGUE_PERIOD_S)):
+            now_ns = operator.now_ns()
+            command = JointCommand(now_ns, "rogue", number, now_ns, np.ones(machine.n_joint))
+            rogue.publish(requests.to_ros(command))
+            time.sleep(ROGUE_PERIOD_S)
+        operator.give(goal(3))
+        results.append(operator.result(PATIENCE_S))
+        time.sleep(WATCHED_S)
+    heard = operator.recorder
+    return {
+        "results": [asdict(result) for result in results],
+        "early": early,
+        "feedback": feedback,
+        "command_s": [time_ns / NANOSECONDS for time_ns, _ in heard.commands],
+        "moves": [bool(np.any(command.values)) for _, command in heard.commands],
+        "position": [state.position.tolist() for _, state in heard.states],
+        "stops": [{"rule": stop.rule, "s": stop.stamp_ns / NANOSECONDS} for stop in heard.stops],
+        "rogue_from_s": rogue_from_ns / NANOSECONDS,
+    }
+
+
+def goal(number: int, height_m: float = 0.5) -> ReachGoal:
+    return ReachGoal(number, np.array([1.5, 0.1 * number, height_m]), np.array([1.0, 0, 0, 0]))
+
+
+def end_early(operator: Operator) -> tuple[dict[str, str | None], list[tuple[float, float]]]:
+    """Goals of two clients: replaced by a newer one, cancelled, and one that nobody could pursue."""
+    other = ReachClient()
+    assert other.is_connected(PATIENCE_S)
+    operator.give(goal(4))
+    time.sleep(MOVING_S)
+    other.give(goal(5))
+    replaced = operator.result(PATIENCE_S)
+    time.sleep(MOVING_S)
+    other.cancel()
+    cancelled, feedback = other.result(PATIENCE_S), other.feedback
+    operator.give(goal(6, height_m=np.nan))
+    refused = operator.result(PATIENCE_S)
+    assert cancelled is not None
+    return {
+        "replaced": replaced.outcome,
+        "cancelled": cancelled.outcome,
+        "refused": refused.outcome,
+    }, feedback
+
+
+def wait_for_states(operator: Operator) -> None:
+    """Until the operator hears the driver: the whole chain is connected then but for what starts with a goal."""
+    deadline = time.monotonic() + START_S
+    while not operator.recorder.states:
+        assert time.monotonic() < deadline, "no joint states"
+        time.sleep(0.05)
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1])
+    seen = run(target)
+    (target / "trial.json").write_text(json.dumps(seen))

@@ -1,0 +1,82 @@
+"""The graph as ROS 1 nodes: a master and four processes, a trial at 20 Hz, and an emergency."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.configuration import load_machine
+from tests.deployment.ros_node import GOAL_TICKS, NODES, SILENCE_S
+from tests.ros_graph import DIST_PACKAGES, ROSMASTER, requires_debian
+
+PACKAGES = {
+    "python3-rosmaster": Path(ROSMASTER),
+    "python3-rospy": DIST_PACKAGES / "rospy",
+    "python3-actionlib": DIST_PACKAGES / "actionlib",
+    "python3-sensor-msgs": DIST_PACKAGES / "sensor_msgs",
+}
+pytestmark = requires_debian(PACKAGES)
+TIMEOUT_S = 300
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("graph")
+    command = [sys.executable, "-m", "tests.deployment.ros_trial", str(folder)]
+    done = subprocess.run(
+        command, cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=TIMEOUT_S
+    )
+    printed = "".join(f"\n--- {log.name}\n{log.read_text()[-1500:]}" for log in folder.glob("*.log"))
+    assert done.returncode == 0, done.stderr[-3000:] + printed
+    return folder
+
+
+@pytest.fixture(scope="module")
+def trial(folder: Path) -> dict:
+    return json.loads((folder / "trial.json").read_text())
+
+
+def test_goals_end(trial: dict) -> None:
+    outcomes = [(result["outcome"], result["goal_id"]) for result in trial["results"]]
+    assert outcomes == [("timed_out", 0), ("timed_out", 1), ("stopped", 2), ("stopped", 3)]
+    assert [result["n_ticks"] for result in trial["results"][:2]] == [GOAL_TICKS, GOAL_TICKS]
+    assert 0 < trial["results"][2]["n_ticks"] < GOAL_TICKS and trial["results"][3]["n_ticks"] == 0
+
+
+def test_any_actionlib_client_can_give_replace_and_cancel_goals(trial: dict) -> None:
+    assert trial["early"] == {"replaced": "cancelled", "cancelled": "cancelled", "refused": "refused"}
+    distance_m, pitch_rad = np.array(trial["feedback"]).T
+    assert len(distance_m) > 5 and distance_m.min() > 0.1 and distance_m.max() < 3.0
+    assert np.ptp(distance_m) > 0 and np.abs(pitch_rad).max() <= np.pi
+
+
+def test_commands_leave_at_the_control_frequency_and_move_the_machine(trial: dict) -> None:
+    stop_s = trial["stops"][0]["s"]
+    sent_s = np.array(trial["command_s"])
+    gaps_s = np.diff(sent_s[sent_s < stop_s])
+    assert len(gaps_s) > 2 * GOAL_TICKS
+    assert np.median(gaps_s) == pytest.approx(load_machine("bobcat_e10").dt_s, rel=0.1)
+    assert np.ptp(np.array(trial["position"]), axis=0).min() > 0.05
+
+
+def test_an_emergency_mutes_every_later_command(trial: dict) -> None:
+    (stop,) = trial["stops"]
+    assert stop["rule"] == "state_frequency"
+    sent_s, moves = np.array(trial["command_s"]), np.array(trial["moves"])
+    first_zero = int(np.argmax((sent_s > stop["s"]) & ~moves))
+    assert moves[sent_s < stop["s"]].any() and not moves[first_zero:].any()
+    # a command that was on its way when the stop was sent is all that may have come between
+    assert sent_s[first_zero] - stop["s"] < SILENCE_S
+    after_rogue = sent_s > trial["rogue_from_s"]
+    assert after_rogue.sum() > 10 and not moves[after_rogue].any()
+
+
+def test_every_node_says_what_it_measured(folder: Path) -> None:
+    server = json.loads((folder / "autonomous_server.json").read_text())
+    assert len(server["tick"]) > 2 * GOAL_TICKS
+    assert len(server["computation DecisionRequest"]) >= 2 * GOAL_TICKS / 4
+    for name in set(NODES) - {"bobcat_e10_sim_driver"}:  # that one was killed
+        assert json.loads((folder / f"{name}.json").read_text())
