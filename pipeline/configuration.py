@@ -15,6 +15,7 @@ from typing import Any
 import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import MISSING, DictConfig, MissingMandatoryValue, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -118,7 +119,7 @@ def stage(
                 text = OmegaConf.to_yaml(composed, resolve=True)
                 run_folder = Path(HydraConfig.get().runtime.output_dir)
                 (run_folder / CONFIGURATION_FILE).write_text(text, encoding="utf-8")
-                with track(name, typed.tracking, resolved, text) as run:
+                with track(name, typed.tracking, resolved, text, _sweep()) as run:
                     function(typed, run)
             except MissingMandatoryValue as error:
                 _exit(f"{name}: `{error.full_key}` is missing; add {error.full_key}=VALUE to the command", 2)
@@ -136,6 +137,14 @@ def stage(
         return hydra.main(version_base="1.3", config_path=str(CONFIGURATION_DIRECTORY), config_name=name)(job)
 
     return decorate
+
+
+def _sweep() -> tuple[str, str] | None:
+    """Of a sweep's job, what tells the sweep from others and the job from the sweep's others."""
+    hydra_configuration = HydraConfig.get()
+    if hydra_configuration.mode is not RunMode.MULTIRUN:
+        return None
+    return str(Path(hydra_configuration.sweep.dir).absolute()), hydra_configuration.job.override_dirname
 
 
 def _check_machine_name(composed: DictConfig) -> None:

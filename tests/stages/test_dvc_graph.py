@@ -34,7 +34,7 @@ def imported_modules(stage: str) -> set[str]:
     graph, found, open_ = import_graph(), set(), [f"pipeline.stages.{stage}"]
     while open_:
         module = open_.pop()
-        if module in found or module in FRAME:
+        if module in found or module in FRAME or module.startswith("pipeline.tracking."):
             continue
         found.add(module)
         open_ += graph.find_modules_directly_imported_by(module)

@@ -148,7 +148,12 @@ def resumed(tuples: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("resumed")
     (folder / "tuples").symlink_to(tuples)
     run("search", *SMALL, "n_trials=4", "storage=whole.journal", "output=whole", folder=folder)
-    killed = (*SMALL, "n_trials=4", "storage=killed.journal", "tracking=sqlite")
+    store = (
+        "tracking=sqlite",
+        f"tracking.uri=sqlite:///{folder}/mlflow.db",
+        f"tracking.artifacts={folder}/runs",
+    )
+    killed = (*SMALL, "n_trials=4", "storage=killed.journal", *store)
     worker = start("search", *killed, folder=folder)
     wait_until((folder / "killed.journal").exists, [worker])
 

@@ -1,0 +1,13 @@
+"""Runs in MLflow: an experiment per kind of question, a parent run per pipeline run or sweep, a child per stage.
+
+The library knows nothing of this package; stages hand it plain numbers and files.
+"""
+
+from pipeline.tracking.configuration import TrackingConfiguration
+from pipeline.tracking.lineage import dvc_hashes
+from pipeline.tracking.metrics import flatten_metrics
+from pipeline.tracking.progress import progress_bar
+from pipeline.tracking.stage_run import StageRun
+from pipeline.tracking.track import track
+
+__all__ = ["StageRun", "TrackingConfiguration", "dvc_hashes", "flatten_metrics", "progress_bar", "track"]

@@ -1,0 +1,47 @@
+"""Where runs are tracked."""
+
+from dataclasses import dataclass
+
+from pipeline.errors import InputError
+from pipeline.tracking.place import project_folder
+
+SQLITE = "sqlite:///"
+
+
+@dataclass
+class TrackingConfiguration:
+    """Keys of `conf/tracking/*.yaml`.
+
+    Attributes:
+        enabled: Whether runs are tracked at all.
+        uri: Of MLflow's tracking store: a server, or a database. A relative SQLite file lies in the project's folder,
+            wherever in it a command is started.
+        artifacts: Where a new experiment puts its artifacts, relative to the project's folder. A server decides itself.
+        experiment: None: each stage's run goes to the experiment of its question (`questions.py`).
+        system_metrics_interval_s: Between two samples of processor, memory, disk and network; None: no samples.
+    """
+
+    enabled: bool
+    uri: str
+    artifacts: str | None
+    experiment: str | None
+    system_metrics_interval_s: float | None = None
+
+    def __post_init__(self) -> None:
+        interval_s = self.system_metrics_interval_s
+        if isinstance(interval_s, float | int) and not interval_s > 0.0:
+            raise InputError(
+                f"tracking.system_metrics_interval_s is {interval_s}; it must be positive, or null"
+            )
+
+    def resolved_uri(self) -> str:
+        """The store's address, whatever the folder of the process that reads it."""
+        if not self.uri.startswith(SQLITE):
+            return self.uri
+        return f"{SQLITE}{project_folder() / self.uri.removeprefix(SQLITE)}"
+
+    def artifact_location(self) -> str | None:
+        """Address of the folder of artifacts; None: the server decides."""
+        if self.artifacts is None or self.uri.startswith("http"):
+            return None
+        return (project_folder() / self.artifacts).as_uri()

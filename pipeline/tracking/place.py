@@ -1,0 +1,21 @@
+"""The project that a command belongs to: where its runs are kept."""
+
+from pathlib import Path
+
+import pipeline
+
+CODE = Path(pipeline.__file__).resolve().parents[1]  # the repository that this code is from
+QUEUED = (".dvc", "tmp", "exps")  # where DVC runs queued experiments, in copies that it deletes
+
+
+def project_folder(start: Path | None = None) -> Path:
+    """The DVC project around the folder `start` (the present one by default), else the repository of this code.
+
+    So runs neither land in whatever folder a command was started in, nor vanish with the copy of the project in which
+    DVC runs a queued experiment.
+    """
+    folder = (start or Path.cwd()).resolve()
+    for depth in range(len(folder.parts) - len(QUEUED) + 1):
+        if folder.parts[depth : depth + len(QUEUED)] == QUEUED:
+            return Path(*folder.parts[:depth])
+    return next((place for place in (folder, *folder.parents) if (place / ".dvc").is_dir()), CODE)

@@ -1,0 +1,39 @@
+"""Which process a run belongs to, and whether it lives: a killed one cannot end its run itself."""
+
+import contextlib
+import os
+import socket
+from pathlib import Path
+
+import psutil
+
+
+def identity(process: psutil.Process) -> str:
+    """What tells a process from all others, also from a later one with its number."""
+    return f"{process.pid}-{process.create_time():.2f}@{socket.gethostname()}"
+
+
+def own_identity() -> str:
+    """Of this process."""
+    return identity(psutil.Process())
+
+
+def is_known_dead(process: str) -> bool:
+    """Whether the process is over; nothing is known of another computer's."""
+    if not process.endswith(f"@{socket.gethostname()}"):
+        return False
+    try:
+        return identity(psutil.Process(int(process.split("-")[0]))) != process
+    except psutil.Error:
+        return True
+
+
+def dvc_process() -> str | None:
+    """The `dvc` process that started this stage, or None outside DVC."""
+    if "DVC_STAGE" not in os.environ:
+        return None
+    for ancestor in psutil.Process().parents():
+        with contextlib.suppress(psutil.Error):
+            if any(Path(word).name == "dvc" for word in ancestor.cmdline()[:3]):
+                return identity(ancestor)
+    return None

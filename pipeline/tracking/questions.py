@@ -1,0 +1,42 @@
+"""The kinds of question that runs answer: an experiment each, in which runs can be compared."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Question:
+    """An experiment: its name, what its runs are to answer, and the stages whose runs they are."""
+
+    experiment: str
+    text: str
+    stages: tuple[str, ...]
+
+
+QUESTIONS = (
+    Question("data", "What was recorded, and is it sound?", ("record", "record_changed", "ingest")),
+    Question("models", "Which model predicts the machine best?", ("identify", "judge", "search", "select")),
+    Question(
+        "controllers",
+        "Which controller reaches its targets best, and what does it cost?",
+        ("ppo", "evaluate_brax", "evaluate_icem", "reward_ablation", "pictures"),
+    ),
+    Question(
+        "changed machine",
+        "What has changed in the machine, and does the mended model predict better?",
+        ("close_loop", "unseal", "control_level"),
+    ),
+    Question(
+        "deployment",
+        "Does the controller hold on the machine, through the graph that drives it?",
+        ("sim2sim", "sim2real", "run_graph", "measure_delays", "evaluate_logs"),
+    ),
+    Question("pipelines", "What did a whole run of the pipeline yield?", ("report",)),
+)
+
+
+def question_of(stage: str) -> Question:
+    """The question that a stage's runs answer; a stage that is none's has an experiment of its own."""
+    for question in QUESTIONS:
+        if stage in question.stages:
+            return question
+    return Question(stage, "", (stage,))

@@ -1,0 +1,107 @@
+"""The frame around a stage's run: opened before its work, ended whatever happens inside."""
+
+import contextlib
+import logging
+import os
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pipeline.tracking import lineage, processes, store
+from pipeline.tracking.configuration import TrackingConfiguration
+from pipeline.tracking.questions import question_of
+from pipeline.tracking.stage_run import StageRun
+
+OUTPUT_KEYS = ("output", "report")  # of a stage's configuration: where it writes
+CONFIGURATION = "configuration.yaml"  # artifact of every run: what was run, resolved
+
+
+@contextlib.contextmanager
+def track(
+    name: str,
+    configuration: TrackingConfiguration,
+    resolved: Mapping[str, Any],
+    configuration_yaml: str,
+    sweep: tuple[str, str] | None = None,
+) -> Iterator[StageRun]:
+    """Open the run of stage `name`, nested in the run of its pipeline or sweep; close it whatever happens inside.
+
+    Args:
+        name: Of the stage.
+        configuration: Where to.
+        resolved: The stage's whole configuration.
+        configuration_yaml: The same as text.
+        sweep: Of a sweep's job, what tells the sweep from others, and what tells the job from the sweep's others.
+    """
+    if not configuration.enabled:
+        yield StageRun(name)
+        return
+    client = store.open_store(configuration)
+    outputs = [str(resolved[key]) for key in OUTPUT_KEYS if resolved.get(key)]
+    writes = store.writes_tag(outputs[0]) if outputs else None
+    store.end_killed_runs(client, writes)
+    experiment = store.open_experiment(client, configuration, question_of(name))
+    common = {
+        "profile": str(resolved.get("profile", "")),
+        "machine": str(resolved["machine"]["name"]),
+        **lineage.code_tags(),
+        **lineage.environment_tags(),
+    }
+    group = _group(name, str(resolved.get("profile", "")), sweep)
+    shared = {
+        key: value for key, value in resolved.items() if isinstance(value, Mapping)
+    }  # not the stage's own
+    parent_id = store.open_parent(client, experiment, group, common, shared) if group else None
+    job_name = f"{name} {sweep[1]}" if sweep else name
+    tags = {
+        "mlflow.runName": os.environ.get("DVC_STAGE", job_name),
+        "stage": name,
+        "process": processes.own_identity(),
+        **common,
+        **({"writes": writes} if writes else {}),
+        **({store.PARENT: parent_id} if parent_id else {}),
+    }
+    run_id = client.create_run(experiment, tags=tags).info.run_id
+    store.log_parameters(client, run_id, resolved)
+    client.log_text(run_id, configuration_yaml, CONFIGURATION)
+    run, start_s = StageRun(name, run_id, parent_id, client), time.time()
+    status = "KILLED"  # interrupted, or ended by the scheduler
+    try:
+        with _system_metrics(configuration, run_id):
+            yield run
+        run.outputs(*outputs, since_s=start_s)
+        status = "FINISHED"
+    except Exception:
+        status = "FAILED"
+        raise
+    finally:
+        client.set_terminated(run_id, status)
+        if parent_id:
+            store.close_parent(client, experiment, parent_id)
+
+
+def _group(name: str, profile: str, sweep: tuple[str, str] | None) -> store.Group | None:
+    """What the run belongs to."""
+    if sweep is not None:
+        return store.Group(f"sweep {sweep[0]}", f"{name} sweep", None)
+    dvc = processes.dvc_process()
+    return store.Group(f"dvc {dvc}", profile, dvc) if dvc else None
+
+
+@contextlib.contextmanager
+def _system_metrics(configuration: TrackingConfiguration, run_id: str) -> Iterator[None]:
+    """Sample processor, memory, disk and network meanwhile."""
+    if configuration.system_metrics_interval_s is None:
+        yield
+        return
+    logging.getLogger("mlflow.system_metrics").setLevel(logging.WARNING)
+    from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
+
+    monitor = SystemMetricsMonitor(
+        run_id, configuration.system_metrics_interval_s, tracking_uri=configuration.resolved_uri()
+    )
+    monitor.start()
+    try:
+        yield
+    finally:
+        monitor.finish()
