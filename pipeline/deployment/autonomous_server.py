@@ -196,7 +196,7 @@ class AutonomousServer(ComputingComponent):
         if self._pursuit is not None:
             replaced = ReachResult(now_ns, self._pursuit.goal_id, Outcome.cancelled, self._pursuit.ticks)
             ended.append(Publication(Topic.result, replaced))
-        self._controller.begin()
+        self._controller.begin(goal.goal_id)
         watch = self._conditions.begin(goal.position, goal.quaternion)
         self._pursuit = _Pursuit(goal.goal_id, aim.target, watch, 0, self._state.stamp_ns)
         return [*ended, Publication(Topic.target_pose, TargetPose(now_ns, goal.position, goal.quaternion))]

@@ -47,16 +47,18 @@ class LearnedStep:
     def __init__(self, task: ReachingTask) -> None:
         self.task = task
 
-        def step(history: History, command: jax.Array) -> History:
+        def step(history: History, command: jax.Array) -> tuple[History, jax.Array]:
             pose = task.arm.forward(history.q)
             state = task.begin_at(history.q, pose, Goal(history.q, pose))._replace(history=history)
-            return task.tick(state, command)[0].history  # what else a tick computes, the compiler removes
+            after = task.tick(state, command)[0].history  # what else a tick computes, the compiler removes
+            return after, jnp.stack([after.q, after.motion[-1]])  # one array: each one read costs a call
 
         self._step = jax.jit(step)
 
-    def __call__(self, history: History, command: np.ndarray) -> History:
-        """History after one tick under `command`."""
-        return self._step(history, command)
+    def __call__(self, history: History, command: np.ndarray) -> tuple[History, np.ndarray]:
+        """History after one tick under `command`, its configuration and its newest motion, (2, n_joint), float64."""
+        after, newest = self._step(history, command)
+        return after, np.asarray(newest, np.float64)
 
 
 class LearnedMachine:
@@ -83,11 +85,8 @@ class LearnedMachine:
 
     def advance(self, command: np.ndarray) -> Sequence[Sample]:
         """One step of the model."""
-        self._history = self._step(self._history, np.asarray(command, np.float32))
-        position = np.asarray(self._history.q, np.float64)
-        if self._dynamics.specification.target is Target.dqdot:
-            velocity = np.asarray(self._history.motion, np.float64)[-1]
-        else:
+        self._history, (position, velocity) = self._step(self._history, np.asarray(command, np.float32))
+        if self._dynamics.specification.target is Target.dq:
             velocity = (position - self._last) / self._dynamics.specification.dt_s
         self._last = position
         return (Sample(0, position, velocity),)

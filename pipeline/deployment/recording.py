@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.deployment.graph_topics import GraphRecord, add_graph_topics
 from pipeline.deployment.messages import (
     EmergencyStop,
+    JointCommand,
     JointState,
     MachineCommand,
     Message,
@@ -28,6 +30,7 @@ class Recorder:
     states: list[tuple[int, JointState]] = field(default_factory=list)
     commands: list[tuple[int, MachineCommand]] = field(default_factory=list)
     targets: list[tuple[int, TargetPose]] = field(default_factory=list)
+    requests: list[tuple[int, JointCommand]] = field(default_factory=list)
     results: list[ReachResult] = field(default_factory=list)
     stops: list[EmergencyStop] = field(default_factory=list)
 
@@ -37,6 +40,8 @@ class Recorder:
             self.states.append((time_ns, message))
         elif isinstance(message, MachineCommand):
             self.commands.append((time_ns, message))
+        elif isinstance(message, JointCommand):
+            self.requests.append((time_ns, message))
         elif isinstance(message, TargetPose):
             self.targets.append((time_ns, message))
         elif isinstance(message, ReachResult):
@@ -54,7 +59,9 @@ class Recorder:
         )
 
     def write(self, path: Path, machine: MachineSpecification) -> None:
-        """Write a bag as the machine's recorder does; it must hold joint states and commands.
+        """Write a bag as the machine's recorder does, and what the graph said of itself into a file of its own.
+
+        It must hold joint states and commands.
 
         Raises:
             InputError: the folder exists.
@@ -70,3 +77,10 @@ class Recorder:
             commands=np.array([command.values for _, command in self.commands], np.float64),
             target_poses=self.target_poses() if self.targets else None,
         )
+        record = GraphRecord(
+            self.requests,
+            [(result.stamp_ns, result) for result in self.results],
+            [(stop.stamp_ns, stop) for stop in self.stops],
+        )
+        if any(record):
+            add_graph_topics(path, record)

@@ -62,7 +62,10 @@ class SupervisorConfig:
         jump_tolerance: added to it, as a share of the joint's range: noise.
         frozen_after_s: a joint commanded all the while whose reading does not change at all.
         limit_tolerance: by which a joint may pass its limit, as a share of its range.
-        prediction_s: how far ahead limits and self-collision are checked, at the present velocity.
+        limit_prediction_s: how far ahead of its limits a joint is stopped, at the present velocity; zero where the
+            limits are end stops, which ordinary operation meets.
+        maximum_stop_s: how long a joint at an end stop may be commanded one way: its oil goes over the relief valve.
+        prediction_s: how far ahead self-collision is checked, at the present velocity.
         clearance_m: least distance between links that are no neighbours.
     """
 
@@ -79,6 +82,8 @@ class SupervisorConfig:
     jump_tolerance: float
     frozen_after_s: float
     limit_tolerance: float
+    limit_prediction_s: float
+    maximum_stop_s: float
     prediction_s: float
     clearance_m: float
 
@@ -95,8 +100,16 @@ class SupervisorConfig:
             "maximum_state_delay_s",
             "maximum_speed",
             "frozen_after_s",
+            "maximum_stop_s",
         )
-        for name in ("clock_tolerance_s", "jump_tolerance", "limit_tolerance", "prediction_s", "clearance_m"):
+        for name in (
+            "clock_tolerance_s",
+            "jump_tolerance",
+            "limit_tolerance",
+            "limit_prediction_s",
+            "prediction_s",
+            "clearance_m",
+        ):
             if not getattr(self, name) >= 0:
                 raise InputError(
                     f"deployment.supervisor.{name} is {getattr(self, name)}; it must not be negative"
@@ -167,9 +180,13 @@ class DeploymentConfig:
     """Section `deployment` of a profile.
 
     Attributes:
-        seed: of delays, jitter and phases in simulated time.
+        seed: of delays, jitter and phases in simulated time, and of a planner's samples.
         delays: file of measured delays, written by `measure_delays`.
+        unmeasured_planning_s: how long a planner takes for a decision where the file says nothing of planners; null:
+            it must.
         targets: successive targets of the stand-in for Sim2Real.
+        planner_episodes: of the fixed episodes, the first ones that a planner is tried on in Sim2Sim.
+        planner_targets: successive targets of a planner.
         termination: of goals.
         supervisor: its rules' limits.
         interface: of the control interface.
@@ -179,7 +196,10 @@ class DeploymentConfig:
 
     seed: int
     delays: str
+    unmeasured_planning_s: float | None
     targets: int
+    planner_episodes: int
+    planner_targets: int
     termination: TerminationConfig
     supervisor: SupervisorConfig
     interface: InterfaceConfig
@@ -187,5 +207,10 @@ class DeploymentConfig:
     teleoperation: TeleoperationConfig
 
     def __post_init__(self) -> None:
-        if self.targets < 1:
-            raise InputError(f"deployment.targets is {self.targets}; it must be at least 1")
+        for name in ("targets", "planner_episodes", "planner_targets"):
+            if getattr(self, name) < 1:
+                raise InputError(f"deployment.{name} is {getattr(self, name)}; it must be at least 1")
+        if self.unmeasured_planning_s is not None and not self.unmeasured_planning_s >= 0:
+            raise InputError(
+                f"deployment.unmeasured_planning_s is {self.unmeasured_planning_s}; it must not be negative"
+            )

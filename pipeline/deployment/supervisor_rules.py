@@ -201,24 +201,53 @@ class FrozenEncoder(Rule):
 
 
 class JointLimits(Rule):
-    """No joint is beyond its limits, nor will be shortly at its present velocity."""
+    """No joint is beyond its limits, nor is it at an end stop for long while it is commanded one way.
+
+    Limits are where the cylinders' end stops are: an operator meets them daily, and a policy that was learned with
+    end stops uses them. What no sound machine does is to read beyond them; and what harms it is to press against
+    them, where pump and relief valve turn all power into heat. A joint that is commanded away from its stop has left
+    it long before the time is over, so it does not matter which sign of a command is which way. Where limits are no
+    end stops, `limit_prediction_s` stops a joint before it passes them.
+    """
 
     def __init__(self, machine: MachineSpecification, config: SupervisorConfig) -> None:
         self._machine = machine
-        margin = config.limit_tolerance * (machine.upper - machine.lower)
-        self._lower, self._upper = machine.lower - margin, machine.upper + margin
-        self._prediction_s = config.prediction_s
+        self._margin = config.limit_tolerance * (machine.upper - machine.lower)
+        self._prediction_s = config.limit_prediction_s
+        self._maximum_stop_ns = nanoseconds(config.maximum_stop_s)
+        self._direction = np.zeros(machine.n_joint)
+        self._is_at_stop = np.zeros(machine.n_joint, bool)
+        self._since_ns = np.zeros(machine.n_joint, np.int64)
+
+    def on_command(self, command: JointCommand, now_ns: int) -> str | None:
+        """Look at a command."""
+        if is_command(self._machine, command.values):
+            direction = np.sign(command.values)
+            self._since_ns = np.where(direction == self._direction, self._since_ns, now_ns)
+            self._direction = direction
+        return None
 
     def on_state(self, state: JointState, now_ns: int) -> str | None:
         """Look at a joint state."""
-        ahead = state.position + self._prediction_s * state.velocity
-        for q in (state.position, ahead):
-            outside = (q < self._lower) | (q > self._upper)
+        lower, upper = self._machine.lower, self._machine.upper
+        is_at_stop = (state.position <= lower + self._margin) | (state.position >= upper - self._margin)
+        self._since_ns = np.where(self._is_at_stop & is_at_stop, self._since_ns, now_ns)
+        self._is_at_stop = is_at_stop
+        for q in (state.position, state.position + self._prediction_s * state.velocity):
+            outside = (q < lower - self._margin) | (q > upper + self._margin)
             if outside.any():
                 joint = int(np.argmax(outside))
                 name, unit = self._machine.joint_names[joint], self._machine.units[joint]
                 return f"{name} at {state.position[joint]:.3f} {unit} leaves its limits"
         return None
+
+    def on_tick(self, now_ns: int) -> str | None:
+        """Look at how long a joint has been pressed into its stop."""
+        pressed_ns = np.where(self._is_at_stop & (self._direction != 0), now_ns - self._since_ns, 0)
+        if pressed_ns.max() <= self._maximum_stop_ns:
+            return None
+        joint = self._machine.joint_names[int(np.argmax(pressed_ns))]
+        return f"{joint} has been commanded into its end stop for {pressed_ns.max() * 1e-9:.2f} s"
 
 
 class LinkClearance(Rule):

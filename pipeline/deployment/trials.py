@@ -5,6 +5,7 @@ ran and what a bag of it holds are evaluated alike.
 """
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +38,7 @@ class GraphParts:
 
     Attributes:
         task: machine, arm, and the model that the controller belongs to.
-        controller: decides; one trial at a time.
+        controller: decides; every graph has a fresh one.
         solve_goal: from a pose to a configuration.
         conditions: that end a goal.
         config: section `deployment`.
@@ -64,7 +65,7 @@ class GraphParts:
         return AutonomousServer(
             self.task.machine,
             self.task.dynamics.specification,
-            self.controller,
+            self.controller.fresh(),
             self.solve_goal,
             self.conditions,
             self.action_repeats,
@@ -86,6 +87,7 @@ def run_episodes(
     delays: Mapping[str, Distribution],
     episodes: Episodes,
     progress: Callable[[int], None] = lambda n: None,
+    threads: int = 1,
 ) -> list[LoggedTrial]:
     """Run every episode through a graph of its own, the learned model in place of the machine (Sim2Sim).
 
@@ -94,6 +96,8 @@ def run_episodes(
         delays: of the links.
         episodes: starts and targets.
         progress: called with the number of episodes done.
+        threads: episodes that run side by side; the result is the same. What a planner computes runs beside the
+            other graphs' events; what a policy computes is over too soon for that.
 
     Returns:
         One trial per episode, of T_reset ticks of the machine from when the target was in force.
@@ -101,18 +105,31 @@ def run_episodes(
     parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
     poses = compiled_forward(parts.task.arm)(episodes.targets)
     positions, quaternions = np.asarray(poses.position), np.asarray(poses.quaternion)
-    trials = []
-    for number, start in enumerate(episodes.starts):
-        machine, recorder = TracedMachine(LearnedMachine(parts.step, start)), Recorder()
-        # keyed by the episode, so that a part of the episodes runs as it does among all
-        seed = np.random.SeedSequence(parts.config.seed, spawn_key=(number,))
-        graph = SimulatedGraph(parts.components(machine), delays, seed, taps=[recorder])
-        graph.send(Topic.goal, ReachGoal(number, positions[number], quaternions[number]))
-        trial = _Trial(recorder, machine, parts.maximum_ticks)
-        graph.run(SAFETY_FACTOR * parts.maximum_ticks * machine.period_ns, trial.is_complete)
-        trials += logged_trials([trial.trajectory(str(number))], recorder.target_poses(), parts.maximum_ticks)
-        progress(number + 1)
+
+    def run(number: int) -> list[LoggedTrial]:
+        goal = ReachGoal(number, positions[number], quaternions[number])
+        return _run_episode(parts, delays, episodes.starts[number], goal)
+
+    trials = run(0)  # alone: it compiles what all share
+    progress(1)
+    with ThreadPoolExecutor(threads) as pool:
+        for number, of_episode in enumerate(pool.map(run, range(1, len(episodes.starts))), start=1):
+            trials += of_episode
+            progress(number + 1)
     return trials
+
+
+def _run_episode(
+    parts: GraphParts, delays: Mapping[str, Distribution], start: np.ndarray, goal: ReachGoal
+) -> list[LoggedTrial]:
+    machine, recorder = TracedMachine(LearnedMachine(parts.step, start)), Recorder()
+    # keyed by the episode, so that a part of the episodes runs as it does among all
+    seed = np.random.SeedSequence(parts.config.seed, spawn_key=(goal.goal_id,))
+    graph = SimulatedGraph(parts.components(machine), delays, seed, taps=[recorder])
+    graph.send(Topic.goal, goal)
+    trial = _Trial(recorder, machine, parts.maximum_ticks)
+    graph.run(SAFETY_FACTOR * parts.maximum_ticks * machine.period_ns, trial.is_complete)
+    return logged_trials([trial.trajectory(str(goal.goal_id))], recorder.target_poses(), parts.maximum_ticks)
 
 
 @dataclass
@@ -126,11 +143,13 @@ class _Trial:
 
     def is_complete(self) -> bool:
         """Whether the machine has gone all its ticks since the target was in force, or the goal ended before."""
+        recorder = self.recorder  # asked after every event
         if self.rows_before is None:
-            self.rows_before = len(self.recorder.states) if self.recorder.targets else None
+            self.rows_before = len(recorder.states) if recorder.targets else None
             return False
-        ended = [result for result in self.recorder.results if result.outcome is not Outcome.timed_out]
-        return bool(ended) or len(self.recorder.states) - self.rows_before > self.maximum_ticks
+        if recorder.results and any(result.outcome is not Outcome.timed_out for result in recorder.results):
+            return True
+        return len(recorder.states) - self.rows_before > self.maximum_ticks
 
     def trajectory(self, name: str) -> Trajectory:
         """The episode's rows: row t's command is what acted between rows t and t + 1."""

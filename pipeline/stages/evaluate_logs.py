@@ -1,4 +1,5 @@
-"""Stage `evaluate_logs`: the errors of any saved model on any logs, and reaching where the logs hold targets."""
+"""Stage `evaluate_logs`: the errors of any saved model on any logs; where the logs hold targets, reaching, the delays
+that were seen, and what safety did."""
 
 import json
 from dataclasses import dataclass
@@ -10,13 +11,18 @@ from omegaconf import MISSING
 
 from pipeline.atomic_files import write_whole
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.deployment.graph_topics import GraphRecord, read_graph_topics
+from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
 from pipeline.dynamics.errors import Predictor, prediction_errors
 from pipeline.dynamics.store import load_model_of
 from pipeline.effects.store import load_effects
 from pipeline.effects.store import predictor as build_predictor
 from pipeline.errors import InputError
+from pipeline.logs.bags import read_log
+from pipeline.logs.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.trajectories import LogTrajectories, load_logs
+from pipeline.logs.raw_log import RawLog
+from pipeline.logs.trajectories import LogTrajectories, make_trajectories
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.episodes import EpisodesConfig
@@ -43,19 +49,24 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
     if output.is_dir():
         raise InputError(f"output={output}: is a folder; name the JSON file to write")
     predictor = predictor_of(Path(configuration.model), machine)
-    logs = load_logs(
-        Path(configuration.logs), machine, configuration.ingest, configuration.control.loop_tracker
-    )
+    entries = find_logs(Path(configuration.logs))
+    raw = [read_log(entry, machine) for entry in entries]
+    logs = [
+        make_trajectories(log, machine, configuration.ingest, configuration.control.loop_tracker)
+        for log in raw
+    ]
     evaluation = evaluate_model(predictor, logs, machine)
     reaching = evaluate_reaching(logs, machine, configuration.episodes.steps)
     if reaching is not None:
         evaluation["reaching"] = reaching
+    if any(log.targets is not None for log in raw):
+        evaluation |= evaluate_deployment(raw, [read_graph_topics(entry) for entry in entries])
     content = json.dumps(evaluation, indent=1, sort_keys=True, allow_nan=False) + "\n"
     write_whole(output, content.encode())
     for name in ("one_step_rmse", "open_loop_rmse_80"):
         values = zip(machine.joint_names, machine.units, evaluation[name].values(), strict=True)
         print(f"{name}: " + ", ".join(f"{joint} {value:.5f} {unit}" for joint, unit, value in values))
-    run.metrics(flatten_metrics(evaluation))
+    run.metrics(flatten_metrics({key: value for key, value in evaluation.items() if key != "safety"}))
     run.artifact(output)
 
 
@@ -102,6 +113,22 @@ def evaluate_reaching(
         )
         return None
     return reaching_summary(trials, machine, load_arm(machine, MACHINE_DIRECTORY))
+
+
+def evaluate_deployment(logs: list[RawLog], records: list[GraphRecord]) -> dict[str, Any]:
+    """Delays that were seen, and where the graph recorded itself what safety did; over the logs with targets."""
+    pairs = [(log, record) for log, record in zip(logs, records, strict=True) if log.targets is not None]
+    samples = [delay_samples(log, record) for log, record in pairs]
+    found: dict[str, Any] = {"delays": delays_seen(samples, [record for _, record in pairs])}
+    said = [safety_events(log.name, log, record) for log, record in pairs if any(record)]
+    if said:
+        found["safety"] = safety_seen(said)
+        stops = [event for event in found["safety"]["events"] if event["who"] == "control_supervisor"]
+        for stop in stops:
+            print(
+                f"emergency stop after {stop['t']:.2f} s of {stop['log']}: {stop['rule']}, {stop['detail']}"
+            )
+    return found
 
 
 if __name__ == "__main__":

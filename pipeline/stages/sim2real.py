@@ -1,23 +1,25 @@
 """Stage `sim2real`: successive targets on the simulated machine, a stand-in for the excavator, recorded as a bag."""
 
+import enum
 import json
 import math
 import shutil
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
+import jax
 import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, stage
 from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
 from pipeline.deployment.control_supervisor import ControlSupervisor
+from pipeline.deployment.controllers import ControllerKind
 from pipeline.deployment.goals import known_configurations
 from pipeline.deployment.machine import Sample
-from pipeline.deployment.simulated_time.delays import load_delays
 from pipeline.deployment.successive import run_successive
 from pipeline.deployment.supervisor_rules import build_rules
 from pipeline.deployment.velocity_estimator import VelocityEstimator
@@ -26,16 +28,26 @@ from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.simulator import Plant
 from pipeline.plant.undeclared import draw_effects
 from pipeline.reaching.episodes import evaluation_episodes
-from pipeline.stages.sim2sim import Sim2SimStage, policy_parts
+from pipeline.stages.sim2sim import Sim2SimStage, Stopwatch, controller_delays, controller_files, policy_parts
 from pipeline.tracking import StageRun, progress_bar
 
 PERIOD_S = 0.01  # at which the plant is advanced: commands act within so much of their arrival
+
+
+class Ending(enum.StrEnum):
+    """When a trial ends."""
+
+    time_out = "time_out"  # as in the paper's table, unless deployment.termination says otherwise
+    goal = (
+        "goal"  # on reaching the tolerances of deployment.termination too, as in the paper's last experiment
+    )
 
 
 @dataclass
 class Sim2RealStage(Sim2SimStage):
     """Keys of `conf/sim2real.yaml`."""
 
+    ending: Ending = MISSING
     start_time: str = MISSING
     plant_seed: int = MISSING
     effects: list[str] = field(default_factory=list)
@@ -81,12 +93,19 @@ def changed_machine(configuration: Sim2RealStage) -> Parameters:
 @stage(Sim2RealStage)
 def main(configuration: Sim2RealStage, run: StageRun) -> None:
     """Pursue the first targets of the evaluation; write one bag, and how the goals ended."""
+    jax.config.update(
+        "jax_cpu_enable_async_dispatch", False
+    )  # calls are so short that handing them over costs more
+    if configuration.ending is Ending.goal:
+        until_goal = replace(configuration.deployment.termination, at_goal=True)
+        configuration.deployment = replace(configuration.deployment, termination=until_goal)
     machine, deployment, output = configuration.machine, configuration.deployment, Path(configuration.output)
     parts, conditions = policy_parts(configuration, machine), configuration.episodes
-    run.inputs(f"{configuration.model}/parameters.msgpack", f"{configuration.policy}/policy.msgpack")
+    run.inputs(*controller_files(configuration))
+    plans = configuration.kind is ControllerKind.icem
     episodes = evaluation_episodes(
         machine, parts.task.arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
-    ).first(deployment.targets)
+    ).first(deployment.planner_targets if plans else deployment.targets)
     parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
     plant = PlantMachine(
         changed_machine(configuration), configuration.plant_seed, np.asarray(episodes.starts[0], float)
@@ -96,16 +115,17 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
     if deployment.supervisor.rules:
         rules = build_rules(machine, deployment.supervisor, MACHINE_DIRECTORY)
         supervisor = (ControlSupervisor(rules, deployment.supervisor.period_s),)
+    watch, start_ns = Stopwatch(), int(start.timestamp()) * NANOSECONDS
     with progress_bar("sim2real", total=len(episodes.targets), unit="target") as bar:
         recorder = run_successive(
             parts,
-            load_delays(Path(deployment.delays)),
+            controller_delays(configuration),
             plant,
             VelocityEstimator(nanoseconds(machine.dt_s), configuration.control.loop_tracker),
             episodes.targets,
-            int(start.timestamp()) * NANOSECONDS,
+            start_ns,
             supervisor,
-            lambda done: bar.update(done - bar.n),
+            lambda done: bar.update(done - bar.n) and None,
         )
     bag = output / "logs" / start.strftime("%Y-%m-%d-%H-%M-%S")
     shutil.rmtree(bag, ignore_errors=True)
@@ -120,6 +140,7 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
         "stops": [{"rule": stop.rule, "detail": stop.detail} for stop in recorder.stops],
     }
     (output / "goals.json").write_text(json.dumps(content, indent=1) + "\n")
+    print(f"sim2real: {watch.speed((recorder.states[-1][0] - start_ns) / NANOSECONDS)}")
     print("sim2real: " + ", ".join(f"{n} {outcome}" for outcome, n in outcomes.items()))
     run.metrics({f"goals_{outcome}": n for outcome, n in outcomes.items()})
     run.artifact(output, "deployment")

@@ -1,21 +1,27 @@
-"""Stage `sim2sim`: a policy drives its model through the asynchronous graph, in simulated time (paper, "Sim2Sim")."""
+"""Stage `sim2sim`: a controller drives its model through the asynchronous graph, in simulated time."""
 
+import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import jax
 from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.control.icem.config import IcemConfig
+from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.control.policy import load_policy_of
-from pipeline.deployment.controllers import PolicyController
+from pipeline.deployment.controllers import Controller, ControllerKind, IcemController, PolicyController
 from pipeline.deployment.goals import goal_solver
 from pipeline.deployment.machine import LearnedStep
 from pipeline.deployment.settings import DeploymentConfig
-from pipeline.deployment.simulated_time.delays import load_delays
+from pipeline.deployment.simulated_time.delays import Distribution, delays_of, load_delays
 from pipeline.deployment.termination import TerminalConditions
 from pipeline.deployment.trials import GraphParts, run_episodes
 from pipeline.effects.store import load_dynamics
+from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes
@@ -34,32 +40,52 @@ class Sim2SimStage(PipelineConfiguration):
     control: ControlConfiguration = MISSING
     episodes: EpisodesConfig = MISSING
     reward: RewardConfig = MISSING
+    icem: IcemConfig = MISSING
     deployment: DeploymentConfig = MISSING
     model: str = MISSING
-    policy: str = MISSING
+    policy: str | None = None
+    variant: RewardVariant | None = None
     output: str = MISSING
+
+    @property
+    def kind(self) -> ControllerKind:
+        """Of the controller.
+
+        Raises:
+            InputError: not exactly one controller is named.
+        """
+        if (self.policy is None) == (self.variant is None):
+            raise InputError(
+                "name one controller: policy=FOLDER that `ppo` wrote, or "
+                f"variant={'|'.join(RewardVariant)} to plan with iCEM"
+            )
+        return ControllerKind.icem if self.policy is None else ControllerKind.ppo
 
 
 @stage(Sim2SimStage)
 def main(configuration: Sim2SimStage, run: StageRun) -> None:
     """Run the fixed episodes; write metrics, success-rate matrix, episodes and traces."""
+    jax.config.update(
+        "jax_cpu_enable_async_dispatch", False
+    )  # calls are so short that handing them over costs more
     machine, conditions, output = configuration.machine, configuration.episodes, Path(configuration.output)
     parts = policy_parts(configuration, machine)
-    run.inputs(f"{configuration.model}/parameters.msgpack", f"{configuration.policy}/policy.msgpack")
+    run.inputs(*controller_files(configuration))
     episodes = evaluation_episodes(
         machine, parts.task.arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
     )
-    delays = load_delays(Path(configuration.deployment.delays))
+    if configuration.kind is ControllerKind.icem:
+        episodes = episodes.first(configuration.deployment.planner_episodes)
+    delays = controller_delays(configuration)
     n_episodes = len(episodes.starts)
-    started_s, started_cpu_s = time.perf_counter(), time.process_time()
+    watch = Stopwatch()
+    # what a planner computes leaves Python to the other threads; a policy's decisions are too short for that
+    threads = len(os.sched_getaffinity(0)) if configuration.kind is ControllerKind.icem else 1
     with progress_bar("sim2sim", total=n_episodes, unit="episode") as bar:
-        trials = run_episodes(parts, delays, episodes, lambda done: bar.update(done - bar.n))
-    taken_s, cpu_s = time.perf_counter() - started_s, time.process_time() - started_cpu_s
-    simulated_s = n_episodes * conditions.steps * machine.dt_s
-    print(
-        f"sim2sim: {simulated_s:.0f} s of the graph in {taken_s:.0f} s, {simulated_s / taken_s:.0f} x real time "
-        f"({cpu_s:.0f} s of processor time)"
-    )
+        trials = run_episodes(
+            parts, delays, episodes, lambda done: bar.update(done - bar.n) and None, threads
+        )
+    print(f"sim2sim: {watch.speed(n_episodes * conditions.steps * machine.dt_s)}")
     traces = trial_traces(trials, machine, parts.task.arm)
     metrics = reaching_metrics(traces).as_dict()
     del metrics["average_return"]  # of rewards, which logs of the graph do not hold
@@ -68,26 +94,69 @@ def main(configuration: Sim2SimStage, run: StageRun) -> None:
     run.artifact(output, "evaluation")
 
 
+class Stopwatch:
+    """Measures how fast simulated time goes by, compilation and all."""
+
+    def __init__(self) -> None:
+        self._start_s, self._start_processor_s = time.perf_counter(), time.process_time()
+
+    def speed(self, simulated_s: float) -> str:
+        """What so much of simulated time has taken since the beginning, in words."""
+        taken_s = time.perf_counter() - self._start_s
+        processor_s = time.process_time() - self._start_processor_s
+        return (
+            f"{simulated_s:.0f} s of the graph in {taken_s:.0f} s, {simulated_s / taken_s:.0f} x real time "
+            f"({processor_s:.0f} s of processor time)"
+        )
+
+
 def policy_parts(configuration: Sim2SimStage, machine: MachineSpecification) -> GraphParts:
-    """The graph around a policy and the model that it was learned on.
+    """The graph around a controller and the model that it was learned on, or plans with.
 
     Raises:
-        InputError: the policy was learned on another model.
+        InputError: no controller is named, or its policy was learned on another model.
     """
-    dynamics, parameters = load_dynamics(Path(configuration.model))
-    policy = load_policy_of(Path(configuration.policy), Path(configuration.model))
+    kind, model = configuration.kind, Path(configuration.model)
+    reward, repeats = configuration.reward, configuration.control.action_repeats
+    if configuration.variant is not None:
+        reward = variant_reward(reward, configuration.variant)
+    dynamics, parameters = load_dynamics(model)
     arm = load_arm(machine, MACHINE_DIRECTORY)
-    task = ReachingTask(machine, arm, dynamics, parameters, configuration.reward)
+    task = ReachingTask(machine, arm, dynamics, parameters, reward)
+    controller: Controller
+    if kind is ControllerKind.icem:
+        controller = IcemController(task, configuration.icem, repeats, configuration.deployment.seed)
+    else:
+        controller = PolicyController(task, load_policy_of(Path(str(configuration.policy)), model))
     return GraphParts(
         task,
-        PolicyController(task, policy),
+        controller,
         goal_solver(machine, arm),
         TerminalConditions(machine, arm, configuration.deployment.termination),
         configuration.deployment,
-        configuration.control.action_repeats,
+        repeats,
         configuration.episodes.steps,
         LearnedStep(task),
     )
+
+
+def controller_files(configuration: Sim2SimStage) -> list[str]:
+    """What the model and, where it was learned, the controller are read from."""
+    files = [f"{configuration.model}/parameters.msgpack"]
+    return files + ([f"{configuration.policy}/policy.msgpack"] if configuration.policy else [])
+
+
+def controller_delays(configuration: Sim2SimStage) -> Mapping[str, Distribution]:
+    """Delays of the graph with this controller; says in one line what of them was not measured."""
+    deployment = configuration.deployment
+    links = load_delays(Path(deployment.delays))
+    delays, is_measured = delays_of(links, configuration.kind, deployment.unmeasured_planning_s)
+    if not is_measured:
+        print(
+            f"{deployment.delays} was measured without a planner: a decision is taken to last "
+            f"deployment.unmeasured_planning_s = {deployment.unmeasured_planning_s:g} s"
+        )
+    return delays
 
 
 if __name__ == "__main__":

@@ -102,8 +102,11 @@ class BackAndForth:
         self.values: np.ndarray | None = None
         self.n_begun = 0
 
-    def begin(self) -> None:
+    def begin(self, goal_id: int) -> None:
         self.n_begun += 1
+
+    def fresh(self) -> "BackAndForth":
+        return self
 
     def decide(self, state: ControllerState) -> np.ndarray:
         away = np.abs(state.q - MIDDLE) > 0.1

@@ -151,13 +151,60 @@ def test_an_arm_at_its_end_stop_is_not_frozen() -> None:
 @given(
     st.lists(st.floats(-0.2, 1.2), min_size=4, max_size=4),
     st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4),
+    st.sampled_from([0.0, 0.15]),
 )
-def test_limits_hold_now_and_a_little_ahead(shares: list[float], velocity: list[float]) -> None:
+def test_a_reading_beyond_its_limit_is_no_end_stop(
+    shares: list[float], velocity: list[float], prediction_s: float
+) -> None:
+    config = dataclasses.replace(CONFIG, limit_prediction_s=prediction_s)
     q, speed = LOWER + np.array(shares) * RANGE, np.array(velocity)
-    margin = CONFIG.limit_tolerance * RANGE
-    both = np.stack([q, q + CONFIG.prediction_s * speed])
+    margin = config.limit_tolerance * RANGE
+    both = np.stack([q, q + prediction_s * speed])
     fine = bool((both >= LOWER - margin).all() and (both <= UPPER + margin).all())
-    assert (JointLimits(bobcat(), CONFIG).on_state(state(1.0, q, speed), 0) is None) == fine
+    assert (JointLimits(bobcat(), config).on_state(state(1.0, q, speed), 0) is None) == fine
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([-1, 0, 1]), st.booleans(), st.integers(1, 80)), min_size=1, max_size=8
+    ),
+    st.integers(0, 3),
+    st.booleans(),
+)
+def test_a_joint_is_pressed_into_its_stop_for_so_long_and_no_longer(
+    stretches, joint: int, upper: bool
+) -> None:
+    """Stretches of one command at one place, of so many ticks: the objection is that of a counter of ticks."""
+    period_s = 0.05
+    rule = JointLimits(bobcat(), dataclasses.replace(CONFIG, maximum_stop_s=1.0))
+    stop = MIDDLE.copy()
+    stop[joint] = (UPPER if upper else LOWER)[joint]
+    n, pressed, before = 0, -1, (0, False)
+    for direction, at_stop, ticks in stretches:
+        for _ in range(ticks):
+            now_ns = nanoseconds(n * period_s)
+            values = np.zeros(4)
+            values[joint] = direction
+            rule.on_command(command(values=values), now_ns)
+            assert rule.on_state(state(n * period_s, stop if at_stop else MIDDLE), now_ns) is None
+            goes_on = direction != 0 and at_stop and before == (direction, at_stop)
+            pressed, before = pressed + 1 if goes_on else 0, (direction, at_stop)
+            assert (rule.on_tick(now_ns) is not None) == (pressed > 20)
+            n += 1
+
+
+def test_a_joint_that_runs_into_its_stop_and_away_again_is_ordinary_work() -> None:
+    """At the fastest joint's speed: two and a half seconds of way, as long at the stop, and back."""
+    rule, q, period_s = JointLimits(bobcat(), CONFIG), MIDDLE.copy(), 0.05
+    for n in range(2000):
+        direction = 1 if n % 200 < 100 else -1
+        before = q[0]
+        q[0] = np.clip(before + 0.4 * RANGE[0] * direction * period_s, LOWER[0], UPPER[0])
+        velocity = [(q[0] - before) / period_s, 0, 0, 0]
+        now_ns = nanoseconds(n * period_s)
+        rule.on_command(command(values=(direction, 0, 0, 0)), now_ns)
+        assert rule.on_state(state(n * period_s, q, velocity), now_ns) is None
+        assert rule.on_tick(now_ns) is None
 
 
 @settings(max_examples=20, deadline=None)

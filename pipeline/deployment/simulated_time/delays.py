@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.atomic_files import write_whole
 from pipeline.deployment.component import NANOSECONDS
+from pipeline.deployment.controllers import ControllerKind
 from pipeline.errors import InputError
 
 SCHEMA_VERSION = 1
@@ -25,6 +26,7 @@ LINKS = {
     "inference": "decision of the controller",
     "timer": "tick, from when it was due",
 }
+PLANNING = "planning"  # decision of a planner, in files that were measured with one: in place of "inference"
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ def load_delays(path: Path) -> dict[str, Distribution]:
                 np.array(content["links"][name]["quantiles_s"], float),
                 float(content["links"][name]["loss_probability"]),
             )
-            for name in LINKS
+            for name in (*LINKS, *({PLANNING} & set(content["links"])))
         }
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; measure it with measure_delays") from None
@@ -114,6 +116,32 @@ def load_delays(path: Path) -> dict[str, Distribution]:
                 f"{path}: quantiles of {name} are not ascending from zero; run measure_delays anew"
             )
     return links
+
+
+def delays_of(
+    links: Mapping[str, Distribution], kind: ControllerKind, unmeasured_planning_s: float | None
+) -> tuple[dict[str, Distribution], bool]:
+    """The links of a graph with a controller of this kind, and whether its decisions were measured.
+
+    Args:
+        links: of a file.
+        kind: of the controller.
+        unmeasured_planning_s: delay of a planner's decisions where the file has none, s.
+
+    Raises:
+        InputError: the controller is a planner, and nobody says how long it takes.
+    """
+    graph = {name: links[name] for name in LINKS}
+    if kind is ControllerKind.ppo:
+        return graph, True
+    if PLANNING in links:
+        return graph | {"inference": links[PLANNING]}, True
+    if unmeasured_planning_s is None:
+        raise InputError(
+            "deployment.delays: the file says nothing of how long a planner takes; measure it with measure_delays, "
+            "or assume it with deployment.unmeasured_planning_s"
+        )
+    return graph | {"inference": Distribution.constant(unmeasured_planning_s)}, False
 
 
 def no_delays() -> dict[str, Distribution]:

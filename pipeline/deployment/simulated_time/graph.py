@@ -6,7 +6,7 @@ phases: nothing in the real graph aligns them. The same seed gives the same run.
 
 import heapq
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +18,9 @@ from pipeline.deployment.simulated_time.faults import Fault
 Tap = Callable[[Topic, Message, int], None]
 
 
-class _Event(NamedTuple):
-    time_ns: int
-    number: int
-    action: Callable[..., None]
-    arguments: tuple[Any, ...]
+_Event = tuple[
+    int, int, Callable[..., None], tuple[Any, ...]
+]  # time, ns; number; what is called, and with what
 
 
 class SimulatedGraph:
@@ -70,7 +68,7 @@ class SimulatedGraph:
         for component in components:
             if component.period_ns is not None:
                 phase_ns = int(random.integers(component.period_ns))
-                self._schedule(start_ns + phase_ns, self._tick, component, start_ns + phase_ns)
+                self._schedule_tick(component, start_ns + phase_ns)
 
     def send(self, topic: Topic, message: Message) -> None:
         """Publish from outside the graph, now."""
@@ -78,32 +76,35 @@ class SimulatedGraph:
 
     def run(self, until_ns: int, stop: Callable[[], bool] = lambda: False) -> None:
         """Handle all events up to a time, or until `stop()`, which is asked after each event."""
-        while self._events and self._events[0].time_ns <= until_ns:
-            event = heapq.heappop(self._events)
-            self.time_ns = event.time_ns
-            event.action(*event.arguments)
+        while self._events and self._events[0][0] <= until_ns:
+            self.time_ns, _, action, arguments = heapq.heappop(self._events)
+            action(*arguments)
             if stop():
                 return
         self.time_ns = until_ns
 
     def _schedule(self, time_ns: int, action: Callable[..., None], *arguments: Any) -> None:
         self._n_events += 1
-        heapq.heappush(self._events, _Event(time_ns, self._n_events, action, arguments))
+        heapq.heappush(self._events, (time_ns, self._n_events, action, arguments))
 
     def _now(self, component: Component) -> int:
+        if not self._faults:
+            return self.time_ns
         return self.time_ns + sum(f.clock_error_ns(component.name, self.time_ns) for f in self._faults)
 
     def _is_running(self, component: Component) -> bool:
-        return all(fault.is_running(component.name, self.time_ns) for fault in self._faults)
+        return not self._faults or all(
+            fault.is_running(component.name, self.time_ns) for fault in self._faults
+        )
 
-    def _tick(self, component: Component, due_ns: int) -> None:
-        """A timer is due: it wakes up a little later, and is due again a period after it was due."""
-        assert component.period_ns is not None
-        self._schedule(due_ns + component.period_ns, self._tick, component, due_ns + component.period_ns)
+    def _schedule_tick(self, component: Component, due_ns: int) -> None:
+        """A timer wakes up a little after it was due; one that oversleeps its next tick makes up for it at once."""
         late_ns = max(self._timers[component.name].draw_ns(), 0)
-        self._schedule(due_ns + late_ns, self._wake, component)
+        self._schedule(max(due_ns + late_ns, self.time_ns), self._wake, component, due_ns)
 
-    def _wake(self, component: Component) -> None:
+    def _wake(self, component: Component, due_ns: int) -> None:
+        assert component.period_ns is not None
+        self._schedule_tick(component, due_ns + component.period_ns)
         if self._is_running(component):
             self._carry_out(component, component.on_timer(self._now(component)))
 

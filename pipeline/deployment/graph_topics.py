@@ -1,0 +1,176 @@
+"""The graph's own topics in a bag, beside those that every log has: requests of the servers, results, emergency stops.
+
+They lie in a second file of the bag, so that whoever reads logs meets nothing new in the first one. Types are those of
+the ROS package `hydraulic_arm`; a bag that was recorded on the ROS graph itself is read alike.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import yaml
+from mcap.writer import CompressionType, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Msg
+
+from pipeline.deployment.component import NANOSECONDS
+from pipeline.deployment.messages import EmergencyStop, JointCommand, Outcome, ReachResult, Topic
+from pipeline.logs.bags import STORAGE_READERS
+from pipeline.logs.discover import LogEntry
+from pipeline.logs.message_blocks import MessageBlock, ReadingLedger
+
+PACKAGE = "hydraulic_arm"
+DEFINITIONS = Path(__file__).parent / f"ros1/{PACKAGE}/msg"
+RESULT_DEFINITION = "time stamp\nuint32 goal_id\nstring outcome\nuint32 n_ticks\n"  # on ROS, of an action
+
+
+class GraphRecord(NamedTuple):
+    """What the graph said, each with the time at which it was recorded, ns, in that order."""
+
+    requests: list[tuple[int, JointCommand]]
+    results: list[tuple[int, ReachResult]]
+    stops: list[tuple[int, EmergencyStop]]
+
+
+class _Kind(NamedTuple):
+    """A topic: its type's name, and the way from a message to the values of its fields, and back."""
+
+    type_name: str
+    fields: Callable[[Any], dict[str, Any]]
+    read: Callable[[Any], Any]
+
+
+KINDS: Mapping[Topic, _Kind] = {
+    Topic.requested_commands: _Kind(
+        "JointCommand",
+        lambda m: {
+            "stamp": m.stamp_ns,
+            "source": m.source,
+            "sequence": m.sequence,
+            "observed": m.observed_ns,
+            "values": m.values.astype("float32"),
+            "is_last": m.is_last,
+        },
+        lambda r: JointCommand(_ns(r.stamp), r.source, r.sequence, _ns(r.observed), r.values, r.is_last),
+    ),
+    Topic.result: _Kind(
+        "ReachResult",
+        lambda m: {
+            "stamp": m.stamp_ns,
+            "goal_id": m.goal_id,
+            "outcome": m.outcome.value,
+            "n_ticks": m.n_ticks,
+        },
+        lambda r: ReachResult(_ns(r.stamp), r.goal_id, Outcome(r.outcome), r.n_ticks),
+    ),
+    Topic.emergency_stop: _Kind(
+        "EmergencyStop",
+        lambda m: {"stamp": m.stamp_ns, "rule": m.rule, "detail": m.detail},
+        lambda r: EmergencyStop(_ns(r.stamp), r.rule, r.detail),
+    ),
+}
+TOPICS = {f"/{topic}": topic for topic in KINDS}
+
+
+def add_graph_topics(bag: Path, record: GraphRecord) -> None:
+    """Add a file with the graph's own topics to a bag that `write_bag` wrote, and name it in the bag's metadata."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for kind in KINDS.values():
+        store.register(get_types_from_msg(_definition(kind), _full_name(kind)))
+    file_name = f"{bag.name}_1.mcap"
+    by_topic: dict[Topic, Sequence[tuple[int, Any]]] = dict(zip(KINDS, record, strict=True))
+    messages = sorted(
+        ((time_ns, topic, message) for topic, said in by_topic.items() for time_ns, message in said),
+        key=lambda entry: entry[0],
+    )
+    with (bag / file_name).open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD)
+        writer.start(profile="ros2", library="hydraulic-arm-pipeline")
+        channels = {}
+        for topic, kind in KINDS.items():
+            definition, _ = store.generate_msgdef(_full_name(kind), ros_version=2)
+            schema = writer.register_schema(_full_name(kind), "ros2msg", definition.encode())
+            channels[topic] = writer.register_channel(
+                f"/{topic}", "cdr", schema, {"offered_qos_profiles": ""}
+            )
+        for number, (time_ns, topic, message) in enumerate(messages):
+            data = bytes(store.serialize_cdr(_ros(store, topic, message), _full_name(KINDS[topic])))
+            writer.add_message(channels[topic], time_ns, data, publish_time=time_ns, sequence=number)
+        writer.finish()
+    _name_in_metadata(bag / "metadata.yaml", file_name, store, {t: len(said) for t, said in by_topic.items()})
+
+
+def read_graph_topics(entry: LogEntry) -> GraphRecord:
+    """The graph's own topics in a bag of any format; what is damaged or of another type is left out."""
+    said: dict[Topic, list[tuple[int, Any]]] = {topic: [] for topic in KINDS}
+    reader = STORAGE_READERS.get(entry.format)
+    for path in entry.files if reader is not None else ():
+        assert reader is not None
+        for block in reader(path, ReadingLedger(entry.path), set(TOPICS)):
+            said[TOPICS[block.topic.name]] += _messages(block)
+    return GraphRecord(*(sorted(said[topic], key=lambda entry: entry[0]) for topic in KINDS))
+
+
+def _messages(block: MessageBlock) -> list[tuple[int, Any]]:
+    kind = KINDS[TOPICS[block.topic.name]]
+    if block.topic.type_name != _full_name(kind):
+        return []
+    is_ros1 = block.topic.encoding == "ros1"
+    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(_definition(kind), _full_name(kind)))
+    deserialise = store.deserialize_ros1 if is_ros1 else store.deserialize_cdr
+    found = []
+    for time_ns, start, length in zip(
+        block.log_time_ns.tolist(), block.start.tolist(), block.length.tolist(), strict=True
+    ):
+        data = block.data[start : start + length].tobytes()
+        try:
+            found.append((time_ns, kind.read(deserialise(data, _full_name(kind)))))
+        except Exception:  # rosbags raises whatever its decoder meets in bytes that are no such message
+            continue
+    return found
+
+
+def _ros(store: Typestore, topic: Topic, message: Any) -> "Msg":
+    kind = KINDS[topic]
+    time_type = store.types["builtin_interfaces/msg/Time"]
+    fields = kind.fields(message)
+    for name in {"stamp", "observed"} & fields.keys():
+        fields[name] = time_type(sec=fields[name] // NANOSECONDS, nanosec=fields[name] % NANOSECONDS)
+    return store.types[_full_name(kind)](**fields)
+
+
+def _definition(kind: _Kind) -> str:
+    path = DEFINITIONS / f"{kind.type_name}.msg"
+    return path.read_text() if path.exists() else RESULT_DEFINITION
+
+
+def _full_name(kind: _Kind) -> str:
+    return f"{PACKAGE}/msg/{kind.type_name}"
+
+
+def _ns(time: Any) -> int:
+    return int(time.sec) * NANOSECONDS + int(time.nanosec)
+
+
+def _name_in_metadata(path: Path, file_name: str, store: Typestore, counts: Mapping[Topic, int]) -> None:
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    bag = content["rosbag2_bagfile_information"]
+    n_messages = sum(counts.values())
+    bag["relative_file_paths"].append(file_name)
+    bag["message_count"] += n_messages
+    bag["files"].append({**bag["files"][0], "path": file_name, "message_count": n_messages})
+    for topic, n in counts.items():
+        name = _full_name(KINDS[topic])
+        about = {
+            "name": f"/{topic}",
+            "type": name,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": [],
+            "type_description_hash": store.hash_rihs01(name),
+        }
+        bag["topics_with_message_count"].append({"topic_metadata": about, "message_count": n})
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
