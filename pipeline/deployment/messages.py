@@ -27,6 +27,7 @@ class Topic(enum.StrEnum):
     supervisor_state = "supervisor_state"  # SupervisorState, control_supervisor -> control_interface
     can_to_machine = "can_to_machine"  # CanFrame, bobcat_e10_driver -> emcb_200u_driver
     can_from_machine = "can_from_machine"  # CanFrame, emcb_200u_driver -> bobcat_e10_driver
+    machine_outputs = "machine_outputs"  # MachineOutputs, simulated PLC -> whoever times a stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +150,14 @@ class CanFrame:
     data: bytes
 
 
+@dataclass(frozen=True, eq=False)
+class MachineOutputs:
+    """What the simulated PLC sets its valves to from now on, (n_joint,)."""
+
+    stamp_ns: int
+    values: np.ndarray
+
+
 Message = (
     JointState
     | Joystick
@@ -161,4 +170,5 @@ Message = (
     | EmergencyStop
     | SupervisorState
     | CanFrame
+    | MachineOutputs
 )

@@ -11,12 +11,13 @@ from pipeline.atomic_files import write_whole
 from pipeline.configuration import stage
 from pipeline.deployment.ros1.measurements import distributions, load_measured, real_time_table
 from pipeline.deployment.simulated_time.delays import save_delays
-from pipeline.stages.run_graph import TargetsStage, run_targets
+from pipeline.stages.graph_node import GraphStage
+from pipeline.stages.run_graph import run_targets
 from pipeline.tracking import StageRun
 
 
 @dataclass
-class MeasureDelaysStage(TargetsStage):
+class MeasureDelaysStage(GraphStage):
     """Keys of `conf/measure_delays.yaml`."""
 
     delays: str = MISSING
@@ -27,7 +28,7 @@ def main(configuration: MeasureDelaysStage, run: StageRun) -> None:
     """Run the graph over the targets; write the file of delays and the real-time table."""
     output = Path(configuration.output)
     load_before = os.getloadavg()[0]
-    results, _ = run_targets(configuration, [word for word in sys.argv[1:] if not word.startswith("delays=")])
+    results, _ = run_targets(configuration, sys.argv[1:])
     measured = load_measured(output / "nodes")
     how = {
         "command": "measure_delays",

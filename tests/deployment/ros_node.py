@@ -1,4 +1,4 @@
-"""One node of the tests' real graph: `python -m tests.deployment.ros_node NAME FOLDER`.
+"""One node of the tests' real graph: `python -m tests.deployment.ros_node NAME FOLDER PORT`.
 
 What a node does not need is not imported: each one is a process of its own.
 """
@@ -8,30 +8,29 @@ import sys
 from pathlib import Path
 
 from pipeline.configuration import MACHINE_DIRECTORY, load_machine, load_section
-from pipeline.deployment.component import Component
+from pipeline.deployment.component import Component, nanoseconds
+from pipeline.deployment.ros1.can_bus import CanBusConfig, open_bus
 from pipeline.deployment.ros1.node import Node
 from pipeline.deployment.settings import DeploymentConfig
 
-NODES = ("bobcat_e10_sim_driver", "control_interface", "control_supervisor", "autonomous_server")
+NODES = ("control_interface", "control_supervisor", "autonomous_server")
+SIMULATED = ("bobcat_e10_sim_driver",)
+CAN = ("plc", "emcb_200u_driver", "bobcat_e10_driver")  # the machine's own drivers, and a PLC
 GOAL_TICKS = 30
-SILENCE_S = 1.0  # of the encoders, until the supervisor stops the machine
-PATIENCE_S = 10.0  # other limits: nothing else may stop it, however busy this computer is
+
+
+def bus_config(port: int) -> CanBusConfig:
+    return CanBusConfig("udp_multicast", "239.74.163.2", {"port": port, "hop_limit": 0})
 
 
 def config() -> DeploymentConfig:
-    """One rule is on: that joint states come at all."""
+    """One rule is on, which does not depend on how busy this computer is."""
     paper = load_section("deployment", DeploymentConfig)
-    supervisor = dataclasses.replace(
-        paper.supervisor,
-        rules=["state_frequency"],
-        maximum_state_gap_s=SILENCE_S,
-        maximum_state_delay_s=PATIENCE_S,
-    )
-    driver = dataclasses.replace(paper.driver, command_timeout_s=PATIENCE_S)
-    return dataclasses.replace(paper, supervisor=supervisor, driver=driver)
+    supervisor = dataclasses.replace(paper.supervisor, rules=["command_value"])
+    return dataclasses.replace(paper, supervisor=supervisor)
 
 
-def build(name: str) -> Component:
+def build(name: str, port: int) -> Component:
     machine = load_machine("bobcat_e10")
     if name == "control_interface":
         from pipeline.deployment.control_interface import ControlInterface
@@ -43,23 +42,42 @@ def build(name: str) -> Component:
 
         supervisor = config().supervisor
         return ControlSupervisor(build_rules(machine, supervisor, MACHINE_DIRECTORY), supervisor.period_s)
+    if name == "emcb_200u_driver":
+        from pipeline.deployment.emcb_200u_driver import CanDriver
+
+        return CanDriver(open_bus(bus_config(port)), config().driver)
+    from pipeline.deployment.can_frames import CanFrames
+
+    if name == "bobcat_e10_driver":
+        from pipeline.deployment.bobcat_e10_driver import MachineDriver
+        from pipeline.deployment.velocity_estimator import VelocityEstimator
+        from pipeline.logs.loop_tracker import LoopTrackerConfig
+
+        tracker = VelocityEstimator(nanoseconds(machine.dt_s), LoopTrackerConfig(10.0, 60.0))
+        return MachineDriver(machine, CanFrames(machine, MACHINE_DIRECTORY), tracker)
     from tests.deployment.machines import BackAndForth, Integrator, estimator, server
 
     if name == "autonomous_server":
         return server(BackAndForth(), config(), GOAL_TICKS)
+    moving = Integrator(period_s=machine.dt_s)
+    if name == "plc":
+        from pipeline.deployment.ros1.observed_plc import ObservedPlc
+
+        frames = CanFrames(machine, MACHINE_DIRECTORY)
+        return ObservedPlc(open_bus(bus_config(port)), frames, moving, machine.n_joint, config().driver)
     from pipeline.deployment.bobcat_e10_sim_driver import SimulationDriver
 
-    return SimulationDriver(Integrator(period_s=machine.dt_s), machine.n_joint, config().driver, estimator())
+    return SimulationDriver(moving, machine.n_joint, config().driver, estimator())
 
 
 if __name__ == "__main__":
-    name, folder = sys.argv[1:]
+    name, folder, port = sys.argv[1:]
     errors = None
     if name == "autonomous_server":
         from pipeline.deployment.ros1.goal_errors import goal_errors
         from tests.deployment.machines import arm
 
         errors = goal_errors(arm())
-    node = Node(build(name), load_machine("bobcat_e10"), errors)
+    node = Node(build(name, int(port)), load_machine("bobcat_e10"), errors)
     node.spin()
     node.save(Path(folder) / f"{name}.json")

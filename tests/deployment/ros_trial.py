@@ -3,35 +3,45 @@ node per process. What was seen goes to FOLDER/trial.json.
 """
 
 import json
-import signal
+import socket
 import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
 
+import can
 import numpy as np
 
 from pipeline.configuration import load_machine
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.messages import JointCommand, ReachGoal, Topic
+from pipeline.deployment.ros1.can_bus import CanBusConfig, open_bus
 from pipeline.deployment.ros1.installation import require_ros
 from pipeline.deployment.ros1.launch import graph
 from pipeline.deployment.ros1.message_types import carriers
 from pipeline.deployment.ros1.operator import Operator
 from pipeline.deployment.ros1.reach_action import ReachClient
-from tests.deployment.ros_node import NODES, PATIENCE_S
+from pipeline.errors import InputError
+from tests.deployment.ros_node import CAN, NODES, SIMULATED, bus_config
 
 START_S = 180.0
+PATIENCE_S = 30.0  # for goals that take one or two seconds
+NO_COMMAND = 2.0
 MOVING_S = 0.5
 WATCHED_S = 0.5
 ROGUE_PERIOD_S = 0.02
 
 
 def run(folder: Path) -> dict:
-    """Two goals in peace; some that end early; one in which the encoders die; after that commands all the same."""
+    """Two goals in peace; some that end early; one in which somebody sends a command that is none; then more."""
     rospy, machine = require_ros(), load_machine("bobcat_e10")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("", 0))
+        port = free.getsockname()[1]
+    drivers = CAN if carries_frames(bus_config(port)) else SIMULATED
     commands = {
-        name: [sys.executable, "-m", "tests.deployment.ros_node", name, str(folder)] for name in NODES
+        name: [sys.executable, "-m", "tests.deployment.ros_node", name, str(folder), str(port)]
+        for name in (*drivers, *NODES)
     }
     with graph(commands, folder) as processes:
         operator = Operator(machine)
@@ -41,23 +51,28 @@ def run(folder: Path) -> dict:
         early, feedback = end_early(operator)
         operator.give(goal(2))
         time.sleep(MOVING_S)
-        processes["bobcat_e10_sim_driver"].send_signal(signal.SIGKILL)
-        results.append(operator.result(PATIENCE_S))
         requests = carriers(machine)[Topic.requested_commands]
         rogue = rospy.Publisher(requests.name, requests.ros_type, queue_size=10)
-        while rogue.get_num_connections() < 2:  # interface and supervisor
+        while rogue.get_num_connections() < 3:  # interface, supervisor, and the operator's own recorder
             time.sleep(ROGUE_PERIOD_S)
-        rogue_from_ns = operator.now_ns()
-        for number in range(round(WATCHED_S / ROGUE_PERIOD_S)):
+
+        def send(number: int, value: float) -> None:
             now_ns = operator.now_ns()
-            command = JointCommand(now_ns, "rogue", number, now_ns, np.ones(machine.n_joint))
+            command = JointCommand(now_ns, "rogue", number, now_ns, np.full(machine.n_joint, value))
             rogue.publish(requests.to_ros(command))
+
+        send(0, NO_COMMAND)
+        results.append(operator.result(PATIENCE_S))
+        rogue_from_ns = operator.now_ns()
+        for number in range(1, round(WATCHED_S / ROGUE_PERIOD_S)):
+            send(number, 1.0)
             time.sleep(ROGUE_PERIOD_S)
         operator.give(goal(3))
         results.append(operator.result(PATIENCE_S))
         time.sleep(WATCHED_S)
     heard = operator.recorder
     return {
+        "drivers": drivers,
         "results": [asdict(result) for result in results],
         "early": early,
         "feedback": feedback,
@@ -65,8 +80,19 @@ def run(folder: Path) -> dict:
         "moves": [bool(np.any(command.values)) for _, command in heard.commands],
         "position": [state.position.tolist() for _, state in heard.states],
         "stops": [{"rule": stop.rule, "s": stop.stamp_ns / NANOSECONDS} for stop in heard.stops],
+        "outputs": [[out.stamp_ns / NANOSECONDS, bool(np.any(out.values))] for out in operator.outputs],
         "rogue_from_s": rogue_from_ns / NANOSECONDS,
     }
+
+
+def carries_frames(config: CanBusConfig) -> bool:
+    """Whether the bus joins processes here: it takes a network interface that does multicast."""
+    try:
+        with open_bus(config) as here, open_bus(config) as there:
+            here.send(can.Message(arbitration_id=1, is_extended_id=False))
+            return there.recv(timeout=1.0) is not None
+    except (InputError, can.CanError):
+        return False
 
 
 def goal(number: int, height_m: float = 0.5) -> ReachGoal:

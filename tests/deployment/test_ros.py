@@ -32,6 +32,7 @@ EXAMPLES = {
     ),
     Topic.joint_commands: m.MachineCommand(NOW, np.array([-1.0, 0.0, 1.0, 1.0])),
     Topic.emergency_stop: m.EmergencyStop(NOW, "joint_limits", "swing at 1.0 rad"),
+    Topic.machine_outputs: m.MachineOutputs(NOW, np.array([0.0, 1.0, -1.0, 0.0])),
     Topic.can_to_machine: m.CanFrame(NOW, 0x201, b"\x01\x02\x03"),
     Topic.can_from_machine: m.CanFrame(NOW, 0x301, bytes(range(8))),
     Topic.supervisor_state: m.SupervisorState(NOW, "joint_limits"),

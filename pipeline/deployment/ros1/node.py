@@ -2,6 +2,7 @@
 
 import json
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -55,7 +56,8 @@ class Node:
         self._lock = threading.RLock()
         self._computations: queue.Queue[Any] = queue.Queue()
         self.measured: dict[str, list[float]] = {}
-        self._rospy.init_node(component.name, disable_signals=False)
+        remappings = [word for word in sys.orig_argv if ":=" in word]  # roslaunch's, which a stage takes away
+        self._rospy.init_node(component.name, argv=remappings, disable_signals=False)
         self._clock = GraphClock(self._rospy)
         self._carriers = carriers(machine)
         self._publishers = {

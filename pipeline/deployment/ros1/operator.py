@@ -1,11 +1,12 @@
 """The operator at the real graph: gives targets one after the other, waits for how each ended, and records."""
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from pipeline.deployment.messages import ReachGoal, ReachResult, Topic
+from pipeline.deployment.messages import MachineOutputs, ReachGoal, ReachResult, Topic
 from pipeline.deployment.recording import Recorder
 from pipeline.deployment.ros1.clock import GraphClock
 from pipeline.deployment.ros1.installation import require_ros
@@ -15,7 +16,14 @@ from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 
 POLL_S = 0.1
-RECORDED = (Topic.joint_states, Topic.joint_commands, Topic.target_pose, Topic.emergency_stop)
+RECORDED = (
+    Topic.joint_states,
+    Topic.joint_commands,
+    Topic.target_pose,
+    Topic.requested_commands,
+    Topic.emergency_stop,
+    Topic.machine_outputs,
+)
 
 
 class Operator:
@@ -23,6 +31,8 @@ class Operator:
 
     Attributes:
         recorder: what was heard on the topics that logs hold, and emergency stops.
+        outputs: what the simulated PLC, if there is one, set its valves to.
+        client: of the action.
     """
 
     def __init__(self, machine: MachineSpecification) -> None:
@@ -35,9 +45,11 @@ class Operator:
         self._carriers = carriers(machine)
         self._lock = threading.Lock()
         self.recorder = Recorder()
-        rospy.init_node("operator", disable_signals=True)
+        remappings = [word for word in sys.orig_argv if ":=" in word]
+        rospy.init_node("operator", argv=remappings, disable_signals=True)
         self._clock = GraphClock(rospy)
         self.client = ReachClient()
+        self.outputs: list[MachineOutputs] = []
         for topic in RECORDED:
             carrier = self._carriers[topic]
             rospy.Subscriber(
@@ -46,8 +58,11 @@ class Operator:
 
     def _record(self, ros_message: Any, topic: Topic) -> None:
         now_ns = self._clock.now_ns()
+        message = self._carriers[topic].from_ros(ros_message, now_ns)
         with self._lock:
-            self.recorder(topic, self._carriers[topic].from_ros(ros_message, now_ns), now_ns)
+            if isinstance(message, MachineOutputs):
+                self.outputs.append(message)
+            self.recorder(topic, message, now_ns)
 
     def now_ns(self) -> int:
         """Time of the graph."""

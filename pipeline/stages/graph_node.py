@@ -1,0 +1,206 @@
+"""Stage `graph_node`: one node of the ROS 1 graph, a process of its own; started by `run_graph` or by roslaunch."""
+
+import enum
+import json
+import shutil
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from omegaconf import MISSING
+
+from pipeline.configuration import MACHINE_DIRECTORY, stage
+from pipeline.deployment.bobcat_e10_driver import MachineDriver
+from pipeline.deployment.bobcat_e10_sim_driver import SimulationDriver
+from pipeline.deployment.can_frames import CanFrames
+from pipeline.deployment.component import Component, nanoseconds
+from pipeline.deployment.control_interface import ControlInterface
+from pipeline.deployment.control_supervisor import ControlSupervisor
+from pipeline.deployment.controllers import ControllerState
+from pipeline.deployment.emcb_200u_driver import CanDriver
+from pipeline.deployment.machine import LearnedMachine, LearnedStep
+from pipeline.deployment.messages import ReachGoal, ReachResult
+from pipeline.deployment.recording import Recorder
+from pipeline.deployment.ros1.can_bus import CanBusConfig, open_bus
+from pipeline.deployment.ros1.goal_errors import goal_errors
+from pipeline.deployment.ros1.node import Node
+from pipeline.deployment.ros1.observed_plc import ObservedPlc
+from pipeline.deployment.ros1.operator import Operator
+from pipeline.deployment.supervisor_rules import build_rules
+from pipeline.deployment.velocity_estimator import VelocityEstimator
+from pipeline.effects.store import load_dynamics
+from pipeline.errors import InputError
+from pipeline.machine.kinematics import load_arm
+from pipeline.machine.specification import MachineSpecification
+from pipeline.reaching.episodes import Episodes, evaluation_episodes
+from pipeline.reaching.task import ReachingTask
+from pipeline.stages.sim2sim import Sim2SimStage, policy_parts
+from pipeline.tracking import StageRun
+
+START_TIMEOUT_S = 300.0  # until all nodes have compiled what they run
+GOAL_MARGIN_S = 15.0  # beyond the time-out of a goal, before it counts as lost
+SETTLE_S = 1.0  # for connections between nodes
+OPERATOR = "operator"
+NODES = ("control_interface", "control_supervisor", "autonomous_server")
+
+
+class Driver(enum.StrEnum):
+    """What stands in the machine's place."""
+
+    simulated = "simulated"  # bobcat_e10_sim_driver
+    can = "can"  # the machine's own drivers; at the other end of the bus a simulated PLC
+
+
+DRIVERS = {
+    Driver.simulated: ("bobcat_e10_sim_driver",),
+    Driver.can: ("plc", "emcb_200u_driver", "bobcat_e10_driver"),
+}
+
+
+@dataclass
+class GraphStage(Sim2SimStage):
+    """Keys of every stage that runs the real graph."""
+
+    targets: int = MISSING
+    driver: Driver = Driver.simulated
+    can: CanBusConfig = MISSING
+
+
+@dataclass
+class GraphNodeStage(GraphStage):
+    """Keys of `conf/graph_node.yaml`."""
+
+    node: str = MISSING
+
+    def __post_init__(self) -> None:
+        known = [*NODES, *DRIVERS[Driver.simulated], *DRIVERS[Driver.can], OPERATOR]
+        if self.node not in known:
+            raise InputError(f"node={self.node}: no such node; known are {', '.join(known)}")
+
+
+@stage(GraphNodeStage)
+def main(configuration: GraphNodeStage, run: StageRun) -> None:
+    """Be one node until the graph is shut down; or the operator, until all targets have been pursued."""
+    if configuration.node == OPERATOR:
+        results, recorder = operate(configuration)
+        write_run(configuration, results, recorder)
+        return
+    node = build(configuration, configuration.node)
+    node.spin()
+    node.save(Path(configuration.output) / "nodes" / f"{configuration.node}.json")
+
+
+def node_commands(configuration: GraphStage, overrides: Sequence[str]) -> dict[str, list[str]]:
+    """The commands of all nodes, with those overrides of this command that a node knows."""
+    known = {field.name for field in fields(GraphNodeStage)} - {"tracking"} | {"profile"}
+    passed = [word for word in overrides if word.lstrip("+~").split("=")[0].split(".")[0] in known]
+    command = [sys.executable, "-m", "pipeline.stages.graph_node", *passed]
+    return {name: [*command, f"node={name}"] for name in (*DRIVERS[configuration.driver], *NODES)}
+
+
+def build(configuration: GraphStage, name: str) -> Node:
+    """A node; what it runs is compiled before it joins the graph."""
+    machine, deployment = configuration.machine, configuration.deployment
+    if name == "control_interface":
+        return Node(ControlInterface(machine, deployment.interface), machine)
+    if name == "control_supervisor":
+        rules = build_rules(machine, deployment.supervisor, MACHINE_DIRECTORY)
+        return Node(ControlSupervisor(rules, deployment.supervisor.period_s), machine)
+    if name == "emcb_200u_driver":
+        return Node(CanDriver(open_bus(configuration.can), deployment.driver), machine)
+    if name == "bobcat_e10_driver":
+        estimator = VelocityEstimator(nanoseconds(machine.dt_s), configuration.control.loop_tracker)
+        return Node(MachineDriver(machine, CanFrames(machine, MACHINE_DIRECTORY), estimator), machine)
+    if name == "autonomous_server":
+        return _server(configuration)
+    return Node(_machine(configuration, name), machine)
+
+
+def _machine(configuration: GraphStage, name: str) -> Component:
+    """The learned model, behind the simulation's driver or behind the PLC."""
+    machine, deployment = configuration.machine, configuration.deployment
+    dynamics, parameters = load_dynamics(Path(configuration.model))
+    arm = load_arm(machine, MACHINE_DIRECTORY)
+    step = LearnedStep(ReachingTask(machine, arm, dynamics, parameters, configuration.reward))
+    start = fixed_episodes(configuration).starts[0]
+    LearnedMachine(step, start).advance(np.zeros(machine.n_joint))
+    learned = LearnedMachine(step, start)
+    if name == "bobcat_e10_sim_driver":
+        return SimulationDriver(learned, machine.n_joint, deployment.driver)
+    frames = CanFrames(machine, MACHINE_DIRECTORY)
+    return ObservedPlc(open_bus(configuration.can), frames, learned, machine.n_joint, deployment.driver)
+
+
+def _server(configuration: GraphStage) -> Node:
+    machine = configuration.machine
+    parts = policy_parts(configuration, machine)
+    start = fixed_episodes(configuration).starts[0]
+    history = parts.task.dynamics.initial_history(jnp.asarray(start))
+    state = ControllerState(np.asarray(history.motion), np.asarray(history.commands), start, start)
+    parts.controller.decide(state)
+    pose = parts.task.arm.forward(jnp.asarray(start))
+    parts.solve_goal(np.asarray(pose.position), np.asarray(pose.quaternion), start)
+    return Node(parts.server(), machine, goal_errors(parts.task.arm))
+
+
+def operate(
+    configuration: GraphStage, is_running: Callable[[], bool] = lambda: True
+) -> tuple[list[ReachResult], Recorder]:
+    """Join the graph and pursue the targets one after the other.
+
+    Args:
+        configuration: names the targets.
+        is_running: whether all nodes still run.
+    """
+    machine = configuration.machine
+    goals = reach_goals(configuration)
+    operator = Operator(machine)
+    operator.wait_for_server(START_TIMEOUT_S, is_running)
+    time.sleep(SETTLE_S)
+    results = operator.pursue(goals, configuration.episodes.steps * machine.dt_s + GOAL_MARGIN_S)
+    return results, operator.recorder
+
+
+def reach_goals(configuration: GraphStage) -> list[ReachGoal]:
+    """The targets' poses."""
+    targets = fixed_episodes(configuration).targets
+    poses = load_arm(configuration.machine, MACHINE_DIRECTORY).forward(jnp.asarray(targets))
+    return [
+        ReachGoal(number, np.asarray(poses.position[number]), np.asarray(poses.quaternion[number]))
+        for number in range(len(targets))
+    ]
+
+
+def write_run(configuration: GraphStage, results: Sequence[ReachResult], recorder: Recorder) -> None:
+    """How the goals ended, and a bag of what was heard."""
+    output = Path(configuration.output)
+    output.mkdir(parents=True, exist_ok=True)
+    content = [asdict(result) for result in results]
+    (output / "results.json").write_text(json.dumps(content, indent=1) + "\n")
+    write_bag_of(recorder, output / "logs", configuration.machine)
+    print(f"{len(results)} goals: {', '.join(result.outcome for result in results)}")
+
+
+def write_bag_of(recorder: Recorder, folder: Path, machine: MachineSpecification) -> None:
+    """One bag in place of what is in `folder`."""
+    shutil.rmtree(folder, ignore_errors=True)
+    recorder.write(folder / "targets", machine)
+
+
+def fixed_episodes(configuration: GraphStage) -> Episodes:
+    """The first episodes of the evaluation, as many as there are targets to give."""
+    conditions = configuration.episodes
+    arm = load_arm(configuration.machine, MACHINE_DIRECTORY)
+    episodes = evaluation_episodes(
+        configuration.machine, arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
+    )
+    return episodes.first(configuration.targets)
+
+
+if __name__ == "__main__":
+    sys.argv = [word for word in sys.argv if ":=" not in word]  # roslaunch's; the node takes them by itself
+    main()
