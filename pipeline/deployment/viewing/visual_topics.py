@@ -1,0 +1,224 @@
+"""A log as topics that viewers draw: frames and shapes of the arm, W+, the target, commands, what the graph said.
+
+All are standard ROS 2 types that Foxglove and Rerun know: transforms with a robot description, point clouds, joint
+states (whose numbers can be plotted by joint), log messages.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Msg
+
+from pipeline.deployment.component import NANOSECONDS
+from pipeline.deployment.graph_topics import GraphRecord
+from pipeline.deployment.recording import BASE_FRAME
+from pipeline.deployment.viewing.joint_transforms import JointTransforms, joint_transforms
+from pipeline.logs.columns import whole
+from pipeline.logs.raw_log import RawLog
+from pipeline.machine.description import urdf_path
+from pipeline.machine.poses import workspace_of
+from pipeline.machine.sector import sector_edges
+from pipeline.machine.specification import MachineSpecification
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+POINT_SPACING_M = 0.01
+TARGET_ARM_M = 0.1  # half the length of the cross that marks a target; the chisel's side is longer
+TARGET_CHISEL_M = 0.3
+FLOAT32 = 7  # of sensor_msgs/PointField
+POINT_BYTES = 12
+LEVEL_INFORMATION, LEVEL_ERROR = 20, 40  # of rcl_interfaces/Log
+
+
+class VisualTopic(NamedTuple):
+    """A topic, its ROS 2 type, and its messages with their times, ns."""
+
+    name: str
+    type_name: str
+    messages: list[tuple[int, "Msg"]]
+
+
+def visual_topics(
+    log: RawLog, graph: GraphRecord, machine: MachineSpecification, directory: Path
+) -> list[VisualTopic]:
+    """Everything there is to see of a log.
+
+    Args:
+        log: joint states, commands and, where there are any, targets.
+        graph: what the graph said, where that was recorded.
+        machine: with arm and workspace.
+        directory: where conf/machine lies.
+
+    Raises:
+        InputError: the machine has no arm or no workspace.
+    """
+    time_ns, q = whole(log.joint_log_time_ns), whole(log.q)
+    start_ns = int(time_ns[0])
+    urdf = urdf_path(machine, directory)
+    by_joint = dict(zip(machine.joint_names, q.T, strict=True))
+    transforms = joint_transforms(urdf, by_joint)
+    fixed = [joint for joint in transforms if len(joint.position) < len(time_ns)]
+    moving = [joint for joint in transforms if len(joint.position) == len(time_ns)]
+    names = list(machine.joint_names)
+    topics = [
+        VisualTopic("/robot_description", "std_msgs/msg/String", [(start_ns, _text(urdf.read_text()))]),
+        VisualTopic("/tf_static", "tf2_msgs/msg/TFMessage", [(start_ns, _frames(fixed, 0, start_ns))]),
+        VisualTopic(
+            "/tf",
+            "tf2_msgs/msg/TFMessage",
+            [(int(t), _frames(moving, row, int(t))) for row, t in enumerate(time_ns)],
+        ),
+        _joint_topic("/positions", names, time_ns, q, "position"),
+        _joint_topic("/commands", names, whole(log.command_log_time_ns), whole(log.command), "effort"),
+        VisualTopic(
+            "/workspace",
+            "sensor_msgs/msg/PointCloud2",
+            [(start_ns, _cloud(_polylines(sector_edges(workspace_of(machine))), start_ns))],
+        ),
+        VisualTopic("/events", "rcl_interfaces/msg/Log", _events(log, graph)),
+    ]
+    return [*topics, *_targets(log)]
+
+
+def _targets(log: RawLog) -> list[VisualTopic]:
+    if log.targets is None:
+        return []
+    time_ns, position, quaternion = map(
+        whole, (log.targets.log_time_ns, log.targets.position, log.targets.quaternion)
+    )
+    poses, marks = [], []
+    for t, p, w in zip(time_ns.tolist(), position, quaternion, strict=True):
+        pose = _type("geometry_msgs/msg/Pose")(position=_vector("Point", p), orientation=_quaternion(w))
+        poses.append((t, _type("geometry_msgs/msg/PoseStamped")(header=_header(t), pose=pose)))
+        marks.append((t, _cloud(p + _rotated(w, target_mark()), t)))
+    return [
+        VisualTopic("/target", "geometry_msgs/msg/PoseStamped", poses),
+        VisualTopic("/target_mark", "sensor_msgs/msg/PointCloud2", marks),
+    ]
+
+
+def target_mark() -> np.ndarray:
+    """A cross at the target's tip with a line along the chisel, in the target's frame, m, (n, 3)."""
+    line = np.arange(-TARGET_ARM_M, TARGET_ARM_M + POINT_SPACING_M / 2, POINT_SPACING_M)
+    chisel = np.arange(0.0, TARGET_CHISEL_M, POINT_SPACING_M)
+    zero, none = np.zeros_like(line), np.zeros_like(chisel)
+    return np.concatenate(
+        [
+            np.stack([line, zero, zero], axis=1),
+            np.stack([zero, line, zero], axis=1),
+            np.stack([none, none, chisel], axis=1),  # the chisel points along -z: its body is above the tip
+        ]
+    )
+
+
+def _events(log: RawLog, graph: GraphRecord) -> list[tuple[int, "Msg"]]:
+    """Targets, ends of goals and emergency stops, as lines of a log."""
+    lines: list[tuple[int, int, str, str]] = []
+    if log.targets is not None:
+        for t, p in zip(whole(log.targets.log_time_ns).tolist(), whole(log.targets.position), strict=True):
+            lines.append(
+                (t, LEVEL_INFORMATION, "autonomous_server", f"target at {np.round(p, 3).tolist()} m")
+            )
+    for t, result in graph.results:
+        text = f"goal {result.goal_id}: {result.outcome} after {result.n_ticks} ticks"
+        lines.append((t, LEVEL_INFORMATION, "autonomous_server", text))
+    for t, stop in graph.stops:
+        lines.append((t, LEVEL_ERROR, "control_supervisor", f"stopped by {stop.rule}: {stop.detail}"))
+    make = _type("rcl_interfaces/msg/Log")
+    return [
+        (t, make(stamp=_time(t), level=level, name=name, msg=text, file="", function="", line=0))
+        for t, level, name, text in sorted(lines, key=lambda line: line[0])
+    ]
+
+
+def _joint_topic(
+    name: str, joints: Sequence[str], time_ns: np.ndarray, values: np.ndarray, field: str
+) -> VisualTopic:
+    make, empty = _type("sensor_msgs/msg/JointState"), np.zeros(0)
+    fields = {"position": empty, "velocity": empty, "effort": empty}
+    messages = [
+        (t, make(header=_header(t), name=list(joints), **{**fields, field: np.array(row, float)}))
+        for t, row in zip(time_ns.tolist(), values, strict=True)
+    ]
+    return VisualTopic(name, "sensor_msgs/msg/JointState", messages)
+
+
+def _frames(joints: Sequence[JointTransforms], row: int, time_ns: int) -> "Msg":
+    transform, stamped = _type("geometry_msgs/msg/Transform"), _type("geometry_msgs/msg/TransformStamped")
+    return _type("tf2_msgs/msg/TFMessage")(
+        transforms=[
+            stamped(
+                header=_header(time_ns, joint.parent),
+                child_frame_id=joint.child,
+                transform=transform(
+                    translation=_vector("Vector3", joint.position[row]),
+                    rotation=_quaternion(joint.quaternion[row]),
+                ),
+            )
+            for joint in joints
+        ]
+    )
+
+
+def _cloud(points: np.ndarray, time_ns: int) -> "Msg":
+    """Points in {B}, m, (n, 3)."""
+    field = _type("sensor_msgs/msg/PointField")
+    return _type("sensor_msgs/msg/PointCloud2")(
+        header=_header(time_ns),
+        height=1,
+        width=len(points),
+        fields=[field(name=axis, offset=4 * i, datatype=FLOAT32, count=1) for i, axis in enumerate("xyz")],
+        is_bigendian=False,
+        point_step=POINT_BYTES,
+        row_step=POINT_BYTES * len(points),
+        data=np.ascontiguousarray(points, "<f4").reshape(-1).view(np.uint8),
+        is_dense=True,
+    )
+
+
+def _polylines(lines: Sequence[np.ndarray]) -> np.ndarray:
+    """Points along polylines, (n, 3), m."""
+    found = []
+    for line in lines:
+        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        at = np.arange(0.0, length[-1], POINT_SPACING_M)
+        found.append(np.stack([np.interp(at, length, axis) for axis in line.T], axis=1))
+    return np.concatenate(found)
+
+
+def _rotated(quaternion: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points, (n, 3), turned by a quaternion (w, x, y, z) of any length but zero."""
+    w, v = quaternion[0], quaternion[1:]
+    cross = np.cross(v, points)
+    turned: np.ndarray = points + 2.0 * (w * cross + np.cross(v, cross)) / (quaternion @ quaternion)
+    return turned
+
+
+def _type(name: str) -> Callable[..., Any]:
+    return STORE.types[name]
+
+
+def _time(time_ns: int) -> Any:
+    return _type("builtin_interfaces/msg/Time")(sec=time_ns // NANOSECONDS, nanosec=time_ns % NANOSECONDS)
+
+
+def _header(time_ns: int, frame: str = BASE_FRAME) -> Any:
+    return _type("std_msgs/msg/Header")(stamp=_time(time_ns), frame_id=frame)
+
+
+def _text(text: str) -> Any:
+    return _type("std_msgs/msg/String")(data=text)
+
+
+def _vector(kind: str, values: np.ndarray) -> Any:
+    x, y, z = map(float, values)
+    return _type(f"geometry_msgs/msg/{kind}")(x=x, y=y, z=z)
+
+
+def _quaternion(values: np.ndarray) -> Any:
+    w, x, y, z = map(float, values)
+    return _type("geometry_msgs/msg/Quaternion")(w=w, x=x, y=y, z=z)
