@@ -98,13 +98,18 @@ class SimulatedGraph:
         )
 
     def _schedule_tick(self, component: Component, due_ns: int) -> None:
-        """A timer wakes up a little after it was due; one that oversleeps its next tick makes up for it at once."""
-        late_ns = max(self._timers[component.name].draw_ns(), 0)
-        self._schedule(max(due_ns + late_ns, self.time_ns), self._wake, component, due_ns)
-
-    def _wake(self, component: Component, due_ns: int) -> None:
+        """A timer wakes up a little after it was due; the one that is later than a period does not hold up the next."""
         assert component.period_ns is not None
-        self._schedule_tick(component, due_ns + component.period_ns)
+        timer, late_ns = self._timers[component.name], component.period_ns
+        while late_ns >= component.period_ns:
+            late_ns = max(timer.draw_ns(), 0)
+            next_ns = due_ns + component.period_ns if late_ns < component.period_ns else None
+            self._schedule(due_ns + late_ns, self._wake, component, next_ns)
+            due_ns += component.period_ns
+
+    def _wake(self, component: Component, next_ns: int | None) -> None:
+        if next_ns is not None:
+            self._schedule_tick(component, next_ns)
         if self._is_running(component):
             self._carry_out(component, component.on_timer(self._now(component)))
 
