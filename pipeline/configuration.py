@@ -4,13 +4,14 @@ Hydra composes `conf/<stage>.yaml` (machine, profile, tracking, the stage's own 
 stage's dataclass; ranges are checked when the dataclasses are built, before any work starts.
 """
 
+import contextlib
 import functools
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import hydra
 from hydra.core.config_store import ConfigStore
@@ -112,27 +113,14 @@ def stage(
 
         @functools.wraps(function)
         def job(composed: DictConfig) -> None:
-            try:
-                _check_machine_name(composed)
-                typed: Any = OmegaConf.to_object(composed)
+            with _failing_in_one_line(name):
+                typed = check(composed)
                 resolved: Any = OmegaConf.to_container(composed, resolve=True)
                 text = OmegaConf.to_yaml(composed, resolve=True)
                 run_folder = Path(HydraConfig.get().runtime.output_dir)
                 (run_folder / CONFIGURATION_FILE).write_text(text, encoding="utf-8")
                 with track(name, typed.tracking, resolved, text, _sweep()) as run:
                     function(typed, run)
-            except MissingMandatoryValue as error:
-                _exit(f"{name}: `{error.full_key}` is missing; add {error.full_key}=VALUE to the command", 2)
-            except InputError as error:
-                _exit(f"{name}: {error}", INPUT_ERROR_STATUS)
-            except OSError as error:
-                place = error.filename or "input or output"
-                _exit(
-                    f"{name}: {place}: {error.strerror or error}; check the path, permissions and room",
-                    INPUT_ERROR_STATUS,
-                )
-            except KeyboardInterrupt:
-                _exit(f"{name}: interrupted; start it again to go on", 128 + signal.SIGINT)
 
         return hydra.main(version_base="1.3", config_path=str(CONFIGURATION_DIRECTORY), config_name=name)(job)
 
@@ -147,6 +135,21 @@ def _sweep() -> tuple[str, str] | None:
     return str(Path(hydra_configuration.sweep.dir).absolute()), hydra_configuration.job.override_dirname
 
 
+def check(composed: DictConfig) -> Any:
+    """A composed configuration as the stage's dataclass, whose ranges are checked as it is built.
+
+    Raises:
+        InputError: A value is missing or out of its range.
+    """
+    try:
+        _check_machine_name(composed)
+        return OmegaConf.to_object(composed)
+    except MissingMandatoryValue as error:
+        raise InputError(
+            f"`{error.full_key}` is missing; add {error.full_key}=VALUE to the command"
+        ) from error
+
+
 def _check_machine_name(composed: DictConfig) -> None:
     chosen = HydraConfig.get().runtime.choices["machine"]
     if composed.machine.name != chosen:
@@ -155,6 +158,33 @@ def _check_machine_name(composed: DictConfig) -> None:
         )
 
 
-def _exit(line: str, status: int) -> None:
+class JobError(Exception):
+    """What ended a sweep's job: a line for the user, and the exit status of the sweep."""
+
+    def __init__(self, line: str, status: int) -> None:
+        super().__init__(line, status)
+        self.line = line
+        self.status = status
+
+
+@contextlib.contextmanager
+def _failing_in_one_line(name: str) -> Iterator[None]:
+    """Turn a user's mistake into one line and an exit status, in a sweep without ending the jobs beside."""
+    try:
+        yield
+    except InputError as error:
+        _fail(f"{name}: {error}", INPUT_ERROR_STATUS)
+    except OSError as error:
+        place = error.filename or "input or output"
+        line = f"{name}: {place}: {error.strerror or error}; check the path, permissions and room"
+        _fail(line, INPUT_ERROR_STATUS)
+    except KeyboardInterrupt:
+        print(f"error: {name}: interrupted; start it again to go on", file=sys.stderr, flush=True)
+        sys.exit(128 + signal.SIGINT)
+
+
+def _fail(line: str, status: int) -> NoReturn:
+    if HydraConfig.get().mode is RunMode.MULTIRUN:
+        raise JobError(line, status)  # which Hydra hands to the sweeper, from whatever process
     print(f"error: {line}", file=sys.stderr, flush=True)
     sys.exit(status)

@@ -1,0 +1,66 @@
+"""Sweeps (`-m`) as a user runs them: one process, several, and through the engine that submits to Slurm."""
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+
+ROOT = Path(__file__).parents[2]
+LAUNCHERS = {
+    "basic": [],
+    "joblib": ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"],
+    "submitit": ["hydra/launcher=submitit_local"],
+}
+
+
+def sweep(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
+    """A sweep over documents of which the stage `unseal` says that there is nothing to judge: it starts fastest."""
+    (folder / "first.json").write_text(json.dumps({"note": "nothing measured"}))
+    command = [
+        sys.executable,
+        "-m",
+        "pipeline.stages.unseal",
+        "-m",
+        "output=judged/${closed_loop}",
+        *overrides,
+    ]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [*command, "tracking=none"], capture_output=True, text=True, cwd=folder, env=environment, check=False
+    )
+
+
+def test_no_job_starts_before_all_are_checked(tmp_path: Path) -> None:
+    result = sweep(tmp_path, "closed_loop=first.json", "tracking.system_metrics_interval_s=1,-1")
+    assert result.returncode == 2
+    assert result.stderr.splitlines() == [
+        "error: unseal: tracking.system_metrics_interval_s is -1.0; it must be positive, or null"
+    ]
+    assert "Launching" not in result.stdout
+    assert not (tmp_path / "judged").exists()
+
+
+@pytest.mark.parametrize("launcher", LAUNCHERS)
+def test_a_failing_job_leaves_the_others_running_and_is_told(launcher: str, tmp_path: Path) -> None:
+    result = sweep(tmp_path, "closed_loop=nowhere.json,first.json", *LAUNCHERS[launcher])
+    assert result.returncode == 2
+    assert "note" in json.loads((tmp_path / "judged/first.json").read_text())
+    told = [line for line in result.stderr.splitlines() if not line.startswith("[")]
+    assert len(told) == 2 and "closed_loop=nowhere.json" in told[0]  # Hydra's line says which job
+    assert told[1] == "error: unseal: nowhere.json: no such file; run close_loop first"
+
+
+def test_slurm_queues_a_job_again_that_ran_out_of_time() -> None:
+    importlib.import_module("pipeline.stages.unseal")  # registers its schema
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composed = compose("unseal", ["hydra/launcher=slurm"], return_hydra_config=True)
+    launcher = composed.hydra.launcher
+    assert launcher._target_.endswith("submitit_launcher.SlurmLauncher")
+    assert launcher.max_num_timeout > 0 and launcher.timeout_min > 60
