@@ -34,7 +34,8 @@ from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
 from pipeline.discrepancy.stops import Encoder, encoders, stops
-from pipeline.discrepancy.verdict import Effect, effects_of
+from pipeline.discrepancy.verdict import MERGED, Effect, effects_of
+from pipeline.discrepancy.whole_machine import ON_SEVERAL_JOINTS, WHOLE_MACHINE
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
@@ -209,7 +210,7 @@ class Loop:
     def _gate(self, found: list[Found]) -> list[Effect]:
         """Open the confirmation rows."""
         gate, seed = self.config.gate, self.config.seed
-        passed, self.p_values = [], {}
+        passed, self.p_values, self.shares = [], {}, {}
         everything, fitted = self.residual(self.confirm, found), self.residual(self.rows, found)
         widths_s = {
             f.candidate.joint: f.candidate.point["width"] for f in found if f.candidate.family == SUPPLY
@@ -218,6 +219,7 @@ class Loop:
             active = values_of(self.simulation, found)
             confirmed = {c.joint: c for c in common_speed_candidates(self.simulation, active, self.confirm)}
             p_of_common = common_speed_p(self.simulation, active, self.rows, widths_s, seed)
+        together = self._together(found, everything)
         for effect in found:
             joint = effect.candidate.joint
             if effect.candidate.family == SUPPLY:
@@ -236,12 +238,17 @@ class Loop:
                     folds = self.confirm.folds
                     p = rank_p(np.bincount(folds.block, gain, minlength=folds.n_blocks), len(found))
             is_confirmed = bound > gate.smallest_improvement
+            if effect.candidate.family in together:
+                # One cause is confirmed on its joints together, and left off those on which it is no help.
+                bound = together[effect.candidate.family]
+                is_confirmed = bound > gate.smallest_improvement and share > 0.0
             if effect.candidate.deviation is not None:
                 # Seen at the stops; speeds, which may hardly depend on the place, must not speak against it.
                 p = float(min(1.0, norm.sf(self.search.encoders[joint].z) * len(self.joints)))
                 is_confirmed = share > -gate.smallest_improvement
             name = f"{effect.candidate.family} on {self.joints[joint]}"
             removed = f"on confirmation rows it removes {share:.0%} (at least {bound:.0%}) of the squares, p = {p:.1g}"
+            self.shares[id(effect)] = share
             if is_confirmed and p < gate.largest_p:
                 passed.append(effect)
                 self.p_values[id(effect)] = p
@@ -250,6 +257,24 @@ class Loop:
                 self.say(f"{name} is not confirmed: {removed}.")
         self.lap("gate")
         return effects_of(passed, self.excited, "timing" not in self.config.exclude)
+
+    def _together(self, found: Sequence[Found], everything: np.ndarray) -> dict[str, float]:
+        """Lower bound of what a cause removes on all its joints together, for causes that several joints have."""
+        bounds = {}
+        for family in (*WHOLE_MACHINE, *ON_SEVERAL_JOINTS):
+            members = [f for f in found if f.candidate.family == family]
+            if len(members) < 2 or family == SUPPLY:
+                continue
+            joints = [f.candidate.joint for f in members]
+            without = self.residual(self.confirm, [f for f in found if f not in members])
+            before, after = (
+                np.sqrt(np.sum(residual[:, joints] ** 2 / self.floor[joints], axis=1))
+                for residual in (without, everything)
+            )
+            bounds[family] = lower_bound(
+                before, after, self.confirm, self.config.gate.resamples, self.config.seed
+            )[1]
+        return bounds
 
     @functools.cached_property
     def covariance(self) -> dict:
@@ -317,8 +342,15 @@ class Loop:
             guilty = [e for e in effects if set(e.joints) & set(worse.tolist()) and e.family != SUPPLY]
             if not guilty:
                 break
-            effects = [e for e in effects if e is not guilty[-1]]
-            self.say(f"{guilty[-1].family} is dropped: it makes the open-loop error of a joint larger.")
+            spared = [m for m in guilty[-1].members if m.candidate.joint not in worse]
+            shared = [Effect(guilty[-1].family, spared)] if guilty[-1].family in MERGED and spared else []
+            place = effects.index(guilty[-1])
+            effects = [*effects[:place], *shared, *effects[place + 1 :]]
+            self.say(
+                f"{guilty[-1].family} is dropped"
+                + (" on some joints" if shared else "")
+                + ": it makes the open-loop error of a joint larger."
+            )
         return effects
 
     def error_reduction(self, effect: Effect, before: WindowErrors) -> float:
@@ -331,11 +363,13 @@ class Loop:
         return 1.0 - float(np.sum(alone.squares.mean(axis=0)[joints] / scale) / len(joints))
 
     def _worth_a_name(self, effects: list[Effect], before: WindowErrors) -> list[Effect]:
-        """The first effect, and of the others those that show in the prediction: the rest is what the first leaves."""
-        kept = effects[:1]
-        for effect in effects[1:]:
+        """Effects that show: in the prediction or, the first, in a good part of the residual of the speeds."""
+        kept = []
+        for number, effect in enumerate(effects):
             reduction = self.error_reduction(effect, before)
-            if reduction < self.config.gate.smallest_error_reduction:
+            share = max(self.shares[id(member)] for member in effect.members)
+            shows = number == 0 and (effect.family == SUPPLY or share > self.config.gate.smallest_share)
+            if reduction < self.config.gate.smallest_error_reduction and not shows:
                 self.say(f"{effect.family} is not named: it removes {reduction:.0%} of the open-loop error.")
             else:
                 kept.append(effect)

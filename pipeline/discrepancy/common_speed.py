@@ -19,6 +19,7 @@ from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 FAMILY = "supply_variation"
 WIDTHS_S = (0.7, 1.5, 3.0, 6.0, 12.0)
+STEP_S, LAGS = 0.5, np.arange(2, 41)  # of the covariance: 1 to 20 s
 PRIOR_STD = 0.1  # of z: keeps the estimate at zero where nothing moves
 
 
@@ -107,35 +108,45 @@ def common_speed_p(
     return shifted_p(root_gain, rows.is_used.shape[1], seed)
 
 
-def common_speed_parameters(simulation: Simulation, active: Hypothesis, rows: Rows) -> dict[str, float]:
+def common_speed_parameters(
+    measured: tuple[Simulation, Rows], nominal: tuple[Simulation, Rows]
+) -> dict[str, float]:
     """Standard deviation and correlation time of z, from products of residuals at a distance in time.
 
     Products of the residual at t and at t + s, each divided by its velocity, have the mean e^{-s/T} std² where the
-    noise of both is independent: for s of one second and more.
+    noise of both is independent: for s of one second and more. What nominal logs vary by is not part of it.
+
+    Args:
+        measured: The logs in question, and their rows in use.
+        nominal: The same of nominal logs, by members that did not see them.
     """
-    velocity = simulation.velocities([active])[0]
-    residual = np.where(rows.is_used[..., None], simulation.sequences.velocity - velocity, 0.0)
-    moving = np.where(rows.is_used[..., None], velocity, 0.0)
-    numerator = (residual * moving / rows.floor).sum(axis=-1)
-    denominator = (moving**2 / rows.floor).sum(axis=-1)
-    step = round(0.5 / simulation.setting.dt_s)
-    n = numerator.shape[1] // step * step
-    numerator, denominator = (
-        x[:, :n].reshape(len(x), -1, step).sum(axis=-1) for x in (numerator, denominator)
-    )
-    lags = np.arange(2, 41)
-    covariance = np.array(
-        [
-            np.sum(numerator[:, lag:] * numerator[:, :-lag])
-            / max(np.sum(denominator[:, lag:] * denominator[:, :-lag]), 1e-9)
-            for lag in lags
-        ]
-    )
-    best, value = (np.inf, 0.0, 1.0), covariance
+    value = _covariance(*measured) - _covariance(*nominal)
+    best = (np.inf, 0.0, 1.0)
     for time_s in np.geomspace(0.5, 60.0, 60):
-        shape = np.exp(-lags * 0.5 / time_s)
+        shape = np.exp(-LAGS * STEP_S / time_s)
         variance = max(float(shape @ value / (shape @ shape)), 0.0)
         loss = float(np.sum((value - variance * shape) ** 2))
         if loss < best[0]:
             best = (loss, variance, float(time_s))
     return {"std_log_speed": float(np.sqrt(best[1])), "correlation_time": best[2]}
+
+
+def _covariance(simulation: Simulation, rows: Rows) -> np.ndarray:
+    """Of the common change of speed, at `LAGS`."""
+    velocity = simulation.velocities([{}])[0]
+    residual = np.where(rows.is_used[..., None], simulation.sequences.velocity - velocity, 0.0)
+    moving = np.where(rows.is_used[..., None], velocity, 0.0)
+    numerator = (residual * moving / rows.floor).sum(axis=-1)
+    denominator = (moving**2 / rows.floor).sum(axis=-1)
+    step = round(STEP_S / simulation.setting.dt_s)
+    n = numerator.shape[1] // step * step
+    numerator, denominator = (
+        x[:, :n].reshape(len(x), -1, step).sum(axis=-1) for x in (numerator, denominator)
+    )
+    return np.array(
+        [
+            np.sum(numerator[:, lag:] * numerator[:, :-lag])
+            / max(np.sum(denominator[:, lag:] * denominator[:, :-lag]), 1e-9)
+            for lag in LAGS
+        ]
+    )

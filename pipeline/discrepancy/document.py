@@ -12,6 +12,7 @@ from pipeline.discrepancy.next_experiment import next_experiment
 from pipeline.discrepancy.parameters import Quantity, describe, quantity, spreads, weighted_mean
 from pipeline.discrepancy.splits import Purpose
 from pipeline.discrepancy.verdict import Effect, depends_on
+from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.store import KNOWN
 
 if TYPE_CHECKING:
@@ -114,7 +115,9 @@ def _onset(loop: "Loop", stamp_ns: int | None) -> dict | None:
 
 def _parameters(loop: "Loop", effect: Effect) -> dict:
     if effect.family == SUPPLY:
-        values = common_speed_parameters(loop.simulation, {}, loop.rows)
+        values = common_speed_parameters(
+            (loop.simulation, loop.rows), (loop.nominal_simulation, loop.nominal_rows)
+        )
         return {
             "std_log_speed": quantity(values["std_log_speed"], "1", 0.15 * values["std_log_speed"]),
             "correlation_time": quantity(values["correlation_time"], "s", 0.4 * values["correlation_time"]),
@@ -177,7 +180,7 @@ def _unexplained(loop: "Loop") -> list[dict]:
     for joint in np.flatnonzero(ratio > UNEXPLAINED_RATIO):
         best = next((c for c in loop.search.first if c.joint == joint and c.family.startswith("other")), None)
         source = None if best is None else best.joint if best.source is None else best.source
-        variable = [] if best is None else [f"{best.family.partition(':')[2]}:{loop.joints[source]}"]  # type: ignore[index]
+        variable = [] if best is None else [f"{DEPENDENCES[best.family].variable}:{loop.joints[source]}"]  # type: ignore[index]
         entries.append(
             {
                 "family": "other",

@@ -18,7 +18,8 @@ class GateConfig:
     """Thresholds of the gate.
 
     Attributes:
-        smallest_error_reduction: Of the open-loop error over 80 steps on its joints, by an effect beside the first.
+        smallest_error_reduction: Of the open-loop error over 80 steps on its joints, for an effect to be named.
+        smallest_share: Of the squared residual, instead, for the strongest effect: one that hardly moves positions.
         smallest_improvement: Lower 95 % bound of the held-out reduction of an effect's squared residual.
         largest_p: After correction for all hypotheses searched.
         worse_margin: Relative rise of a joint's open-loop error that still counts as none.
@@ -29,6 +30,7 @@ class GateConfig:
 
     smallest_improvement: float
     smallest_error_reduction: float
+    smallest_share: float
     largest_p: float
     worse_margin: float
     resamples: int

@@ -208,6 +208,7 @@ def _abscissa(  # type: ignore[no-untyped-def]
         "oscillation",
         "backlash",
         "other:hold_time",
+        "other:warmth",
         "other:reversal",
         "other:rest_time",
     ):

@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.screen import Candidate, Rows, averaged, with_candidate
+from pipeline.discrepancy.regression import Folds
+from pipeline.discrepancy.screen import Candidate, Rows, averaged, screen, with_candidate
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 TRIED_PER_JOINT = 4  # named families, by gain
@@ -27,9 +28,11 @@ SETS_IN = (
     "sensor_bias",
     "oscillation",
     "flow_coupling",
+    "load",
 )
 AS_GOOD = 20.0  # squares of the noise floor: some ten independent rows at one standard deviation
 ITERATIONS = 3
+WHOLE = 0.999
 
 
 def with_onsets(
@@ -49,6 +52,39 @@ def with_onsets(
             candidate = _with_onset(simulation, active, rows, candidate)
         result.append(candidate)
     return result
+
+
+def since(
+    simulation: Simulation, active: Hypothesis, rows: Rows, onset: int, excluded: Sequence[str]
+) -> list[Candidate]:
+    """Every candidate, acting from a moment on at which something is known to set in, fitted on the rows after it.
+
+    What is fitted on rows before the moment, too, can fail for any effect but one that is linear in a single value.
+
+    Args:
+        simulation: On the logs.
+        active: Effects beside it.
+        rows: Rows in use.
+        onset: The moment, absolute stamp, ns.
+        excluded: Families that are not tried.
+    """
+    is_after = simulation.sequences.stamp_ns >= onset
+    kept = averaged(is_after.astype(float), rows.is_used) > WHOLE
+    folds = Folds(rows.folds.block[kept] % 2, rows.folds.block[kept], rows.folds.n_blocks)
+    after = Rows(rows.is_used & is_after, folds, rows.floor, rows.weight[kept])
+    squares = _squares(simulation, active, rows)
+    return [
+        replace(c, onset=onset, share=c.gain * rows.floor[c.joint] / squares[c.joint])
+        for c in screen(simulation, active, after, excluded)
+        if c.family in SETS_IN or c.family.startswith("other")
+    ]
+
+
+def _squares(simulation: Simulation, active: Hypothesis, rows: Rows) -> np.ndarray:
+    """(n_joint,) sums of the squared residual."""
+    velocity = simulation.velocities([active])[0]
+    residual = rows.weight * rows.averaged(simulation.sequences.velocity - velocity)
+    return np.maximum(np.sum(residual**2, axis=0), 1e-12)
 
 
 def _with_onset(simulation: Simulation, active: Hypothesis, rows: Rows, candidate: Candidate) -> Candidate:

@@ -141,7 +141,10 @@ def spreads(
         value = (
             candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index]
         )
-        result[name] = float(np.hypot(np.sqrt(max(covariance[index, index], 0.0)), model_error * abs(value)))
+        deviation = float(np.hypot(np.sqrt(max(covariance[index, index], 0.0)), model_error * abs(value)))
+        # What lies beyond the bounds is not plausible, whatever rows say that hardly show the value: a uniform prior.
+        widest = (coordinate.upper - coordinate.lower) / np.sqrt(12.0)
+        result[name] = deviation * widest / float(np.hypot(deviation, widest))
     return result
 
 

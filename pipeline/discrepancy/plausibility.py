@@ -67,6 +67,8 @@ def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:
         values.append((name, by_name[name].neutral + float(coefficient)))
     for name, value in values:
         parameter = by_name[name]
+        if parameter.natural_bounds:
+            continue
         margin = AT_BOUND * (parameter.upper - parameter.lower)
         if value > parameter.upper - margin or 0.0 != parameter.lower > value - margin:
             return True

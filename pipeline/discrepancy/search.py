@@ -14,9 +14,8 @@ from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.common_speed import common_speed_candidates
 from pipeline.discrepancy.encoder_error import encoder_errors
 from pipeline.discrepancy.found import Found, onsets_of, values_of
-from pipeline.discrepancy.onset import with_onsets
+from pipeline.discrepancy.onset import since, with_onsets
 from pipeline.discrepancy.plausibility import (
-    FLOW_COUPLING,
     SENSOR_BIAS,
     THERMAL_DRIFT,
     complexity,
@@ -29,7 +28,7 @@ from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.screen import Candidate, Rows, screen
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
-from pipeline.discrepancy.whole_machine import COMMON_CAUSES, WHOLE_MACHINE, common_cause
+from pipeline.discrepancy.whole_machine import COMMON_CAUSES, ON_SEVERAL_JOINTS, WHOLE_MACHINE, common_cause
 from pipeline.errors import InputError
 
 Null = Mapping[tuple[str, int, int | None], float]
@@ -78,7 +77,16 @@ def null_gains(
     """Gain per used row that each candidate has on nominal logs."""
     candidates = screen(simulation, {}, rows, excluded) + common_speed_candidates(simulation, {}, rows)
     n = len(rows.folds.fold)
-    return {(c.family, c.joint, c.source): max(0.0, c.gain) / n for c in candidates}
+    gains = {(c.family, c.joint, c.source): max(0.0, c.gain) / n for c in candidates}
+    warming = [
+        c
+        for c in candidates
+        if c.family == THERMAL_DRIFT and c.share > PRESENT_SHARE and t_statistic(c.gain_by_block) > PRESENT_T
+    ]
+    if len(warming) > 1 and is_plausible(THERMAL_DRIFT, warming):
+        # Nominal logs that show it themselves are no evidence against it: the model, whose memory is short, lacks it.
+        gains |= {key: 0.0 for key in gains if key[0] == THERMAL_DRIFT}
+    return gains
 
 
 class Search:
@@ -117,8 +125,22 @@ class Search:
             candidate.share > self.config.smallest_share
             and self.net(candidate)
             > max(self.config.smallest_share * squares, self.config.smallest_gain * len(self.rows.folds.fold))
-            and t_statistic(candidate.gain_by_block) > smallest_t
+            and (t_statistic(candidate.gain_by_block) > smallest_t or self._is_reproduced(candidate))
         )
+
+    def _is_reproduced(self, candidate: Candidate) -> bool:
+        """Whether what either half of the rows was fitted to removes a good part of the other half's squares.
+
+        What is large but rare has little to show in most blocks, and a large error by blocks.
+        """
+        if candidate.share <= 0.0 or candidate.onset is not None:
+            return False
+        folds = self.rows.folds
+        squares = candidate.gain / candidate.share
+        fold_of_block = np.zeros(folds.n_blocks, int)
+        fold_of_block[folds.block] = folds.fold
+        by_fold = np.bincount(fold_of_block, candidate.gain_by_block, minlength=2)
+        return bool(by_fold.min() > 0.5 * REPRODUCED_SHARE * squares)
 
     def run(self) -> list[Found]:
         """Find effects until none is left that passes."""
@@ -127,6 +149,10 @@ class Search:
         )
         for _ in range(self.config.maximum_effects):
             candidates = self._candidates()
+            if second := self._second_cause(candidates):
+                self.found += second
+                self._refit()
+                continue
             passing = [candidate for candidate in candidates if self.passes(candidate)]
             if any(f.candidate.family in COMMON_CAUSES for f in self.found):
                 passing = [c for c in passing if c.family not in COMMON_CAUSES]
@@ -140,12 +166,33 @@ class Search:
         self._look_back()
         return self.found
 
+    def _second_cause(self, candidates: Sequence[Candidate]) -> list[Found]:
+        """A payload or a shared pump, beside what makes the whole machine faster or slower.
+
+        On single joints little that is left is worth a name then: no wrapper fits every joint so well. What joints
+        bear each other out on is.
+        """
+        whole = sum(f.candidate.gain for f in self.found if f.candidate.family in COMMON_CAUSES)
+        if not whole:
+            return []
+        for family in ON_SEVERAL_JOINTS:
+            showing = [c for c in candidates if c.family == family and self._shows(c)]
+            if (
+                len(showing) > 1
+                and is_plausible(family, showing)
+                and any(map(self.passes, showing))
+                and sum(map(self.net, showing)) > SECOND_CAUSE_SHARE * whole
+            ):
+                self._say(f"{family} on {len(showing)} joints is there besides")
+                return [Found(c) for c in showing]
+        return []
+
     def _may_stand_alone(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
         """Whether it is plausible on its joint, and oil that warms up shows on another joint, too."""
         if candidate.family == THERMAL_DRIFT:
             showing = [c for c in candidates if c.family == THERMAL_DRIFT and self._shows(c)]
             return len(showing) > 1 and is_plausible(candidate.family, [candidate])
-        return candidate.family != FLOW_COUPLING or is_plausible(candidate.family, [candidate])
+        return candidate.family not in ON_SEVERAL_JOINTS or is_plausible(candidate.family, [candidate])
 
     def _candidates(self) -> list[Candidate]:
         active = values_of(self.simulation, self.found)
@@ -158,10 +205,24 @@ class Search:
             for c in candidates
             if (c.family, c.joint, c.source) not in taken and not self._is_refuted_by_stops(c)
         ]
-        candidates = with_onsets(self.simulation, active, self.rows, candidates)
+        candidates = self._since_its_onset(
+            active, with_onsets(self.simulation, active, self.rows, candidates)
+        )
         if not self.first:
             self.first = sorted(candidates, key=self.net, reverse=True)
         return candidates
+
+    def _since_its_onset(self, active: dict, candidates: list[Candidate]) -> list[Candidate]:
+        """All candidates from the same moment on, where what explains most sets in at some moment."""
+        best = max(candidates, key=self.net)
+        if best.onset is None or t_statistic(best.gain_by_block) < SHOWS_T:
+            return candidates
+        known = {(c.family, c.joint, c.source): c for c in candidates}
+        for candidate in since(self.simulation, active, self.rows, best.onset, self.excluded):
+            key = (candidate.family, candidate.joint, candidate.source)
+            if key in known and candidate.gain > ONSET_FACTOR * known[key].gain:
+                known[key] = candidate
+        return list(known.values())
 
     def _is_refuted_by_stops(self, candidate: Candidate) -> bool:
         encoder = self.encoders.get(candidate.joint)
@@ -233,9 +294,10 @@ class Search:
             and complexity(c) < complexity(chosen) + AS_SIMPLE
             and not say_the_same(c, chosen)
         ]
+        equivalents += [c for c in as_good if self._raises_doubt(c, chosen)]
         better = self._better_dependence(chosen, as_good)
         if better is not None:  # a wrong name is worse than none
-            chosen, equivalents = better, [chosen, *equivalents]
+            chosen, equivalents = better, [chosen, *(c for c in equivalents if c is not better)]
         self._say(
             f"{chosen.family} on joint {chosen.joint}: removes {chosen.share:.0%} of the squared residual there"
             + (f"; as good: {', '.join(c.family for c in equivalents)}" if equivalents else "")
@@ -266,6 +328,14 @@ class Search:
         if best is None or self.net(best) < DOUBT_FACTOR * self.net(chosen):
             return None
         return best if t_statistic(best.gain_by_block - chosen.gain_by_block) > DOUBT_T else None
+
+    def _raises_doubt(self, candidate: Candidate, chosen: Candidate) -> bool:
+        """Whether it is a dependence, of more freedom, that explains more than the name chosen."""
+        return (
+            candidate.family.startswith("other")
+            and not chosen.family.startswith("other")
+            and self.net(candidate) > (1.0 + NEGLIGIBLE) * self.net(chosen)
+        )
 
     def _refined(self, candidates: list[Candidate]) -> list[Candidate]:
         """Candidates moved off their grids; dependences are linear and stay."""
@@ -299,6 +369,13 @@ class Search:
         for found in sorted(kept, key=lambda f: -complexity(f.candidate)):
             if len(kept) == 1 or found.candidate.family == SUPPLY or found.candidate.deviation is not None:
                 continue
+            if sum(
+                f.candidate.family == found.candidate.family for f in kept
+            ) > 1 and found.candidate.family in (
+                *WHOLE_MACHINE,
+                *ON_SEVERAL_JOINTS,
+            ):
+                continue  # one cause, which the gate judges as one
             by_block = gain_without(self.simulation, self.rows, kept, found)
             squares = found.candidate.gain / max(found.candidate.share, 1e-9)
             if (
@@ -314,10 +391,14 @@ class Search:
             self._refit()
 
 
+PRESENT_SHARE, PRESENT_T = 0.1, 2.5  # of an effect that the nominal logs have, too
+REPRODUCED_SHARE = 0.2
 REFINED = 3  # of a joint's candidates
+ONSET_FACTOR = 1.2  # times the gain without onset
 SHOWS_T = 1.5
 COMMON_T = 2.0  # what all joints have in common may lie in few blocks, and joints bear each other out
 WHOLE_SECOND_SHARE = 0.5
+SECOND_CAUSE_SHARE = 0.12  # of what the first explains on all its joints
 AS_SIMPLE = 0.4
 DOUBT_FACTOR, DOUBT_T = 1.1, 1.0
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names

@@ -62,9 +62,11 @@ class Dependence(RatioEffect):
         return state, 1.0 + jnp.clip(change, -0.95, 3.0)
 
 
-def _card(variable: str, equation: str, signature: str, scope: Scope = Scope.joint) -> Card:
+def _card(
+    variable: str, equation: str, signature: str, scope: Scope = Scope.joint, form: str | None = None
+) -> Card:
     return Card(
-        family=f"other:{variable}",
+        family=f"other:{form or variable}",
         equation=equation,
         source="one additive term per variable: Hastie and Tibshirani (1990), Generalized Additive Models",
         signature=signature,
@@ -133,6 +135,30 @@ class OnHoldTime(Dependence):
         same = jnp.sign(signals.command) == jnp.sign(held)
         held_s = jnp.where(same, held_s + self.setting.dt_s, 0.0)
         return (held_s, signals.command), _rising(held_s, self.times_s)
+
+
+class OnWarmth(Dependence):
+    """On how long commands that way have been held lately: what warms up under a command, and cools without it."""
+
+    variable, n_basis = "hold_time", 2
+    card = _card(
+        "hold_time",
+        "ẇ_k = (1[a = d] − w_k) / T_k, φ_k = w_k, d the direction of motion",
+        "residual grows while a command is held, and is still there when it is given again soon",
+        form="warmth",
+    )
+    times_s = (1.5, 6.0)
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """Cold both ways."""
+        return jnp.zeros((*batch, self.setting.n_joint, N_DIRECTION, len(self.times_s)))
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Leaky means of the command's presence."""
+        present = jnp.stack([jnp.maximum(-signals.command, 0.0), jnp.maximum(signals.command, 0.0)], axis=-1)
+        share = 1.0 - np.exp(-self.setting.dt_s / np.asarray(self.times_s))
+        state = state + share * (present[..., None] - state)
+        return state, jnp.where((u > 0.0)[..., None], state[..., 1, :], state[..., 0, :])
 
 
 class OnRestTime(Dependence):
@@ -256,6 +282,7 @@ DEPENDENCES: dict[str, type[Dependence]] = {
         OnCommand,
         OnPosition,
         OnHoldTime,
+        OnWarmth,
         OnRestTime,
         OnReversal,
         OnVelocity,

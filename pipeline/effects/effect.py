@@ -60,6 +60,8 @@ class Parameter:
         upper: Largest plausible value.
         grid: Values that the search tries; none: the model is linear in it, least squares finds it.
         per_source: Whether the value is a row with one entry per joint (sources).
+        natural_bounds: Whether nothing lies beyond the bounds (no speed at all), so that a value there is none that
+            hides another cause.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Parameter:
     upper: float
     grid: tuple[float, ...] = ()
     per_source: bool = False
+    natural_bounds: bool = False
 
 
 @dataclass(frozen=True)

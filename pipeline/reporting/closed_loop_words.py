@@ -64,6 +64,7 @@ _VARIABLES = {
     "command": ("the command", "the command of {joint}"),
     "command_history": ("earlier commands", "earlier commands of {joint}"),
     "hold_time": ("how long the command has been held", "how long the command of {joint} has been held"),
+    "warmth": ("how long commands were held lately", "how long commands of {joint} were held lately"),
     "direction": ("the direction of motion", "the direction in which {joint} moves"),
     "position": ("position", "the position of {joint}"),
     "velocity": ("speed", "the speed of {joint}"),
