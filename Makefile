@@ -4,6 +4,9 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 export PYTHONUNBUFFERED := 1
+STORE ?= sqlite:///mlflow.db
+ARTIFACTS ?= mlartifacts
+HOST ?= 127.0.0.1
 
 .PHONY: help
 help: ## show this help
@@ -66,6 +69,10 @@ coverage: env ## run the tests and report which lines of the library they run
 ui: env ## open MLflow on the recorded runs
 	@echo "MLflow: http://127.0.0.1:5000 (runs in mlflow.db; Ctrl-C ends it)"
 	$(BIN)/mlflow ui --backend-store-uri sqlite:///mlflow.db --host 127.0.0.1 --port 5000
+
+.PHONY: server
+server: env ## start a tracking server that machines share (STORE=postgresql+psycopg://USER@HOST/DATABASE ARTIFACTS=FOLDER)
+	$(BIN)/mlflow server --backend-store-uri $(STORE) --artifacts-destination $(ARTIFACTS) --host $(HOST) --port 5000
 
 .PHONY: lock
 lock: ## resolve the dependencies of pyproject.toml anew into the lock files

@@ -57,6 +57,7 @@ def open_store(configuration: TrackingConfiguration) -> Any:
         InputError: The store does not answer.
     """
     os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # nothing is told to anyone, as by DVC
     from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
 

@@ -1,0 +1,106 @@
+"""A tracking server that machines share: a real PostgreSQL and a folder of artifacts, one override away."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from mlflow import MlflowClient
+from omegaconf import OmegaConf
+
+from pipeline.errors import InputError
+from pipeline.tracking import TrackingConfiguration, track
+from tests.postgresql import postgresql_server
+
+ROOT = Path(__file__).parents[2]
+RESOLVED = {"profile": "smoke", "machine": {"name": "bobcat_e10"}, "output": "out"}
+START_TIMEOUT_S = 240
+
+
+def configuration_of(uri: str) -> TrackingConfiguration:
+    """As `tracking=server tracking.uri=URI` gives it."""
+    content = OmegaConf.merge(
+        OmegaConf.structured(TrackingConfiguration), OmegaConf.load(ROOT / "conf/tracking/server.yaml")
+    )
+    content.uri = uri
+    configuration = OmegaConf.to_object(content)
+    assert isinstance(configuration, TrackingConfiguration)
+    return configuration
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[tuple[str, Path]]:
+    """Address of a server on PostgreSQL, and its folder of artifacts."""
+    with postgresql_server() as environment, socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+        free.close()
+        log = tmp_path / "server.log"
+        command = [
+            *(sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1", "--port", str(port)),
+            *("--backend-store-uri", "postgresql+psycopg:///postgres", "--workers", "1"),
+            *("--artifacts-destination", str(tmp_path / "kept")),
+        ]
+        with log.open("w") as output:
+            process = subprocess.Popen(
+                command,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                cwd=tmp_path,
+                env=os.environ | environment | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
+                start_new_session=True,
+            )
+        try:
+            address = f"http://127.0.0.1:{port}"
+            _wait_until_up(address, process, log)
+            yield address, tmp_path / "kept"
+        finally:
+            os.killpg(process.pid, signal.SIGTERM)
+            process.wait()
+
+
+def _wait_until_up(address: str, process: subprocess.Popen, log: Path) -> None:
+    deadline_s = time.monotonic() + START_TIMEOUT_S
+    while True:
+        try:
+            with urllib.request.urlopen(f"{address}/health", timeout=5):
+                return
+        except OSError:
+            if process.poll() is not None or time.monotonic() > deadline_s:
+                pytest.fail(f"the tracking server did not start:\n{log.read_text()}")
+            time.sleep(0.2)
+
+
+@pytest.mark.slow
+def test_runs_and_artifacts_are_the_server_s(
+    server: tuple[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address, kept = server
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    with track("identify", configuration_of(address), RESOLVED, "profile: smoke\n") as run:
+        run.metrics({"model.open_loop_rmse_80.boom": 0.01})
+        (tmp_path / "out/model.bin").write_text("1")
+        run.artifact(tmp_path / "out/model.bin")
+    client = MlflowClient(address)
+    (found,) = client.search_runs([client.get_experiment_by_name("models").experiment_id])
+    assert found.info.status == "FINISHED" and found.data.metrics == {"model.open_loop_rmse_80.boom": 0.01}
+    assert "output.out/model.bin" in found.data.tags
+    assert [path.name for path in kept.rglob("model.bin")] == ["model.bin"]
+    assert not list(tmp_path.glob("mlflow.db*"))
+
+
+def test_a_server_that_is_down_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    configuration = configuration_of("http://127.0.0.1:9")
+    with pytest.raises(InputError) as error, track("identify", configuration, RESOLVED, ""):
+        pass
+    line = str(error.value)
+    assert line.startswith("tracking.uri=http://127.0.0.1:9: ") and "\n" not in line
+    assert line.endswith("is the tracking server up? (tracking=none goes without)")
