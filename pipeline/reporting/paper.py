@@ -2,7 +2,7 @@
 
 Tables "Evaluation results obtained in the Brax-based training environment", "Performance of the PPO MLP policy when
 trained using different reward functions", "Selected parameterizations and training hyperparameters for the dynamic
-models" and "Modeling and algorithms hyperparameters".
+models", "Modeling and algorithms hyperparameters", and those of sections "Sim2Sim transfer" and "Sim2Real transfer".
 """
 
 from typing import NamedTuple
@@ -92,6 +92,62 @@ REWARD_ABLATION = _read(
     X+q+ε+a+W  683.36 ±  16.94  0.99 ± 0.01  1.00 ± 0.00  0.15 ± 0.01  0.11 ± 0.01  -0.10 ± 0.08  2.15 ± 0.05
     """
 )
+
+# Metrics of the tables of deployment, in the paper's order.
+DEPLOYMENT_COLUMNS = {
+    "sr_002_002": METRIC_COLUMNS["sr_002_002"],
+    "sr_012_008": "SR(0.12, 0.08)",
+    "oow": METRIC_COLUMNS["oow"],
+    "ooz": METRIC_COLUMNS["ooz"],
+    "min_z_m": METRIC_COLUMNS["min_z_m"],
+}
+PAPER_TARGETS = 100
+
+
+def _read_deployment(printed: str) -> dict[str, dict[str, float]]:
+    """Rows `name figure figure ...`, of one controller each, as {name: {metric: figure}}."""
+    rows = (line.split() for line in printed.strip().splitlines())
+    return {name: dict(zip(DEPLOYMENT_COLUMNS, map(float, figures), strict=True)) for name, *figures in rows}
+
+
+# Where the paper's controllers drove -> controller -> figures. One seed each; 500 episodes, 100 successive targets.
+SIM2SIM = {
+    "Brax": _read_deployment(
+        """
+        ppo_mlp_dq                   0.99 1.00 0.124 0.068 -0.066
+        ppo_mlp_dqdot                0.98 1.00 0.130 0.092 -0.103
+        ppo_kan_dq                   0.92 1.00 0.136 0.088 -1.184
+        icem_double_dagger_mlp_dqdot 0.81 0.98 0.012 0.004  0.124
+        """
+    ),
+    "Gazebo": _read_deployment(
+        """
+        ppo_mlp_dq                   0.02 0.93 0.124 0.066 -0.004
+        ppo_mlp_dqdot                0.11 1.00 0.118 0.068  0.000
+        ppo_kan_dq                   0.12 0.90 0.142 0.086 -0.574
+        icem_double_dagger_mlp_dqdot 0.74 0.98 0.122 0.068  0.107
+        """
+    ),
+}
+SIM2REAL = {
+    "Gazebo": _read_deployment(
+        """
+        ppo_mlp_dq                   0.04 0.94 0.040 0.010 0.091
+        ppo_mlp_dqdot                0.08 1.00 0.090 0.020 0.005
+        ppo_kan_dq                   0.13 0.87 0.060 0.030 0.000
+        icem_double_dagger_mlp_dqdot 0.77 0.98 0.070 0.020 0.151
+        """
+    ),
+    "Machine": _read_deployment(
+        """
+        ppo_mlp_dq                   0.01 0.43 0.010 0.010 0.154
+        ppo_mlp_dqdot                0.02 0.99 0.070 0.040 0.050
+        ppo_kan_dq                   0.00 0.69 0.020 0.020 0.099
+        icem_double_dagger_mlp_dqdot 0.08 0.71 0.200 0.050 0.120
+        """
+    ),
+}
+DEPLOYED = tuple(SIM2SIM["Brax"])  # controllers, in the paper's order
 
 # L(theta) over H = 80 on the evaluation subset, rad^2.
 SELECTED_MODELS = {

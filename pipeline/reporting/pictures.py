@@ -17,6 +17,8 @@ from pipeline.reaching.episodes import load_episodes
 from pipeline.reaching.metrics import PITCH_THRESHOLDS_RAD, POSITION_THRESHOLDS_M, load_traces
 from pipeline.reporting.controllers import ControllerResult, by_controller
 from pipeline.reporting.counts import counts_text, seeds_text
+from pipeline.reporting.deployment_chapter import deployment_figures
+from pipeline.reporting.deployments import Deployment
 from pipeline.reporting.figures import CurvePanel, LearningCurve, learning_curve_figure, success_rate_figure
 from pipeline.reporting.files import existing, read_json
 from pipeline.reporting.film import episode_film, film_bytes
@@ -53,6 +55,7 @@ def draw_pictures(
     episode: int,
     n_paths: int,
     frames_per_second: int,
+    deployments: Sequence[Deployment] = (),
 ) -> Pictures:
     """Draw everything; of each controller the first seed has its film and paths.
 
@@ -63,6 +66,7 @@ def draw_pictures(
         episode: number of the episode that the films show.
         n_paths: so many episodes, from the first on, have their paths drawn.
         frames_per_second: of the films; a divisor of the machine's rate.
+        deployments: what became of the controllers in the graph and on the plant.
     """
     if not controllers:
         return Pictures({}, None, {})
@@ -74,6 +78,7 @@ def draw_pictures(
     }
     if any(controller.curve for controller in controllers):
         figures["learning_curves"] = learning_curves(groups)
+    figures |= deployment_figures(deployments)
     try:
         films = {
             name: film(machine, machine_directory, group[0], episode, frames_per_second)

@@ -11,6 +11,7 @@ from pipeline.reporting.closed_loop_chapter import closed_loop_section, closed_l
 from pipeline.reporting.controller_chapter import controller_section, evaluated, film_section
 from pipeline.reporting.controllers import by_controller
 from pipeline.reporting.data_chapter import data_section
+from pipeline.reporting.deployment_chapter import FIGURES, deployment_section, deployment_tables
 from pipeline.reporting.evaluation_tables import brax_evaluation_table, comparison_table
 from pipeline.reporting.model_chapter import (
     error_table,
@@ -20,6 +21,7 @@ from pipeline.reporting.model_chapter import (
 )
 from pipeline.reporting.overview import key_figures, overview_section, verdict
 from pipeline.reporting.page import render_page
+from pipeline.reporting.paper import DEPLOYMENT_COLUMNS
 from pipeline.reporting.pictures import Pictures
 from pipeline.reporting.results import PipelineResults
 from pipeline.reporting.tables import Table
@@ -69,7 +71,10 @@ def build_report(
     sections = [overview_section(machine, results, data, closed_loop, origin)]
     if results.controllers:
         sections.append(film_section(pictures.films, pictures.unavailable))
-        sections.append(controller_section(results.controllers, pictures.figures, origin))
+        figures = {name: figure for name, figure in pictures.figures.items() if name not in FIGURES}
+        sections.append(controller_section(results.controllers, figures, origin))
+    if results.deployments:
+        sections.append(deployment_section(machine, results.deployments, pictures.figures, origin))
     sections.append(model_section(machine, results.models, origin))
     sections += [*map(judgement_section, results.judgements), data, closed_loop]
     page = render_page(
@@ -103,6 +108,8 @@ def _tables(machine: MachineSpecification, results: PipelineResults, origin: str
     if results.controllers:
         tables["brax_evaluation"] = brax_evaluation_table(results.controllers, origin)
         tables["brax_evaluation_beside_paper"] = comparison_table(results.controllers, origin)
+    for name, table in deployment_tables(machine, results.deployments, origin).items():
+        tables[name if name in ("sim2sim", "sim2real") else f"deployment_{name}"] = table
     if (closed_loop := closed_loop_table(machine, results.closed_loop)) is not None:
         tables["closed_loop"] = closed_loop
     return tables
@@ -112,5 +119,10 @@ def _summary(results: PipelineResults) -> dict[str, object]:
     summary: dict[str, object] = {f"identify.{model.kind}": model.metrics for model in results.models}
     for group in by_controller(results.controllers).values():
         summary[f"{group[0].algorithm}.{group[0].kind}"] = evaluated(group)
+    for deployment in results.deployments:
+        for transfer, drives in (("sim2sim", deployment.sim2sim), ("sim2real", deployment.sim2real)):
+            if drives:  # the last of them is what the transfer leads to
+                metrics = {key: drives[-1].metrics[key] for key in DEPLOYMENT_COLUMNS}
+                summary[f"{transfer}.{deployment.name}"] = metrics
     summary["close_loop.error"] = results.closed_loop.document.get("error", {})
     return summary

@@ -1,13 +1,14 @@
 """What the stages left in the artifacts folder, read back for tables and figures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pipeline.reporting.controllers import ControllerResult, read_controllers
+from pipeline.reporting.deployments import Deployment, read_deployments
 from pipeline.reporting.files import existing, read_json
 
 
@@ -57,6 +58,7 @@ class PipelineResults:
     judgements: list[JudgementResult]
     controllers: list[ControllerResult]
     closed_loop: ClosedLoopResult
+    deployments: list[Deployment] = field(default_factory=list)
 
 
 def read_results(
@@ -75,12 +77,14 @@ def read_results(
     models = [_model(artifacts / "identify" / kind) for kind in kinds]
     judgements = [_judgement(artifacts / "judge" / kind) for kind in kinds]
     quality = read_json(artifacts / "ingest/sessions/quality.json")
+    evaluated = read_controllers(artifacts, controllers)
     return PipelineResults(
         quality,
         models,
         judgements,
-        read_controllers(artifacts, controllers),
+        evaluated,
         _closed_loop(artifacts / "close_loop"),
+        read_deployments(artifacts, evaluated),
     )
 
 

@@ -9,6 +9,7 @@ from omegaconf import MISSING
 from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, stage
 from pipeline.errors import InputError
 from pipeline.reporting.controllers import controllers_of, read_controllers
+from pipeline.reporting.deployments import read_deployments
 from pipeline.reporting.pictures import draw_pictures, save_pictures
 from pipeline.tracking import StageRun
 
@@ -40,13 +41,16 @@ class PicturesStage(PipelineConfiguration):
 def main(configuration: PicturesStage, run: StageRun) -> None:
     """Draw every controller whose evaluation is there."""
     cells = yaml.safe_load(Path(configuration.cells).read_text(encoding="utf-8"))
+    artifacts = Path(configuration.artifacts)
+    controllers = read_controllers(artifacts, controllers_of(cells))
     pictures = draw_pictures(
         configuration.machine,
         MACHINE_DIRECTORY,
-        read_controllers(Path(configuration.artifacts), controllers_of(cells)),
+        controllers,
         configuration.episode,
         configuration.paths,
         configuration.frames_per_second,
+        read_deployments(artifacts, controllers),
     )
     output = Path(configuration.output)
     save_pictures(output, pictures)

@@ -1,0 +1,130 @@
+"""iCEM behind the graph's controller interface, against its own evaluation in Brax."""
+
+import copy
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from pipeline.configuration import load_section
+from pipeline.control.evaluate import controller_evaluation
+from pipeline.control.icem.config import IcemConfig
+from pipeline.control.icem.controller import icem_controller
+from pipeline.control.icem.variant import RewardVariant, variant_reward
+from pipeline.deployment.component import nanoseconds
+from pipeline.deployment.controllers import ControllerKind, ControllerState, IcemController
+from pipeline.deployment.goals import goal_solver
+from pipeline.deployment.machine import LearnedStep
+from pipeline.deployment.simulated_time.delays import (
+    PLANNING,
+    Distribution,
+    Sampler,
+    delays_of,
+    load_delays,
+    no_delays,
+    save_delays,
+)
+from pipeline.deployment.termination import TerminalConditions
+from pipeline.deployment.trials import GraphParts, run_episodes
+from pipeline.errors import InputError
+from pipeline.reaching.episodes import Episodes
+from pipeline.reaching.logged_trials import trial_traces
+from pipeline.reaching.reward import RewardConfig
+from pipeline.reaching.task import ReachingTask
+from tests.deployment.machines import MIDDLE, arm, bobcat, paper
+from tests.reaching.lag import lag_dynamics
+
+TICKS, REPEATS, SEED = 20, 4, 3
+EPISODES = Episodes(
+    np.array([MIDDLE, MIDDLE + 0.1], np.float32),
+    np.array([MIDDLE + np.array([0.3, -0.1, 0.2, 0.1]), MIDDLE - np.array([0.3, 0.1, 0.0, 0.2])], np.float32),
+)
+
+
+@pytest.fixture(scope="module")
+def config() -> IcemConfig:
+    section = load_section("icem", IcemConfig)
+    return dataclasses.replace(section, horizon=3, samples=12, elites=3, iterations=2)
+
+
+@pytest.fixture(scope="module")
+def parts(config: IcemConfig) -> GraphParts:
+    reward = variant_reward(load_section("reward", RewardConfig), RewardVariant.icem_double_dagger)
+    task = ReachingTask(bobcat(), arm(), lag_dynamics(bobcat()), {}, reward)
+    return GraphParts(
+        task,
+        IcemController(task, config, REPEATS, SEED),
+        goal_solver(bobcat(), arm()),
+        TerminalConditions(bobcat(), arm(), paper().termination),
+        paper(),
+        action_repeats=REPEATS,
+        maximum_ticks=TICKS,
+        step=LearnedStep(task),
+    )
+
+
+@pytest.fixture(scope="module")
+def undelayed(parts: GraphParts):
+    return trial_traces(run_episodes(parts, no_delays(), EPISODES), bobcat(), arm())
+
+
+def test_planning_in_a_graph_without_delays_is_planning_in_brax(parts, config, undelayed) -> None:
+    """Command for command: the buffers hold what the model's own history holds, and plans move on alike."""
+    evaluate = controller_evaluation(icem_controller(parts.task, config, REPEATS), parts.task, REPEATS, TICKS)
+    keys = jax.vmap(lambda n: jax.random.fold_in(jax.random.key(SEED), n))(np.arange(2))
+    brax = evaluate(None, EPISODES, keys).traces
+    for n in range(2):
+        waited = int(np.argmax(undelayed.command[n].any(axis=1)) - np.argmax(brax.command[n].any(axis=1)))
+        assert 0 <= waited <= 2
+        np.testing.assert_array_equal(undelayed.command[n, waited:], brax.command[n, : TICKS - waited])
+
+
+def test_episodes_side_by_side_are_what_they_are_alone(parts, undelayed) -> None:
+    together = trial_traces(run_episodes(parts, no_delays(), EPISODES, threads=2), bobcat(), arm())
+    np.testing.assert_array_equal(together.q, undelayed.q)
+
+
+def test_a_goal_s_number_decides_its_samples_and_a_fresh_planner_remembers_nothing(parts) -> None:
+    start = EPISODES.starts[0]
+    n_rows = parts.task.dynamics.specification.lags + 1
+    still = ControllerState(
+        np.zeros((n_rows, 4), np.float32), np.zeros((n_rows, 4), np.float32), start, start + 0.2
+    )
+    plans = []
+    for goal_id in (0, 0, 1):
+        planner = parts.controller.fresh()
+        planner.begin(goal_id)
+        planner.decide(still)
+        plans.append(np.asarray(planner._plan.proposal.mean))
+    np.testing.assert_array_equal(plans[0], plans[1])
+    assert not np.array_equal(plans[0], plans[2])
+
+
+def test_a_planner_that_sees_no_number_answers_none(parts) -> None:
+    n_rows = parts.task.dynamics.specification.lags + 1
+    motion = np.full((n_rows, 4), np.nan, np.float32)
+    q = EPISODES.starts[0]
+    blind = ControllerState(motion, np.zeros((n_rows, 4), np.float32), q, q)
+    assert np.isnan(parts.controller.fresh().decide(blind)).all()
+
+
+def test_a_model_with_effects_around_it_is_refused(parts, config) -> None:
+    task = copy.copy(parts.task)
+    task.dynamics = object()
+    with pytest.raises(InputError, match="without effects"):
+        IcemController(task, config, REPEATS, SEED)
+
+
+def test_a_planner_s_decisions_take_their_own_time(tmp_path) -> None:
+    measured = no_delays() | {"inference": Distribution.constant(0.001)}
+    policy, is_measured = delays_of(measured, ControllerKind.ppo, None)
+    assert is_measured and policy["inference"] is measured["inference"]
+    assumed, is_measured = delays_of(measured, ControllerKind.icem, 0.05)
+    assert not is_measured
+    assert Sampler(assumed["inference"], np.random.SeedSequence(0)).draw_ns() == nanoseconds(0.05)
+    with pytest.raises(InputError, match="unmeasured_planning_s"):
+        delays_of(measured, ControllerKind.icem, None)
+    save_delays(tmp_path / "delays.json", measured | {PLANNING: Distribution.constant(0.2)}, {})
+    planner, is_measured = delays_of(load_delays(tmp_path / "delays.json"), ControllerKind.icem, 0.05)
+    assert is_measured and planner["inference"].quantiles_s[0] == 0.2
