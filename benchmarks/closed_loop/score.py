@@ -1,11 +1,11 @@
 """Open the seals and score what was solved: the full table, goals, confusion, worst cases.
 
-python -m benchmarks.closed_loop.score ROOT [--json FILE] [--markdown FILE] [--kinds …]
+python -m benchmarks.closed_loop.score [ROOT] [--ledger FILE] [--json FILE] [--markdown FILE] [--kinds …]
 """
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from benchmarks.closed_loop import kinds
 from benchmarks.closed_loop.comparison import FAILED, Outcome, Solution, compare
 from benchmarks.closed_loop.folders import Folders, readable
 from benchmarks.closed_loop.goals import figures, of_stated_size
+from benchmarks.closed_loop.ledger import Record, add, fingerprint
 from benchmarks.closed_loop.machines import MACHINE, variant
 from benchmarks.closed_loop.tables import case_table, confusion_table, family_table, goals_table, worst_table
 from benchmarks.closed_loop.truth import from_json
@@ -30,17 +31,25 @@ def read_solution(folder: Path) -> Solution | None:
     return Solution(run["status"], run["seconds"], answer, _json(folder / "exam.json"))
 
 
-def outcomes(folders: Folders, leaving_out: bool) -> list[Outcome]:
-    """All solved cases, scored."""
+def records(folders: Folders) -> list[Record]:
+    """All cases that were solved below a root, with and without their true card."""
     found = []
-    for name in folders.complete_cases():
-        solution = read_solution(folders.solutions(leaving_out) / name)
-        if solution is not None:
-            truth = from_json((folders.seals / f"{name}.json").read_text())
-            # what is in the nominal logs too has a baseline, and so a floor, of its own
-            floor = None if truth.kind == kinds.IN_NOMINAL else _floor(folders, truth.variant)
-            found.append(compare(name, truth, solution, floor))
+    for left_out in (False, True):
+        for name in folders.complete_cases():
+            folder = folders.solutions(left_out) / name
+            solution = read_solution(folder)
+            if solution is not None:
+                truth = from_json((folders.seals / f"{name}.json").read_text())
+                # what is in the nominal logs too has a baseline, and so a floor, of its own
+                floor = None if truth.kind == kinds.IN_NOMINAL else _floor(folders, truth.variant)
+                code = _json(folder / "run.json").get("code", "unknown")
+                found.append(Record(name, left_out, code, truth, solution, floor))
     return found
+
+
+def outcomes(solved: Sequence[Record], leaving_out: bool) -> list[Outcome]:
+    """Solved cases, scored."""
+    return [compare(r.case, r.truth, r.solution, r.floor) for r in solved if r.is_left_out == leaving_out]
 
 
 def _floor(folders: Folders, number: int) -> Mapping[str, float] | None:
@@ -54,13 +63,12 @@ def _json(path: Path) -> Any:
     return json.loads(path.read_text()) if path.exists() else None
 
 
-def report(folders: Folders, chosen: list[Outcome], left_out: list[Outcome]) -> str:
+def report(code: str, chosen: list[Outcome], left_out: list[Outcome]) -> str:
     """The whole score as Markdown."""
-    n_cases = len(folders.complete_cases())
     n_failed = sum(o.verdict == FAILED for o in chosen)
     stated = figures([o for o in chosen if of_stated_size(o)], [o for o in left_out if of_stated_size(o)])
     parts = [
-        f"{len(chosen)} of {n_cases} cases scored, {n_failed} of them failed runs (they count as not detected); "
+        f"{len(chosen)} cases solved by code {code}, {n_failed} of them failed runs (they count as not detected); "
         f"{len(left_out)} cases with the true card deleted.",
         "## Goals",
         goals_table(figures(chosen, left_out), stated),
@@ -81,19 +89,29 @@ def report(folders: Folders, chosen: list[Outcome], left_out: list[Outcome]) -> 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="score", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("root", type=Path)
+    parser.add_argument("root", type=Path, nargs="?", help="where cases were solved in this sitting")
+    parser.add_argument("--ledger", type=Path, help="add them to this ledger, and score all that it holds")
+    parser.add_argument(
+        "--code", help="only cases solved by the code of this fingerprint (default: this code)"
+    )
     parser.add_argument("--json", type=Path, help="also write all outcomes and figures here")
     parser.add_argument("--markdown", type=Path, help="also write the tables here")
     parser.add_argument("--kinds", nargs="+", choices=kinds.KINDS, default=kinds.KINDS, metavar="KIND")
     arguments = parser.parse_args()
-    folders = Folders(arguments.root.resolve())
-    if not readable(folders.seals):
-        parser.error(f"{folders.seals} is closed: a solve is running, or was killed (then: chmod 700)")
-    chosen, left_out = (
-        [o for o in outcomes(folders, leaving_out) if o.truth.kind in arguments.kinds]
-        for leaving_out in (False, True)
-    )
-    text = report(folders, chosen, left_out)
+    if arguments.root is None and arguments.ledger is None:
+        parser.error("nothing to score: name a root, a ledger or both")
+    solved: list[Record] = []
+    if arguments.root is not None:
+        folders = Folders(arguments.root.resolve())
+        if not readable(folders.seals):
+            parser.error(f"{folders.seals} is closed: a solve is running, or was killed (then: chmod 700)")
+        solved = records(folders)
+    if arguments.ledger is not None:
+        solved = add(arguments.ledger, solved)
+    code = arguments.code or fingerprint()
+    solved = [r for r in solved if r.code == code and r.truth.kind in arguments.kinds]
+    chosen, left_out = (outcomes(solved, leaving_out) for leaving_out in (False, True))
+    text = report(code, chosen, left_out)
     print(text)
     if arguments.markdown:
         write_whole(arguments.markdown, text.encode())

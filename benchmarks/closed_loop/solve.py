@@ -2,10 +2,11 @@
 
     python -m benchmarks.closed_loop.solve ROOT [--workers 2] [--timeout 600] [--leave-out-true] [overrides …]
 
-Solutions go to `ROOT/solutions/<case>`: what `close_loop` wrote, `log.txt`, `run.json` (exit status, seconds) and
-`exam.json` (errors on the exam logs, measured here). With `--leave-out-true` the seals of single effects are opened
-first, and each case is run with the true family's card deleted, into `ROOT/solutions_left_out`. Overrides are handed
-on to `close_loop`. Cases that are solved are not run again; those whose run failed are, with `--again`.
+Solutions go to `ROOT/solutions/<case>`: what `close_loop` wrote, `log.txt`, `run.json` (exit status, seconds,
+fingerprint of the code) and `exam.json` (errors on the exam logs, measured here). With `--leave-out-true` the seals of
+single effects are opened first, and each case is run with the true family's card deleted, into
+`ROOT/solutions_left_out`. Overrides are handed on to `close_loop`. Cases that are solved are not run again; those whose
+run failed are, with `--again`.
 """
 
 import argparse
@@ -28,6 +29,7 @@ import jax
 from benchmarks.closed_loop import blind, kinds
 from benchmarks.closed_loop.examine import examine
 from benchmarks.closed_loop.folders import CASE_FILE, Folders, sealed
+from benchmarks.closed_loop.ledger import fingerprint
 from benchmarks.closed_loop.machines import MACHINE
 from benchmarks.closed_loop.truth import from_json
 from pipeline.atomic_files import write_whole
@@ -100,7 +102,7 @@ def run(task: Task, seals: Path, timeout_s: float, module: str = CLOSE_LOOP) -> 
             process.wait()
     if status == blind.STILL_READABLE:
         raise SystemExit((task.solution / LOG_FILE).read_text())
-    result = {"status": status, "seconds": round(time.monotonic() - begin, 1)}
+    result = {"status": status, "seconds": round(time.monotonic() - begin, 1), "code": fingerprint()}
     write_whole(task.solution / RUN_FILE, (json.dumps(result) + "\n").encode())
 
 

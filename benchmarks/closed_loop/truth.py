@@ -69,9 +69,12 @@ class Truth:
 
 def from_json(text: str) -> Truth:
     """Inverse of `Truth.to_json`."""
-    content = json.loads(text)
-    effects = tuple(_effect(effect) for effect in content.pop("effects"))
-    return Truth(**content, effects=effects)
+    return from_content(json.loads(text))
+
+
+def from_content(content: dict[str, Any]) -> Truth:
+    """The same from what the JSON holds."""
+    return Truth(**(content | {"effects": tuple(_effect(effect) for effect in content["effects"])}))
 
 
 def _effect(content: dict[str, Any]) -> TrueEffect:

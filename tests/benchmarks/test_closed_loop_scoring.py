@@ -19,8 +19,9 @@ from benchmarks.closed_loop.draw import Size, draw_case, draw_plan
 from benchmarks.closed_loop.folders import CASE_FILE, Folders, sealed
 from benchmarks.closed_loop.generate import case_name, variant_of
 from benchmarks.closed_loop.goals import abstained, figures, of_stated_size
+from benchmarks.closed_loop.ledger import Record, add, fingerprint, read
 from benchmarks.closed_loop.parameter_errors import NAMES, parameter_errors, sign_is_right
-from benchmarks.closed_loop.score import outcomes, report
+from benchmarks.closed_loop.score import outcomes, records, report
 from benchmarks.closed_loop.solve import LOG_FILE, RUN_FILE, TIMED_OUT, is_solved, run, tasks
 from benchmarks.closed_loop.truth import Onset, TrueEffect, Truth, from_json
 from pipeline.errors import InputError
@@ -370,20 +371,51 @@ def test_a_run_is_logged_and_timed_and_a_hanging_one_is_ended(root, tmp_path, mo
 
 
 def test_the_score_is_read_from_files(root):
-    assert outcomes(root, leaving_out=False) == []
+    assert outcomes(records(root), leaving_out=False) == []
     solution = root.solutions(leaving_out=False) / "abc"
     solution.mkdir(parents=True)
     (solution / "run.json").write_text(json.dumps({"status": 0, "seconds": 12.0}))
     given = answer(reported("delay", ["swing"], {"added_delay": (0.21, (0.19, 0.23))}))
     (solution / "closed_loop.json").write_text(json.dumps(given))
-    [outcome] = outcomes(root, leaving_out=False)
+    [outcome] = outcomes(records(root), leaving_out=False)
     assert outcome.hits == 1
-    text = report(root, [outcome], [])
+    text = report("abc123", [outcome], [])
     assert "| detection | ≥ 98 % | 100.0 % | yes | 1 |" in text
     assert (
         "| abc | delay 1 | 2.00 | 0, same | delay swing | named | delay | 1/0/0 | yes | 5.0 % | 1/1 |" in text
     )
     (solution / "run.json").write_text(json.dumps({"status": "timeout", "seconds": 600.0}))
-    [failed] = outcomes(root, leaving_out=False)
+    [failed] = outcomes(records(root), leaving_out=False)
     assert (failed.verdict, failed.detected, failed.hits) == ("failed", False, 0)
     assert Path(root.root).exists()
+
+
+def test_the_ledger_keeps_every_case_once_per_code_and_scores_it_alike(tmp_path):
+    onset = Onset("2025-01-01", 30.0)
+    truth = truth_of(true_effect("change_point", ["arm"], {"added_delay": 0.2}, of="delay", onset=onset))
+    given = answer(reported("delay", ["arm"], {"added_delay": (0.21, (0.19, 0.23))}))
+    solution = Solution(0, 12.0, given, {"before": FLOOR | {"arm": 0.05}, "after": FLOOR})
+    path = tmp_path / "folder" / "ledger.jsonl"
+    first = Record("abc", False, "code1", truth, solution, FLOOR)
+    again = [first, replace(first, code="code2"), replace(first, is_left_out=True)]
+    assert read(path) == []
+    assert add(path, [first]) == [first]
+    assert add(path, again) == again
+    assert read(path) == again
+    assert outcomes(read(path)[:1], leaving_out=False) == outcomes([first], leaving_out=False)
+    assert len(path.read_text().splitlines()) == 3
+
+
+def test_a_damaged_ledger_is_refused_by_its_line(tmp_path):
+    path = tmp_path / "ledger.jsonl"
+    add(path, [Record("abc", False, "code", DELAY, Solution(0, 1.0, None, None), None)])
+    path.write_text(path.read_text() + "{}\n")
+    with pytest.raises(InputError, match=r"ledger\.jsonl, line 2: no record"):
+        read(path)
+
+
+def test_the_fingerprint_is_of_code_and_settings(monkeypatch):
+    before = fingerprint()
+    assert before == fingerprint() and len(before) == 12
+    monkeypatch.setattr("benchmarks.closed_loop.ledger.DECISIVE", ("effects",))
+    assert fingerprint() != before

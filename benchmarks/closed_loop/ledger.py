@@ -1,0 +1,89 @@
+"""A ledger of solved cases: one line of JSON each, which outlasts the folders that a case was drawn and solved in.
+
+A benchmark of many hours is run in sittings, on machines that begin empty. What a score needs of a case (its truth,
+what `close_loop` answered, the errors on the exam logs) is a few thousand characters; bags and models are drawn anew
+by their seed if someone wants them. Each line says which code solved the case, so that one table never mixes two.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.closed_loop.comparison import Solution
+from benchmarks.closed_loop.truth import Truth, from_content
+from pipeline.atomic_files import write_whole
+from pipeline.configuration import load_section
+from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.errors import InputError
+
+DECISIVE = ("discrepancy", "effects")  # packages of `pipeline` that decide what is answered
+SECTION = "close_loop"
+
+
+@dataclass(frozen=True)
+class Record:
+    """A solved case.
+
+    Attributes:
+        case: Its name.
+        is_left_out: Whether the true family's card was deleted.
+        code: Fingerprint of the code that solved it.
+        truth: What the seal holds.
+        solution: What the run left.
+        floor: 4 s error of the variant's baseline on nominal logs, rad, by joint; None where there is none.
+    """
+
+    case: str
+    is_left_out: bool
+    code: str
+    truth: Truth
+    solution: Solution
+    floor: Mapping[str, float] | None
+
+
+def fingerprint() -> str:
+    """Of the code and the settings that decide what `close_loop` answers."""
+    package = Path(__file__).resolve().parents[2] / "pipeline"
+    digest = hashlib.sha256()
+    for folder in DECISIVE:
+        for path in sorted((package / folder).rglob("*.py")):
+            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    digest.update(json.dumps(asdict(load_section(SECTION, CloseLoopConfig)), sort_keys=True).encode())
+    return digest.hexdigest()[:12]
+
+
+def read(path: Path) -> list[Record]:
+    """All records, in the order in which they were added; none where there is no ledger yet.
+
+    Raises:
+        InputError: A line is no record.
+    """
+    if not path.exists():
+        return []
+    found = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        try:
+            found.append(_record(json.loads(line)))
+        except (ValueError, TypeError, KeyError) as error:
+            raise InputError(
+                f"{path}, line {number}: no record of a solved case ({error}); restore the file"
+            ) from error
+    return found
+
+
+def add(path: Path, records: Iterable[Record]) -> list[Record]:
+    """Write records that the ledger lacks behind those that it has; a case solved again by other code is another."""
+    present = read(path)
+    known = {(r.case, r.is_left_out, r.code) for r in present}
+    together = present + [r for r in records if (r.case, r.is_left_out, r.code) not in known]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, "".join(json.dumps(asdict(r), sort_keys=True) + "\n" for r in together).encode())
+    return together
+
+
+def _record(content: dict[str, Any]) -> Record:
+    of = {"truth": from_content(content["truth"]), "solution": Solution(**content["solution"])}
+    return Record(**(content | of))
