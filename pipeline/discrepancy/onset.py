@@ -36,9 +36,21 @@ WHOLE = 0.999
 
 
 def with_onsets(
-    simulation: Simulation, active: Hypothesis, rows: Rows, candidates: Sequence[Candidate]
+    simulation: Simulation,
+    active: Hypothesis,
+    rows: Rows,
+    candidates: Sequence[Candidate],
+    known: Sequence[int] = (),
 ) -> list[Candidate]:
-    """The candidates; each of the best per joint is replaced by itself with an onset, where that is clearly better."""
+    """The candidates; each of the best per joint is replaced by itself with an onset, where that is clearly better.
+
+    Args:
+        simulation: On the logs.
+        active: Effects beside it.
+        rows: Rows in use.
+        candidates: Any number.
+        known: Moments, absolute stamps in ns, at which something else set in: preferred where as good.
+    """
     result = []
     count: dict[int, int] = {}
     for candidate in sorted(candidates, key=lambda c: -c.gain):
@@ -49,7 +61,7 @@ def with_onsets(
             and count[candidate.joint] < TRIED_PER_JOINT
         ):
             count[candidate.joint] += 1
-            candidate = _with_onset(simulation, active, rows, candidate)
+            candidate = _with_onset(simulation, active, rows, candidate, known)
         result.append(candidate)
     return result
 
@@ -87,7 +99,9 @@ def _squares(simulation: Simulation, active: Hypothesis, rows: Rows) -> np.ndarr
     return np.maximum(np.sum(residual**2, axis=0), 1e-12)
 
 
-def _with_onset(simulation: Simulation, active: Hypothesis, rows: Rows, candidate: Candidate) -> Candidate:
+def _with_onset(
+    simulation: Simulation, active: Hypothesis, rows: Rows, candidate: Candidate, known: Sequence[int]
+) -> Candidate:
     joint = candidate.joint
     order = np.argsort(
         averaged(simulation.sequences.stamp_ns.astype(np.float64), rows.is_used), kind="stable"
@@ -133,6 +147,8 @@ def _with_onset(simulation: Simulation, active: Hypothesis, rows: Rows, candidat
     # Where the joint stands, and where rows are kept for confirmation, one moment is as good as the other: the middle.
     as_good = inside[total[inside] > total[place] - AS_GOOD * rows.floor[joint]]
     moments = stamps[order[[max(as_good[0] - 1, 0), as_good[-1]]]]
-    onset = int(moments.mean() + simulation.sequences.stamp_ns.min())
+    first = simulation.sequences.stamp_ns.min()
+    same = [moment for moment in known if moments[0] <= moment - first <= moments[1]]
+    onset = same[0] if same else int(moments.mean() + first)
     share = gain * rows.floor[joint] / max(float(np.sum(before**2)), 1e-12)
     return replace(current, gain=gain, share=share, gain_by_block=gain_by_block, onset=onset)

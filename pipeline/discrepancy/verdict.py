@@ -58,8 +58,9 @@ def effects_of(found: Sequence[Found], excited: Sequence[int], allow_timing: boo
     """
     left = list(found)
     effects = []
-    delays = [f for f in left if f.candidate.family == "delay" and f.candidate.onset is None]
-    if allow_timing and len(delays) >= 2 and {f.candidate.joint for f in delays} >= set(excited):
+    delays = [f for f in left if f.candidate.family == "delay"]
+    is_one = len({f.candidate.onset for f in delays}) == 1
+    if allow_timing and is_one and len(delays) >= 2 and {f.candidate.joint for f in delays} >= set(excited):
         values = np.array([f.candidate.point["added_delay"] for f in delays])
         if np.ptp(values) <= max(2 * EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE * float(np.median(values))):
             effects.append(Effect("timing", delays))

@@ -23,12 +23,12 @@ class Rest(NamedTuple):
 class Stiction(CommandEffect):
     """After a rest longer than the threshold the command acts only after some extra time.
 
-    The threshold is soft, over a tenth of itself, so that it has a derivative.
+    A lock grows while the spool rests: after a rest as long as the threshold half of it is there.
     """
 
     card = Card(
         family="stiction",
-        equation="a'(t) = 0 for the first T_s of a command that follows a rest longer than T_r, a(t) else",
+        equation="a'(t) = 0 for the first T_s r³ / (r³ + T_r³) of a command that follows a rest of r, a(t) else",
         source="hydraulic lock of silted spools: Merritt (1967), 11-4; Armstrong-Hélouvry et al. (1994), rising static "
         "friction",
         signature="negative residual pulse after starts from rest only; stops and reversals stay as they were",
@@ -54,11 +54,12 @@ class Stiction(CommandEffect):
         was_moving = state.moving_s > 0.0
         rest_s = jnp.where(is_zero, jnp.where(was_moving, dt_s, state.rest_s + dt_s), state.rest_s)
         moving_s = jnp.where(is_zero, 0.0, state.moving_s + dt_s)
-        rested = jax.nn.sigmoid((rest_s - values["rest_threshold"]) / (0.1 * values["rest_threshold"] + 1e-3))
+        rested = 1.0 / (1.0 + (values["rest_threshold"] / jnp.maximum(rest_s, dt_s)) ** STEEPNESS)
         extra_s = rested * values["mean_extra_time"]
         passed = jnp.clip((moving_s - extra_s) / dt_s, 0.0, 1.0)
         return Rest(rest_s, moving_s), command * jnp.where(is_zero, 1.0, passed)
 
 
 LONG_S = 60.0
+STEEPNESS = 3  # between a threshold proper and a lock that grows as 1 - exp(-r / T)
 SMALLEST_COMMAND = 1e-3

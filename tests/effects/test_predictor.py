@@ -114,10 +114,18 @@ def test_with_the_true_values_predictions_are_right(family, target):
 def test_stiction_holds_back_the_starts_after_rest(target):
     a = np.zeros((130, 2))
     a[20:40], a[44:60], a[100:120] = 1.0, -1.0, [0.0, 1.0]
+    extra, threshold_s = 0.1, 0.4
     reaching = a.copy()
-    reaching[20:22] = reaching[100:102] = 0.0  # 0.1 s, but not after the rest of 0.2 s
+    for begin, rest_s in [
+        (20, 60.0 + 1.0),
+        (44, 0.2),
+        (100, 2.0),
+    ]:  # before the log it had been at rest for a minute
+        late = extra / DT_S * rest_s**3 / (rest_s**3 + threshold_s**3)
+        for step in range(2):
+            reaching[begin + step] *= np.clip(step + 1 - late, 0.0, 1.0)
     log = simulated(a, on_command=lambda t, _: reaching[t])
-    values = {"mean_extra_time": [0.1, 0.1], "rest_threshold": [1.0, 1.0]}
+    values = {"mean_extra_time": [extra, extra], "rest_threshold": [threshold_s, threshold_s]}
     np.testing.assert_allclose(predicted("stiction", values, log, target), measured(log), atol=5e-5)
 
 
