@@ -19,7 +19,7 @@ from pipeline.discrepancy.diagnosis_model import is_known, train_diagnosis_model
 from pipeline.discrepancy.document import document_of
 from pipeline.discrepancy.finetuning import fine_tune
 from pipeline.discrepancy.found import Found, residual_of, values_of
-from pipeline.discrepancy.gate import can_be_shifted, lower_bound, placebo_p, rank_p
+from pipeline.discrepancy.gate import can_be_shifted, lower_bound, placebo_p, pooled, rank_p
 from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
 from pipeline.discrepancy.misfit import misfit_covariance
@@ -267,10 +267,7 @@ class Loop:
                 continue
             joints = [f.candidate.joint for f in members]
             without = self.residual(self.confirm, [f for f in found if f not in members])
-            before, after = (
-                np.sqrt(np.sum(residual[:, joints] ** 2 / self.floor[joints], axis=1))
-                for residual in (without, everything)
-            )
+            before, after = (pooled(residual, joints, self.floor) for residual in (without, everything))
             bounds[family] = lower_bound(
                 before, after, self.confirm, self.config.gate.resamples, self.config.seed
             )[1]

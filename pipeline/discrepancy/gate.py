@@ -1,6 +1,6 @@
 """The gate: what an effect has to pass on confirmation rows and against placebos before it is reported."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +62,18 @@ def lower_bound(
     share = 1.0 - squares[1][drawn].sum(axis=1) / np.maximum(squares[0][drawn].sum(axis=1), 1e-12)
     total = 1.0 - squares[1].sum() / max(squares[0].sum(), 1e-12)
     return float(total), float(np.quantile(share, 0.05))
+
+
+def pooled(residual: np.ndarray, joints: Sequence[int], floor: np.ndarray) -> np.ndarray:
+    """(N,) what several joints' residuals come to: the root of their squares in units of each joint's noise floor.
+
+    Args:
+        residual: (N, n_joint).
+        joints: Which.
+        floor: (n_joint,) mean squares of the noise floor.
+    """
+    joints = list(joints)
+    return np.sqrt(np.sum(residual[:, joints] ** 2 / floor[joints], axis=1))
 
 
 def placebo_p(residual: np.ndarray, change: np.ndarray, n_hypotheses: int, seed: int) -> float:

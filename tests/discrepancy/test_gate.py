@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.discrepancy.gate import can_be_shifted, lower_bound, placebo_p, rank_p
+from pipeline.discrepancy.gate import can_be_shifted, lower_bound, placebo_p, pooled, rank_p
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.screen import Rows
 
@@ -58,3 +58,9 @@ def test_a_creep_at_rest_has_no_placebos_in_time() -> None:
     assert not can_be_shifted(creep)
     assert can_be_shifted(coloured(random))
     assert can_be_shifted(np.where(random.random(N // 20).repeat(20) < 0.15, 0.3, 0.0))
+
+
+def test_joints_are_pooled_in_units_of_their_floors() -> None:
+    residual = np.array([[3.0, 40.0, 7.0], [0.0, -10.0, 7.0]])
+    together = pooled(residual, [0, 1], np.array([1.0, 100.0, 1.0]))
+    np.testing.assert_allclose(together, [5.0, 1.0])

@@ -1,16 +1,23 @@
 """Which names candidates may bear, and when a cause of several joints comes before one on a single joint."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from pipeline.configuration import load_section
 from pipeline.discrepancy.plausibility import is_at_bound, is_plausible
-from pipeline.discrepancy.screen import Candidate
+from pipeline.discrepancy.regression import Folds, t_statistic
+from pipeline.discrepancy.screen import Candidate, Rows
+from pipeline.discrepancy.search import Search
+from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.whole_machine import common_cause
 from pipeline.effects.effect import Setting
 from pipeline.effects.store import KNOWN
 
 SETTING = Setting(0.05, -np.ones(3), np.ones(3), np.ones(3))
-EFFECTS = {family: KNOWN[family](SETTING) for family in ("gain", "oscillation", "load")}
+EFFECTS = {family: KNOWN[family](SETTING) for family in ("gain", "oscillation", "load", "end_cushion")}
 
 
 def candidate(family: str, joint: int, gain: float, coefficients=(), point=None, freed=()) -> Candidate:
@@ -68,3 +75,39 @@ def test_a_value_at_its_bound_is_no_name() -> None:
     overdamped = {"frequency": 2.0, "damping_ratio": 0.9}
     assert is_at_bound(EFFECTS, candidate("oscillation", 0, 1.0, (1.0,), overdamped, share))
     assert not is_at_bound(EFFECTS, candidate("other:position", 0, 1.0, (2.0,)))
+    standstill = candidate("end_cushion", 0, 1.0, (0.95,), {"zone_share": 0.2}, ((("loss_upper", None),),))
+    assert not is_at_bound(EFFECTS, standstill)  # no speed at all is a limit of nature
+
+
+def search(folds: Folds) -> Search:
+    """A search on rows of two folds, with nothing found."""
+    rows = Rows(np.ones((1, 2 * len(folds.fold)), bool), folds, np.ones(1), np.ones((len(folds.fold), 1)))
+    simulation = SimpleNamespace(effects=EFFECTS, onsets={})
+    settings = load_section("close_loop", CloseLoopConfig, "paper").search
+    return Search(simulation, rows, {}, settings, (), {}, lambda _: None)
+
+
+def test_what_is_rare_but_reproduced_by_both_halves_of_the_rows_counts() -> None:
+    block = np.repeat(np.arange(40), 10)
+    looking = search(Folds(block % 2, block, 40))
+
+    def rare(gains: dict[int, float], share: float = 0.5) -> Candidate:
+        blocks = np.zeros(40)
+        blocks[list(gains)] = list(gains.values())
+        total = float(blocks.sum())
+        return Candidate("other:command", 0, 0, {}, (), np.zeros(1), total, share, blocks)
+
+    twice, once = rare({4: 150.0, 7: 120.0}), rare({4: 150.0, 6: 120.0})  # blocks of both folds, and of one
+    assert t_statistic(twice.gain_by_block) < 2.5 and t_statistic(once.gain_by_block) < 2.5
+    assert looking.passes(twice) and not looking.passes(once)
+    assert not looking.passes(replace(twice, share=0.05))
+    assert not looking.passes(replace(twice, onset=1))  # before an onset there is nothing to be reproduced
+
+
+def test_a_dependence_that_explains_more_than_the_name_takes_its_certainty() -> None:
+    looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
+    gain = candidate("gain", 0, 100.0)
+    assert looking._raises_doubt(candidate("other:warmth", 0, 104.0), gain)
+    assert not looking._raises_doubt(candidate("other:warmth", 0, 100.5), gain)
+    assert not looking._raises_doubt(candidate("load", 0, 104.0), gain)
+    assert not looking._raises_doubt(candidate("other:warmth", 0, 104.0), candidate("other:travel", 0, 100.0))

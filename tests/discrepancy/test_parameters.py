@@ -6,7 +6,8 @@ import numpy as np
 
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.misfit import misfit_covariance
-from pipeline.discrepancy.parameters import weighted_mean
+from pipeline.discrepancy.parameters import spreads, weighted_mean
+from pipeline.discrepancy.refine import Coordinate
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.screen import Candidate, Rows, averaged
 from pipeline.effects.effect import Setting
@@ -25,6 +26,19 @@ def test_joints_that_disagree_widen_the_interval() -> None:
     _, agreeing = weighted_mean(np.array([1.0, 1.0, 1.0]), np.full(3, 0.01))
     _, disagreeing = weighted_mean(np.array([0.8, 1.0, 1.2]), np.full(3, 0.01))
     assert disagreeing > 10.0 * agreeing
+
+
+def test_a_deviation_ends_where_nothing_is_plausible() -> None:
+    coordinate = Coordinate(0, None, 0, -0.3, 0.3)
+    candidate = Candidate("gain", 0, None, {}, (), np.array([0.1]), 0.0, 0.0, np.zeros(1))
+
+    def deviation(variance: float) -> float:
+        return spreads([coordinate], np.array([[variance]]), 0, candidate, model_error=0.0)["coefficient:0"]
+
+    uniform = 0.6 / np.sqrt(12.0)
+    assert np.isclose(deviation(1e6), uniform, rtol=1e-3)
+    assert np.isclose(deviation(1e-6), 1e-3, rtol=1e-3)
+    assert np.isclose(deviation(uniform**2), (2.0 / uniform**2) ** -0.5)  # precisions add
 
 
 def gain_of_one_joint(ratio: float):
