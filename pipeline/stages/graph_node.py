@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from omegaconf import MISSING
@@ -85,6 +86,9 @@ class GraphNodeStage(GraphStage):
 @stage(GraphNodeStage)
 def main(configuration: GraphNodeStage, run: StageRun) -> None:
     """Be one node until the graph is shut down; or the operator, until all targets have been pursued."""
+    jax.config.update(
+        "jax_cpu_enable_async_dispatch", False
+    )  # calls are so short that handing them over costs more
     if configuration.node == OPERATOR:
         results, recorder = operate(configuration)
         write_run(configuration, results, recorder)

@@ -2,46 +2,71 @@
 
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from omegaconf import MISSING
 
 from pipeline.atomic_files import write_whole
 from pipeline.configuration import stage
-from pipeline.deployment.ros1.measurements import distributions, load_measured, real_time_table
+from pipeline.control.icem.variant import RewardVariant
+from pipeline.deployment.controllers import ControllerKind
+from pipeline.deployment.ros1.measurements import Measured, distributions, load_measured, real_time_table
 from pipeline.deployment.simulated_time.delays import save_delays
+from pipeline.errors import InputError
 from pipeline.stages.graph_node import GraphStage
 from pipeline.stages.run_graph import run_targets
 from pipeline.tracking import StageRun
+
+REPLACED = ("policy", "variant", "output")  # overrides that each run has of its own
 
 
 @dataclass
 class MeasureDelaysStage(GraphStage):
     """Keys of `conf/measure_delays.yaml`."""
 
+    planner: RewardVariant | None = None
     delays: str = MISSING
 
 
 @stage(MeasureDelaysStage)
 def main(configuration: MeasureDelaysStage, run: StageRun) -> None:
-    """Run the graph over the targets; write the file of delays and the real-time table."""
+    """Run the graph over the targets, with the policy and with the planner; write delays and the real-time table."""
+    if configuration.kind is not ControllerKind.ppo:
+        raise InputError(
+            "policy is not named; the links are measured with a policy, a planner's decisions with planner"
+        )
     output = Path(configuration.output)
     load_before = os.getloadavg()[0]
-    results, _ = run_targets(configuration, sys.argv[1:])
-    measured = load_measured(output / "nodes")
+    runs = {"PPO": measured_run(replace(configuration, output=str(output / "ppo")))}
+    if configuration.planner is not None:
+        planning = replace(
+            configuration, policy=None, variant=configuration.planner, output=str(output / "icem")
+        )
+        runs["iCEM"] = measured_run(planning)
     how = {
         "command": "measure_delays",
-        "targets": len(results),
-        "outcomes": [str(result.outcome) for result in results],
-        "cores": os.cpu_count(),
+        "targets": configuration.targets,
+        "controllers": list(runs),
+        "cores": len(os.sched_getaffinity(0)),
         "load_average_before": round(load_before, 2),
         "load_average_after": round(os.getloadavg()[0], 2),
     }
-    save_delays(Path(configuration.delays), distributions(measured), how)
-    table = real_time_table(measured)
+    save_delays(Path(configuration.delays), distributions(runs["PPO"], runs.get("iCEM")), how)
+    decision_s = configuration.control.action_repeats * configuration.machine.dt_s
+    table = real_time_table(runs, decision_s)
     write_whole(output / "real_time.md", table.encode())
     print(table, end="")
+
+
+def measured_run(configuration: MeasureDelaysStage) -> Measured:
+    """Run the graph with one controller; what its nodes measured."""
+    overrides = [word for word in sys.argv[1:] if word.split("=")[0] not in REPLACED]
+    for key in REPLACED:
+        value = getattr(configuration, key)
+        overrides.append(f"{key}={'null' if value is None else value}")
+    run_targets(configuration, overrides)
+    return load_measured(Path(configuration.output) / "nodes")
 
 
 if __name__ == "__main__":

@@ -1,17 +1,27 @@
 """Stage `run_graph`: the graph as ROS 1 nodes at wall-clock time, the learned model in the machine's place."""
 
+import json
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from pipeline.configuration import stage
+from omegaconf import MISSING
+
+from pipeline.atomic_files import write_whole
+from pipeline.configuration import MACHINE_DIRECTORY, stage
 from pipeline.deployment.goals import known_configurations
 from pipeline.deployment.machine import LearnedMachine
 from pipeline.deployment.messages import ReachResult
 from pipeline.deployment.recording import Recorder
+from pipeline.deployment.ros1.agreement import agreement_table, paired_differences
 from pipeline.deployment.ros1.launch import graph
 from pipeline.deployment.successive import run_successive
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.trajectories import load_logs
+from pipeline.machine.kinematics import load_arm
+from pipeline.reaching.logged_trials import logged_trials, reaching_summary
 from pipeline.stages.graph_node import (
     GraphStage,
     fixed_episodes,
@@ -28,13 +38,43 @@ from pipeline.tracking import StageRun
 class RunGraphStage(GraphStage):
     """Keys of `conf/run_graph.yaml`."""
 
+    ingest: IngestConfig = MISSING
+
 
 @stage(RunGraphStage)
 def main(configuration: RunGraphStage, run: StageRun) -> None:
-    """Launch the graph and give it its targets; write how they ended and bags of it and of simulated time."""
+    """Launch the graph and give it its targets; write how they ended, bags of it and of simulated time, and compare."""
+    output = Path(configuration.output)
     results, recorder = run_targets(configuration, sys.argv[1:])
     write_run(configuration, results, recorder)
-    write_bag_of(simulate(configuration), Path(configuration.output) / "simulated", configuration.machine)
+    write_bag_of(simulate(configuration), output / "simulated", configuration.machine)
+    real, simulated = (trials_of(output / folder, configuration) for folder in ("logs", "simulated"))
+    if not real or len(real) != len(simulated):
+        print(f"{len(real)} trials on the real graph, {len(simulated)} in simulated time: not compared")
+        return
+    differences = paired_differences(real, simulated)
+    content = {name: row._asdict() for name, row in differences.items()}
+    (output / "agreement.json").write_text(json.dumps(content, indent=1) + "\n")
+    table = agreement_table(differences)
+    write_whole(output / "agreement.md", table.encode())
+    print(table, end="")
+
+
+def trials_of(folder: Path, configuration: RunGraphStage) -> list[dict[str, Any]]:
+    """Metrics of each trial in a bag, as `evaluate_logs` has them."""
+    machine = configuration.machine
+    trials = [
+        trial
+        for log in load_logs(folder, machine, configuration.ingest, configuration.control.loop_tracker)
+        if log.targets is not None
+        for trial in logged_trials(log.trajectories, log.targets, configuration.episodes.steps)
+    ]
+    if not trials:
+        return []
+    summary: list[dict[str, Any]] = reaching_summary(trials, machine, load_arm(machine, MACHINE_DIRECTORY))[
+        "trials"
+    ]
+    return summary
 
 
 def run_targets(configuration: GraphStage, overrides: list[str]) -> tuple[list[ReachResult], Recorder]:

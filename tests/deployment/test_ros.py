@@ -9,6 +9,7 @@ import pytest
 
 from pipeline.deployment import messages as m
 from pipeline.deployment.messages import Topic
+from pipeline.deployment.ros1.agreement import COMPARED, agreement_table, paired_differences
 from pipeline.deployment.ros1.definitions import action_messages, generate, own_types
 from pipeline.deployment.ros1.installation import DEBIAN_PACKAGES, require_ros
 from pipeline.deployment.ros1.measurements import distributions, real_time_table
@@ -97,8 +98,37 @@ def test_measurements_become_distributions_and_a_table() -> None:
     }
     links = distributions(measured)
     assert links["inference"].quantiles_s[[0, 100, 200]] == pytest.approx([0.001, 0.0015, 0.002])
-    table = real_time_table(measured)
-    assert "| inference, from request to command | 1.50 | 2.00 | 1001 |" in table
-    assert "| missed ticks of autonomous_server | 1 of 1042 | | |" in table
+    slow = {**measured, "autonomous_server": {**node, "computation DecisionRequest": [0.1] * 60 + [0.3] * 5}}
+    assert set(distributions(measured, slow)) - set(links) == {"planning"}
+    assert distributions(measured, slow)["planning"].quantiles_s[[0, 200]] == pytest.approx([0.1, 0.3])
+    table = real_time_table({"PPO": measured, "iCEM": slow}, decision_s=0.2)
+    assert "| inference, from request to command | 1.50 | 2.00 | 1001 | 100.00 | 300.00 | 25 |" in table
+    assert "| missed ticks of autonomous_server | 1 of 1042 | | | 0 of 1041 | | |" in table
+    assert "| decisions later than the next one is due (200 ms) | 0 of 1001 | | | 5 of 25 | | |" in table
     with pytest.raises(InputError, match="run for longer"):
         distributions({**measured, "control_interface": {}})
+
+
+def test_pairs_are_compared_by_their_differences() -> None:
+    def trial(number: int, error_m: float) -> dict:
+        values = dict.fromkeys(COMPARED, 0.5)
+        return {**values, "final_position_error_m": error_m, "target_position_m": [1.0, number, 0.5]}
+
+    real = [trial(0, 0.02), trial(1, 0.05), trial(2, 0.09)]
+    simulated = [trial(0, 0.01), trial(1, 0.03), trial(2, 0.06)]
+    found = paired_differences(real, simulated)["distance at the end, m"]
+    # differences 0.01, 0.02, 0.03: mean 0.02, standard deviation 0.01; t(0.975, 2) = 4.303 (tables)
+    assert found.difference == pytest.approx(0.02)
+    assert found.half_width == pytest.approx(4.303 * 0.01 / np.sqrt(3), rel=1e-3)
+    assert found.contains_zero and found.n == 3
+    assert "| distance at the end, m | 0.053 | 0.033 | +0.020 ± 0.025 |" in agreement_table(
+        paired_differences(real, simulated)
+    )
+    sure = paired_differences(
+        real, [trial(n, row["final_position_error_m"] - 0.02) for n, row in enumerate(real)]
+    )
+    assert not sure["distance at the end, m"].contains_zero and sure["OOW"].contains_zero
+    assert sure["OOW"].half_width == 1.0  # three pairs without a difference tell nothing of a rate
+    assert paired_differences(real[:1], simulated[:1])["OOW"].half_width == np.inf
+    with pytest.raises(InputError, match="not of the same targets"):
+        paired_differences(real, simulated[::-1])

@@ -72,8 +72,7 @@ def visual_topics(
             "tf2_msgs/msg/TFMessage",
             [(int(t), _frames(moving, row, int(t))) for row, t in enumerate(time_ns)],
         ),
-        _joint_topic("/positions", names, time_ns, q, "position"),
-        _joint_topic("/commands", names, whole(log.command_log_time_ns), whole(log.command), "effort"),
+        VisualTopic("/joints", "sensor_msgs/msg/JointState", _joints(log, names)),
         VisualTopic(
             "/workspace",
             "sensor_msgs/msg/PointCloud2",
@@ -135,16 +134,21 @@ def _events(log: RawLog, graph: GraphRecord) -> list[tuple[int, "Msg"]]:
     ]
 
 
-def _joint_topic(
-    name: str, joints: Sequence[str], time_ns: np.ndarray, values: np.ndarray, field: str
-) -> VisualTopic:
-    make, empty = _type("sensor_msgs/msg/JointState"), np.zeros(0)
-    fields = {"position": empty, "velocity": empty, "effort": empty}
-    messages = [
-        (t, make(header=_header(t), name=list(joints), **{**fields, field: np.array(row, float)}))
-        for t, row in zip(time_ns.tolist(), values, strict=True)
+def _joints(log: RawLog, names: Sequence[str]) -> list[tuple[int, "Msg"]]:
+    """Positions, their rates of change between messages as velocities, and the commands in force as efforts."""
+    time_ns, q = whole(log.joint_log_time_ns), whole(log.q)
+    command_ns, command = whole(log.command_log_time_ns), whole(log.command)
+    newest = np.searchsorted(command_ns, time_ns, side="right") - 1
+    in_force = np.zeros_like(q)
+    in_force[newest >= 0] = command[newest[newest >= 0]]
+    step_s = np.maximum(np.diff(time_ns), 1)[:, None] / NANOSECONDS
+    velocity = np.concatenate([np.zeros_like(q[:1]), np.diff(q, axis=0) / step_s])
+    make = _type("sensor_msgs/msg/JointState")
+    rows = zip(time_ns.tolist(), q, velocity, in_force, strict=True)
+    return [
+        (t, make(header=_header(t), name=list(names), position=p, velocity=v, effort=np.array(a, float)))
+        for t, p, v, a in rows
     ]
-    return VisualTopic(name, "sensor_msgs/msg/JointState", messages)
 
 
 def _frames(joints: Sequence[JointTransforms], row: int, time_ns: int) -> "Msg":

@@ -1,0 +1,96 @@
+"""Whether the simulated graph predicts the real one: differences between trials of the same targets."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from pipeline.errors import InputError
+
+CONFIDENCE = 0.95
+COMPARED = {  # metric of a trial (`pipeline.reaching.logged_trials.reaching_summary`) -> its name in tables
+    "sr_002_002": "SR(0.02, 0.02)",
+    "sr_004_004": "SR(0.04, 0.04)",
+    "sr_012_008": "SR(0.12, 0.08)",
+    "oow": "OOW",
+    "path_length_m": "path, m",
+    "nearest_position_error_m": "least distance, m",
+    "final_position_error_m": "distance at the end, m",
+    "final_pitch_error_rad": "pitch error at the end, rad",
+}
+RATES = ("sr_002_002", "sr_004_004", "sr_012_008", "oow")
+RULE_OF_THREE = 3.0  # events that have not shown up in n trials are at most so many in n, at 95 %
+Trials = Sequence[Mapping[str, Any]]
+
+
+class PairedDifference(NamedTuple):
+    """Of one metric: means on both graphs, and the mean difference, real minus simulated, with its interval.
+
+    Attributes:
+        real: mean on the real graph.
+        simulated: mean in simulated time.
+        difference: mean over the pairs.
+        half_width: of its 95 % interval: Student's t over the pairs; of a rate of which no pair differs 3/n, the
+            rule of three; infinite for a single pair.
+        n: pairs.
+    """
+
+    real: float
+    simulated: float
+    difference: float
+    half_width: float
+    n: int
+
+    @property
+    def contains_zero(self) -> bool:
+        """Whether the pairs are compatible with no difference."""
+        return abs(self.difference) <= self.half_width
+
+
+def paired_differences(real: Trials, simulated: Trials) -> dict[str, PairedDifference]:
+    """Per metric of `COMPARED`.
+
+    Args:
+        real: trials on the real graph, in the order of the targets.
+        simulated: the same targets in simulated time.
+
+    Raises:
+        InputError: they are not trials of the same targets, or there are none.
+    """
+    targets = [[trial["target_position_m"] for trial in trials] for trials in (real, simulated)]
+    if not real or len(real) != len(simulated) or not np.allclose(*targets, atol=1e-6):
+        raise InputError(
+            f"{len(real)} trials on the real graph and {len(simulated)} in simulated time are not of the same targets"
+        )
+    return {name: _difference(real, simulated, metric) for metric, name in COMPARED.items()}
+
+
+def _difference(real: Trials, simulated: Trials, metric: str) -> PairedDifference:
+    # errors are signed in angles, and what counts is how far off they are
+    first, second = (np.abs([float(trial[metric]) for trial in trials]) for trials in (real, simulated))
+    differences = first - second
+    n = len(differences)
+    half_width = math.inf
+    if n > 1:
+        factor = float(stats.t.ppf(0.5 + CONFIDENCE / 2, n - 1))
+        half_width = factor * float(differences.std(ddof=1)) / math.sqrt(n)
+        if metric in RATES and not differences.any():
+            half_width = RULE_OF_THREE / n
+    return PairedDifference(
+        float(first.mean()), float(second.mean()), float(differences.mean()), half_width, n
+    )
+
+
+def agreement_table(differences: Mapping[str, PairedDifference]) -> str:
+    """Markdown: a row per metric."""
+    n = next(iter(differences.values())).n
+    lines = [
+        f"| {n} pairs | real graph | simulated | difference, 95 % interval |",
+        "|---|---|---|---|",
+    ]
+    for name, row in differences.items():
+        span = f"{row.difference:+.3f} ± {row.half_width:.3f}" + ("" if row.contains_zero else " (not zero)")
+        lines.append(f"| {name} | {row.real:.3f} | {row.simulated:.3f} | {span} |")
+    return "\n".join(lines) + "\n"
