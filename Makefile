@@ -36,7 +36,8 @@ demo: env ## run the same graph on the smoke profile in build/demo: a first look
 	rm -rf build/demo && mkdir -p build/demo
 	git ls-files -co --exclude-standard -z -- . ':!artifacts' ':!dvc.lock' | tar --create --null --files-from=- \
 	  | tar --extract --directory build/demo
-	sed -i -e 's/^profile: .*/profile: smoke/' -e 's/^seeds: .*/seeds: [0]/' -e 's/^icem_variants: .*/icem_variants: [icem]/' build/demo/params.yaml
+	sed -i -e 's/^profile: .*/profile: smoke/' -e 's/^seeds: .*/seeds: [0]/' -e 's/^icem_variants: .*/icem_variants: [icem]/' \
+	  -e '/^  icem_double_dagger_/d' build/demo/params.yaml
 	cd build/demo && git init --quiet && PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
 	@echo "Open build/demo/artifacts/report/index.html"
 

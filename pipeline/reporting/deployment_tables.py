@@ -112,7 +112,7 @@ def drops(deployments: Sequence[Deployment]) -> list[str]:
     for deployment in deployments:
         for drives, published in ((deployment.sim2sim, SIM2SIM), (deployment.sim2real, SIM2REAL)):
             if len(drives) == 2:
-                sentences.append(_drop(*drives, published))
+                sentences.append(_drop(drives[0], drives[1], published))
     return sentences
 
 

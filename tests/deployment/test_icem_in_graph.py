@@ -32,6 +32,7 @@ from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.logged_trials import trial_traces
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
+from pipeline.stages.sim2sim import Sim2SimStage
 from tests.deployment.machines import MIDDLE, arm, bobcat, paper
 from tests.reaching.lag import lag_dynamics
 
@@ -114,6 +115,14 @@ def test_a_model_with_effects_around_it_is_refused(parts, config) -> None:
     task.dynamics = object()
     with pytest.raises(InputError, match="without effects"):
         IcemController(task, config, REPEATS, SEED)
+
+
+def test_one_controller_is_named_and_no_more() -> None:
+    assert Sim2SimStage(policy="ppo").kind is ControllerKind.ppo
+    assert Sim2SimStage(variant=RewardVariant.icem).kind is ControllerKind.icem
+    for policy, variant in ((None, None), ("ppo", RewardVariant.icem)):
+        with pytest.raises(InputError, match="name one controller"):
+            _ = Sim2SimStage(policy=policy, variant=variant).kind
 
 
 def test_a_planner_s_decisions_take_their_own_time(tmp_path) -> None:

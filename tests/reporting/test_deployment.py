@@ -1,13 +1,16 @@
 """Tables, figures and sentences of deployment, from made-up artifacts and the paper's printed figures."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from pipeline.configuration import load_machine
+from pipeline.control.icem.variant import RewardVariant
 from pipeline.reaching.metrics import Traces, reaching_metrics, success_rate_matrix
-from pipeline.reporting.controllers import controllers_of, read_controllers
+from pipeline.reporting.controllers import controllers_of, read_controllers, split_name
 from pipeline.reporting.deployment_chapter import (
     deployment_figures,
     deployment_section,
@@ -157,6 +160,19 @@ def test_the_paper_s_figures_are_rates_of_so_many_trials() -> None:
                 for metric in ("oow", "ooz"):
                     assert figures[metric] * n == pytest.approx(round(figures[metric] * n))
                 assert figures["sr_002_002"] <= figures["sr_012_008"] and figures["ooz"] <= figures["oow"]
+
+
+def test_what_is_deployed_is_named_after_its_model_and_is_among_those_that_are_made() -> None:
+    parameters = yaml.safe_load((Path(__file__).parents[2] / "params.yaml").read_text())
+    made = {f"{model}_{target}" for model in parameters["models"] for target in parameters["targets"]}
+    for name, deployed in parameters["deployed"].items():
+        algorithm, kind = split_name(name)
+        assert deployed["model"] == kind and kind in made
+        policy = f"artifacts/ppo/{kind}/seed_{parameters['seeds'][0]}"
+        if algorithm == "ppo":
+            assert (deployed["controller"], deployed["from"]) == (f"policy={policy}", policy)
+        else:
+            assert deployed["controller"] == f"variant={algorithm}" in map("variant={}".format, RewardVariant)
 
 
 def test_artifacts_without_deployments_have_none(tmp_path) -> None:
