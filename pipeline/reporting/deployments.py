@@ -96,9 +96,9 @@ def _deployment(artifacts: Path, name: str, evaluated: ControllerResult | None) 
         if len(brax.q) >= n_episodes:
             sim2sim.insert(0, _drive(name, Where.brax, first_trials(brax, n_episodes)))
     path = artifacts / "evaluate_logs" / name / "time_out.json"
-    if not path.exists():
+    content = read_json(path) if path.exists() else {}
+    if "reaching" not in content:  # not driven; or a note, where there is no plant of the machine
         return Deployment(name, sim2sim, (), None, {}, {}, {})
-    content = read_json(path)
     reaching, goals = content["reaching"], artifacts / "sim2real" / name / "goal" / "goals.json"
     matrix = np.array(reaching["success_rates"]["matrix"])
     n_targets = int(reaching["n_episodes"])

@@ -8,6 +8,7 @@ from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.controller_chapter import mean_of
 from pipeline.reporting.controllers import ControllerResult, by_controller
 from pipeline.reporting.counts import episodes_text, seeds_text
+from pipeline.reporting.deployment_tables import drops
 from pipeline.reporting.evaluation_tables import differences
 from pipeline.reporting.model_chapter import judged_on, worst_joint
 from pipeline.reporting.page import KeyFigure, Points, Section
@@ -54,6 +55,11 @@ def verdict(results: PipelineResults, profile: str) -> str:
         rate = 100 * mean_of(group, COARSE[0])
         text += f"; of the controllers made on {'them' if n_models > 1 else 'it'}, {group[0].title} reaches "
         text += f"{rate:.0f} % of the targets within {COARSE[1]}"
+    if any(deployment.sim2real for deployment in results.deployments):
+        return (
+            f"{text}. Controllers were tried on the learned model, and through a graph with measured delays on the "
+            "simulated machine, not on a real one."
+        )
     return (
         f"{text}. Controllers were tried on the learned model, not on a machine: how much the model "
         "leaves out is what the prediction errors below tell."
@@ -117,6 +123,8 @@ def _trust(
     ]
     if results.controllers:
         n = len(differences(results.controllers, origin))
+        if transfers := drops(results.deployments):
+            sentences.append(_point("Deployment", " ".join(transfers)))
         sentences += [
             _point(
                 "The controllers",

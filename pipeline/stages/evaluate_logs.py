@@ -40,6 +40,7 @@ class EvaluateLogsStage(PipelineConfiguration):
     model: str = MISSING
     logs: str = MISSING
     output: str = MISSING
+    allow_empty: bool = MISSING
 
 
 @stage(EvaluateLogsStage)
@@ -48,6 +49,11 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
     machine, output = configuration.machine, Path(configuration.output)
     if output.is_dir():
         raise InputError(f"output={output}: is a folder; name the JSON file to write")
+    if configuration.allow_empty and not Path(configuration.logs).exists():
+        note = f"{configuration.logs}: no logs"
+        write_whole(output, (json.dumps({"note": note}, indent=1) + "\n").encode())
+        print(f"evaluate_logs: {note}")
+        return
     predictor = predictor_of(Path(configuration.model), machine)
     entries = find_logs(Path(configuration.logs))
     raw = [read_log(entry, machine) for entry in entries]

@@ -48,6 +48,7 @@ class Sim2RealStage(Sim2SimStage):
     """Keys of `conf/sim2real.yaml`."""
 
     ending: Ending = MISSING
+    allow_empty: bool = MISSING
     start_time: str = MISSING
     plant_seed: int = MISSING
     effects: list[str] = field(default_factory=list)
@@ -144,6 +145,15 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
     print("sim2real: " + ", ".join(f"{n} {outcome}" for outcome, n in outcomes.items()))
     run.metrics({f"goals_{outcome}": n for outcome, n in outcomes.items()})
     run.artifact(output, "deployment")
+
+
+def write_note(configuration: Sim2RealStage) -> None:
+    """For a machine of which there is no plant: it has to drive itself."""
+    output = Path(configuration.output)
+    output.mkdir(parents=True, exist_ok=True)
+    note = f"there is no simulated plant of {configuration.machine.name}; drive the machine, and evaluate its logs"
+    (output / "goals.json").write_text(json.dumps({"note": note}, indent=1) + "\n")
+    print(f"sim2real: {note}")
 
 
 if __name__ == "__main__":
