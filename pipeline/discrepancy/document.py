@@ -10,6 +10,7 @@ from pipeline.discrepancy.common_speed import common_speed_parameters
 from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.next_experiment import next_experiment
 from pipeline.discrepancy.parameters import Quantity, describe, quantity, spreads, weighted_mean
+from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.splits import Purpose
 from pipeline.discrepancy.verdict import Effect, depends_on
 from pipeline.effects.dependence import DEPENDENCES
@@ -131,6 +132,8 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
         spread = spreads(coordinates, covariance, number, member.candidate, loop.config.gate.model_error)
         wrapper = KNOWN[member.candidate.family](loop.setting)
         described.append(describe(member.candidate, wrapper, spread, loop.joints, loop.units[joint]))
+        if effect.family == "oscillation":
+            described[-1] |= _as_it_rings_down(loop, joint)
     if effect.family == "timing":
         described = [{"latency": of["added_delay"]} for of in described]
     if len(described) == 1:
@@ -146,6 +149,24 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
         for member, value in zip(effect.members, of_name, strict=False):
             merged[f"{name}:{loop.joints[member.candidate.joint]}"] = value
     return merged
+
+
+def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:
+    """Frequency and damping from stops, where they show them; the wrapper's smear poses of different frequencies."""
+    found = ring_down(loop.sequences, loop.rows.is_used, joint, loop.machine.dt_s, loop.config.seed)
+    if found is None:
+        return {}
+    error = loop.config.gate.model_error
+    return {
+        "frequency": quantity(
+            found.frequency_hz,
+            "Hz",
+            float(np.hypot(found.frequency_deviation_hz, error * found.frequency_hz)),
+        ),
+        "damping_ratio": quantity(
+            found.damping_ratio, "1", float(np.hypot(found.damping_deviation, error * found.damping_ratio))
+        ),
+    }
 
 
 def _of_joints(values: np.ndarray, deviations: np.ndarray, unit: str) -> Quantity:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.plant.kinematics import configuration
 from pipeline.plant.parameters import NEGATIVE, POSITIVE, Parameters
 from pipeline.plant.simulator import Plant
 
@@ -15,7 +16,8 @@ START_SHARE = 0.15  # of the joint's range between the start and the limit behin
 AHEAD_SHARE = 0.12  # of the range before the limit ahead: there the measurement ends
 MIDDLE_RAD = (0.0, 0.75, -1.4, -0.9)  # the other joints of the E10
 BOOM, ARM = 1, 2
-WORKING_SHARES = (0.3, 0.5, 0.7)  # of the range, of boom and arm
+WORKING_RADII_M, WORKING_HEIGHTS_M = (1.2, 1.7, 2.2), (0.3, 0.9, 1.5)  # of the tip, spread over the workspace
+RUN_UP_RAD = 0.35  # way of a joint before it stops in a working configuration
 SAG_S = 4.0  # so short that the joint sags in place
 FINE_PERIOD_S = 0.010  # control period of manoeuvres, for the sake of time resolution
 
@@ -125,13 +127,24 @@ def sag_rate(
     return float((angle[-1] - angle[n_skip]) / (FINE_PERIOD_S * (angle.size - 1 - n_skip)))
 
 
-def mean_sag_rate(parameters: Parameters, joint: int) -> float:
-    """Mean of `sag_rate` over configurations that boom and arm work in, rad/s."""
+def working_configurations(parameters: Parameters) -> list[np.ndarray]:
+    """Configurations (n,), rad, with the chisel straight down at places over the workspace, within the joint limits."""
     linkage = parameters.linkage
-    places = [linkage.lower_rad + share * (linkage.upper_rad - linkage.lower_rad) for share in WORKING_SHARES]
-    starts = [
-        np.array([MIDDLE_RAD[0], boom[BOOM], arm[ARM], MIDDLE_RAD[3]]) for boom in places for arm in places
+    reached = [
+        configuration(np.array([radius, height]), pitch=0.0, yaw=MIDDLE_RAD[0])
+        for radius in WORKING_RADII_M
+        for height in WORKING_HEIGHTS_M
     ]
+    return [
+        q
+        for q in reached
+        if q is not None and np.all(q > linkage.lower_rad) and np.all(q < linkage.upper_rad)
+    ]
+
+
+def mean_sag_rate(parameters: Parameters, joint: int) -> float:
+    """Mean of `sag_rate` over the configurations that the arm works in, rad/s."""
+    starts = working_configurations(parameters)
     return float(np.mean([sag_rate(parameters, joint, SAG_S, start) for start in starts]))
 
 
@@ -143,12 +156,11 @@ class Ringing(NamedTuple):
 
 
 def mean_ringing(parameters: Parameters, joint: int, direction: int) -> Ringing | None:
-    """Mean of `ringing` over poses of the arm that it works in, as inertia depends on them; None if it never rings."""
-    linkage = parameters.linkage
+    """Mean of `ringing` over the working configurations, as inertia depends on them; None if it never rings."""
     found = []
-    for share in WORKING_SHARES:
-        start = start_for(parameters, joint, direction)
-        start[ARM] = linkage.lower_rad[ARM] + share * (linkage.upper_rad[ARM] - linkage.lower_rad[ARM])
+    for start in working_configurations(parameters):
+        lower, upper = parameters.linkage.lower_rad[joint], parameters.linkage.upper_rad[joint]
+        start[joint] = np.clip(start[joint] - direction * RUN_UP_RAD, lower, upper)
         found.append(ringing(parameters, joint, direction, start))
     heard = [one for one in found if one is not None]
     return Ringing(*np.mean(heard, axis=0).tolist()) if heard else None
