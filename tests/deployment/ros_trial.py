@@ -1,5 +1,5 @@
 """A trial on the real graph: `python -m tests.deployment.ros_trial FOLDER`, a process of its own, as rospy allows one
-node per process. What was seen goes to FOLDER/trial.json.
+node per process. What was seen goes to FOLDER/trial.json; the time to zero outputs is printed.
 """
 
 import json
@@ -132,3 +132,9 @@ if __name__ == "__main__":
     target = Path(sys.argv[1])
     seen = run(target)
     (target / "trial.json").write_text(json.dumps(seen))
+    stop_s = seen["stops"][0]["s"]
+    zero_s = [at_s for at_s, moves in seen["outputs"] if at_s >= stop_s and not moves]
+    if zero_s:
+        print(
+            f"the PLC's outputs were zero {1e3 * (zero_s[0] - stop_s):.1f} ms after the emergency stop was sent"
+        )

@@ -62,7 +62,14 @@ def decoded(tmp_path_factory) -> dict[str, list]:
         TIME_NS[:1], np.array(pose.position[:1]), np.array(pose.quaternion[:1]), "base_link"
     )
     log = RawLog(
-        "bag", tmp_path_factory.mktemp("bag"), TIME_NS, TIME_NS, Q, TIME_NS[1:3], Q[1:3] > 0, targets
+        "bag",
+        tmp_path_factory.mktemp("bag"),
+        TIME_NS,
+        TIME_NS,
+        np.asfortranarray(Q),
+        TIME_NS[1:3],
+        Q[1:3] > 0,
+        targets,
     )
     graph = GraphRecord(
         [],

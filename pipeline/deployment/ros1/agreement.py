@@ -21,6 +21,7 @@ COMPARED = {  # metric of a trial (`pipeline.reaching.logged_trials.reaching_sum
     "final_pitch_error_rad": "pitch error at the end, rad",
 }
 RATES = ("sr_002_002", "sr_004_004", "sr_012_008", "oow")
+SAME_POSITION_M = 1e-6
 RULE_OF_THREE = 3.0  # events that have not shown up in n trials are at most so many in n, at 95 %
 Trials = Sequence[Mapping[str, Any]]
 
@@ -59,8 +60,10 @@ def paired_differences(real: Trials, simulated: Trials) -> dict[str, PairedDiffe
     Raises:
         InputError: they are not trials of the same targets, or there are none.
     """
-    targets = [[trial["target_position_m"] for trial in trials] for trials in (real, simulated)]
-    if not real or len(real) != len(simulated) or not np.allclose(*targets, atol=1e-6):
+    first, second = (
+        np.array([trial["target_position_m"] for trial in trials], float) for trials in (real, simulated)
+    )
+    if not real or len(real) != len(simulated) or not np.allclose(first, second, atol=SAME_POSITION_M):
         raise InputError(
             f"{len(real)} trials on the real graph and {len(simulated)} in simulated time are not of the same targets"
         )

@@ -144,10 +144,11 @@ def _joints(log: RawLog, names: Sequence[str]) -> list[tuple[int, "Msg"]]:
     step_s = np.maximum(np.diff(time_ns), 1)[:, None] / NANOSECONDS
     velocity = np.concatenate([np.zeros_like(q[:1]), np.diff(q, axis=0) / step_s])
     make = _type("sensor_msgs/msg/JointState")
-    rows = zip(time_ns.tolist(), q, velocity, in_force, strict=True)
+    # columns of a log may lie in any order in memory, and a message's array must be in one piece
+    values = (np.ascontiguousarray(columns, float) for columns in (q, velocity, in_force))
     return [
-        (t, make(header=_header(t), name=list(names), position=p, velocity=v, effort=np.array(a, float)))
-        for t, p, v, a in rows
+        (t, make(header=_header(t), name=list(names), position=p, velocity=v, effort=a))
+        for t, p, v, a in zip(time_ns.tolist(), *values, strict=True)
     ]
 
 
