@@ -195,8 +195,10 @@ def different_metrics(undisturbed: Path, killed: Path) -> list[str]:
             [str(Path(sys.executable).with_name("dvc")), "metrics", "show", "--json"],
             cwd=folder, capture_output=True, text=True, check=True,
         )  # fmt: skip
-        files = json.loads(shown.stdout)[""]["data"]
-        return dict(leaf for name, file in files.items() for leaf in leaves(name, file["data"]))
+        files = json.loads(shown.stdout).get("", {}).get("data", {})
+        return dict(
+            leaf for name, file in files.items() for leaf in leaves(name, file.get("data", "missing"))
+        )
 
     first, second = values(undisturbed), values(killed)
     return [
