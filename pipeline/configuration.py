@@ -119,7 +119,10 @@ def stage(
                 text = OmegaConf.to_yaml(composed, resolve=True)
                 run_folder = Path(HydraConfig.get().runtime.output_dir)
                 (run_folder / CONFIGURATION_FILE).write_text(text, encoding="utf-8")
-                with track(name, typed.tracking, resolved, text, _sweep()) as run:
+                unread = [
+                    key for key in resolved if isinstance(getattr(typed, key), dict)
+                ]  # sections left untyped
+                with track(name, typed.tracking, resolved, text, _sweep(), unread) as run:
                     function(typed, run)
 
         return hydra.main(version_base="1.3", config_path=str(CONFIGURATION_DIRECTORY), config_name=name)(job)

@@ -4,7 +4,7 @@ import contextlib
 import logging
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from pipeline.tracking import lineage, processes, store
@@ -23,6 +23,7 @@ def track(
     resolved: Mapping[str, Any],
     configuration_yaml: str,
     sweep: tuple[str, str] | None = None,
+    unread: Collection[str] = (),
 ) -> Iterator[StageRun]:
     """Open the run of stage `name`, nested in the run of its pipeline or sweep; close it whatever happens inside.
 
@@ -32,6 +33,7 @@ def track(
         resolved: The stage's whole configuration.
         configuration_yaml: The same as text.
         sweep: Of a sweep's job, what tells the sweep from others, and what tells the job from the sweep's others.
+        unread: Sections of the configuration that the stage does not read: no parameters of its run.
     """
     if not configuration.enabled:
         yield StageRun(name)
@@ -62,7 +64,7 @@ def track(
         **({store.PARENT: parent_id} if parent_id else {}),
     }
     run_id = client.create_run(experiment, tags=tags).info.run_id
-    store.log_parameters(client, run_id, resolved)
+    store.log_parameters(client, run_id, {key: resolved[key] for key in resolved if key not in unread})
     client.log_text(run_id, configuration_yaml, CONFIGURATION)
     run, start_s = StageRun(name, run_id, parent_id, client), time.time()
     status = "KILLED"  # interrupted, or ended by the scheduler

@@ -51,12 +51,15 @@ def test_a_stage_leaves_a_run_with_parameters_metrics_and_artifacts(
     configuration: TrackingConfiguration, tmp_path: Path
 ) -> None:
     (tmp_path / "metrics.json").write_text("{}")
-    with track("identify", configuration, RESOLVED, "seed: 3\n") as run:
+    resolved = {**RESOLVED, "close_loop": {"seed": 0}}  # which this stage does not read
+    with track("identify", configuration, resolved, "seed: 3\n", unread=["close_loop"]) as run:
         run.metrics({"open_loop_rmse_80.boom": 0.25})
         run.artifact(tmp_path / "metrics.json")
     (found,) = runs(configuration)
     assert found.info.status == "FINISHED"
-    assert found.data.params["machine.rate_hz"] == "20.0"
+    assert found.data.params == {
+        "profile": "smoke", "machine.name": "bobcat_e10", "machine.rate_hz": "20.0", "seed": "3",
+    }  # fmt: skip
     assert found.data.metrics == {"open_loop_rmse_80.boom": 0.25}
     client = MlflowClient(tracking_uri=configuration.uri)
     assert {item.path for item in client.list_artifacts(found.info.run_id)} == {
