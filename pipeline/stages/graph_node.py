@@ -77,11 +77,6 @@ class GraphNodeStage(GraphStage):
 
     node: str = MISSING
 
-    def __post_init__(self) -> None:
-        known = [*NODES, *DRIVERS[Driver.simulated], *DRIVERS[Driver.can], OPERATOR]
-        if self.node not in known:
-            raise InputError(f"node={self.node}: no such node; known are {', '.join(known)}")
-
 
 @stage(GraphNodeStage)
 def main(configuration: GraphNodeStage, run: StageRun) -> None:
