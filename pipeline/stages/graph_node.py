@@ -81,6 +81,9 @@ class GraphNodeStage(GraphStage):
 @stage(GraphNodeStage)
 def main(configuration: GraphNodeStage, run: StageRun) -> None:
     """Be one node until the graph is shut down; or the operator, until all targets have been pursued."""
+    known = [*NODES, *DRIVERS[Driver.simulated], *DRIVERS[Driver.can], OPERATOR]
+    if configuration.node not in known:
+        raise InputError(f"node={configuration.node}: no such node; known are {', '.join(known)}")
     jax.config.update(
         "jax_cpu_enable_async_dispatch", False
     )  # calls are so short that handing them over costs more
