@@ -28,8 +28,8 @@ CONSTANTS_S = np.array([0.2, 0.3])
 DT_S = 0.05
 
 
-def record(name: str, seed: int, n_rows: int, slower: float = 1.0) -> Trajectory:
-    """Random holds of commands; the second joint's speed is multiplied by `slower` while it moves down."""
+def record(name: str, seed: int, n_rows: int, slower: float = 1.0, onset: int = 0) -> Trajectory:
+    """Random holds of commands; from row `onset` on the second joint is slower on its way down, by this factor."""
     random = np.random.default_rng(seed)
     a, q = np.zeros((n_rows, 2)), np.zeros((n_rows, 2))
     velocity, command, left = np.zeros(2), np.zeros(2), np.zeros(2)
@@ -43,7 +43,7 @@ def record(name: str, seed: int, n_rows: int, slower: float = 1.0) -> Trajectory
                 command[joint] = -np.sign(q[row, joint])
         a[row] = command
         target = SPEEDS * command
-        target[1] *= slower if command[1] < 0 else 1.0
+        target[1] *= slower if command[1] < 0 and row >= onset else 1.0
         velocity = velocity + (1.0 - np.exp(-DT_S / CONSTANTS_S)) * (target - velocity)
         q[row + 1] = q[row] + DT_S * velocity
     q = q + 5e-4 * random.standard_normal(q.shape)
@@ -99,6 +99,21 @@ def test_a_slower_direction_is_found_named_and_mended(nominal, model) -> None:  
         again.predict(measured[0], np.array([40, 60]), 20),
         predictor(*model, None).predict(measured[0], np.array([40, 60]), 20),
     )
+
+
+def test_what_sets_in_mid_way_is_found_with_its_moment(nominal, model) -> None:  # type: ignore[no-untyped-def]
+    onset = 2400
+    measured = [
+        record("measured_1", 11, 4000, slower=0.6, onset=onset),
+        record("measured_2", 12, 4000, slower=0.6),
+    ]
+    _, document = close(nominal, measured, model)
+    assert document["verdict"] == "named"
+    (effect,) = document["effects"]
+    assert (effect["family"], effect["of"], effect["joints"]) == ("change_point", "gain", ["turn"])
+    assert effect["parameters"]["speed_ratio"]["value"] == pytest.approx(0.6, abs=0.05)
+    assert effect["onset"]["trajectory"] == "measured_1"
+    assert effect["onset"]["t"] == pytest.approx(DT_S * onset, abs=10.0)
 
 
 def test_nothing_is_found_where_nothing_changed(nominal, model) -> None:  # type: ignore[no-untyped-def]
