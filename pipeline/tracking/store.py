@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pipeline.atomic_files import PARTIAL_SUFFIX, replacing
 from pipeline.errors import InputError
 from pipeline.tracking import processes
 from pipeline.tracking.configuration import SQLITE, TrackingConfiguration
@@ -64,11 +65,25 @@ def open_store(configuration: TrackingConfiguration) -> Any:
     uri = configuration.resolved_uri()
     with locked(uri):  # processes that create one SQLite database at once crash
         try:
+            _create_file(uri)
             client = MlflowClient(tracking_uri=uri)
             client.search_experiments(max_results=1)
         except (MlflowException, ImportError) as error:
             raise _no_answer(configuration, error) from error
     return client
+
+
+def _create_file(uri: str) -> None:
+    """Make an SQLite store's file with all of its tables at once: MLflow cannot read one that a kill left half made."""
+    path = Path(uri.removeprefix(SQLITE))
+    if not uri.startswith(SQLITE) or path.exists():
+        return
+    from mlflow import MlflowClient
+
+    for left in path.parent.glob(f".{path.name}.*{PARTIAL_SUFFIX}"):  # by a process that was killed
+        left.unlink()
+    with replacing(path) as partial:
+        MlflowClient(tracking_uri=f"{SQLITE}{partial}").search_experiments(max_results=1)
 
 
 def open_experiment(client: Any, configuration: TrackingConfiguration, question: Question) -> str:

@@ -226,3 +226,26 @@ def test_the_machine_is_sampled_meanwhile(configuration: TrackingConfiguration) 
     assert found.data.metrics["system/system_memory_usage_megabytes"] > 0
     with pytest.raises(InputError, match="system_metrics_interval_s is 0"):
         replace(configuration, system_metrics_interval_s=0)
+
+
+def test_a_kill_while_the_database_is_made_leaves_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    uri = f"sqlite:///{tmp_path}/mlflow.db"
+    script = (
+        "import sys\nfrom pipeline.tracking.store import open_store\n"
+        "from pipeline.tracking import TrackingConfiguration\n"
+        "open_store(TrackingConfiguration(True, sys.argv[1], None, None))\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, uri], env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
+    while process.poll() is None and not list(tmp_path.glob(".mlflow.db.*.partial")):
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    assert not (tmp_path / "mlflow.db").exists()
+    with track("ingest", TrackingConfiguration(True, uri, None, None), RESOLVED, ""):
+        pass
+    assert (tmp_path / "mlflow.db").exists() and not list(tmp_path.glob(".*.partial"))
