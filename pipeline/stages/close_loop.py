@@ -54,6 +54,7 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
         for folder in (configuration.nominal, configuration.measured)
     )
     model, parameters = baseline(configuration, nominal)
+    run.inputs(configuration.nominal, configuration.measured)
     print(f"close_loop: {len(nominal)} nominal and {len(measured)} measured trajectories", flush=True)
     result = close_loop(
         nominal,
@@ -85,6 +86,9 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
         flatten_metrics({"error": result.document["error"], "baselines": result.document["baselines"]})
     )
     for part in ("before", "after"):
+        with run.nested(part) as nested:  # under the names that identify's runs have
+            errors = {metric: values[part] for metric, values in result.document["error"].items()}
+            nested.metrics(flatten_metrics({"model": errors}))
         publish_dynamics_model(
             run,
             output / f"model_{part}",

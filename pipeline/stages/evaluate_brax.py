@@ -45,7 +45,8 @@ def main(configuration: EvaluateBraxStage, run: StageRun) -> None:
     traces = evaluate_policy(policy, task, configuration.control.action_repeats, conditions.steps, episodes)
     metrics = reaching_metrics(traces).as_dict()
     write_evaluation(output, metrics, traces, episodes)
-    run.metrics(metrics)
+    # The reward that a policy was learned with is the full one; iCEM's runs have both returns.
+    run.metrics({**metrics, "average_return_full_reward": metrics["average_return"]})
     run.artifact(output, "evaluation")
 
 

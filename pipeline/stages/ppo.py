@@ -80,6 +80,7 @@ def main(configuration: PPOStage, run: StageRun) -> None:
     kept = next(point for point in result.curve if point.steps == result.policy_steps)
     metrics = {"steps": kept.steps, **kept.metrics.as_dict()}
     (output / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
+    run.metrics(metrics)
     run.artifact(output, "policy")
     if configuration.checkpoints:  # a finished run must not be taken up again by changed code
         shutil.rmtree(configuration.checkpoints, ignore_errors=True)
