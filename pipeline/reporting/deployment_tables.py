@@ -19,6 +19,11 @@ from pipeline.reporting.paper import (
 from pipeline.reporting.tables import Table
 
 PAPER_PLACES = {Where.brax: "Brax", Where.graph: "Gazebo", Where.plant: "Machine"}
+IN_WORDS = {
+    Where.brax: "in Brax",
+    Where.graph: "through the graph with its delays",
+    Where.plant: "on the plant",
+}
 LEGEND = (
     "SR(p, α): share of trials within p m and α rad of the target at one tick at least. OOW, OOZ: share of trials that "
     "left the restricted workspace, or its lower plane, at any tick. ‡ r^ε and r^X set to zero. One seed each."
@@ -113,6 +118,37 @@ def drops(deployments: Sequence[Deployment]) -> list[str]:
         for drives, published in ((deployment.sim2sim, SIM2SIM), (deployment.sim2real, SIM2REAL)):
             if len(drives) == 2:
                 sentences.append(_drop(drives[0], drives[1], published))
+    return sentences
+
+
+def transfers(deployments: Sequence[Deployment]) -> list[str]:
+    """One sentence per controller: its success rates through the graph and on the plant, and the paper's."""
+    sentences = []
+    for deployment in deployments:
+        reached = [(deployment.sim2sim[-1], SIM2SIM)] + [
+            (drive, SIM2REAL) for drive in deployment.sim2real[-1:]
+        ]
+        coarse, fine, papers = (
+            [f"{100 * rate:.0f} %" for rate in rates]
+            for rates in (
+                [drive.metrics["sr_012_008"] for drive, _ in reached],
+                [drive.metrics["sr_002_002"] for drive, _ in reached],
+                [
+                    published[PAPER_PLACES[drive.where]][drive.name]["sr_002_002"]
+                    for drive, published in reached
+                    if drive.name in published[PAPER_PLACES[drive.where]]
+                ],
+            )
+        )
+        places = " and ".join(
+            f"{rate} of {drive.n_trials} targets {IN_WORDS[drive.where]}"
+            for rate, (drive, _) in zip(coarse, reached, strict=True)
+        )
+        sentences.append(
+            f"{controller_title(deployment.name)} comes within 0.12 m and 0.08 rad of {places}, "
+            f"within 0.02 m and 0.02 rad of {' and '.join(fine)}"
+            + (f" (the paper's: {' and '.join(papers)})." if papers else ".")
+        )
     return sentences
 
 

@@ -8,7 +8,7 @@ from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.controller_chapter import mean_of
 from pipeline.reporting.controllers import ControllerResult, by_controller
 from pipeline.reporting.counts import episodes_text, seeds_text
-from pipeline.reporting.deployment_tables import drops
+from pipeline.reporting.deployment_tables import transfers
 from pipeline.reporting.evaluation_tables import differences
 from pipeline.reporting.model_chapter import judged_on, worst_joint
 from pipeline.reporting.page import KeyFigure, Points, Section
@@ -123,8 +123,8 @@ def _trust(
     ]
     if results.controllers:
         n = len(differences(results.controllers, origin))
-        if transfers := drops(results.deployments):
-            sentences.append(_point("Deployment", " ".join(transfers)))
+        if results.deployments:
+            sentences.append(_point("Deployment", " ".join(transfers(results.deployments))))
         sentences += [
             _point(
                 "The controllers",

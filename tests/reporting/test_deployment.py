@@ -16,6 +16,7 @@ from pipeline.reporting.deployment_chapter import (
     deployment_section,
     deployment_tables,
 )
+from pipeline.reporting.deployment_tables import transfers
 from pipeline.reporting.deployments import Where, read_deployments
 from pipeline.reporting.paper import SIM2REAL, SIM2SIM, SIMULATED
 from tests.reporting.made_up import N_EPISODES, random_traces, write_controller
@@ -149,6 +150,20 @@ def test_the_chapter_says_what_the_transfer_costs(made_up) -> None:
     assert points.sentences[0].endswith("in the paper 0.98 to 0.11, 1.00 to 1.00.")
     assert f"({N_EPISODES} trials)" in points.sentences[0]
     assert "worst joint (arm) is off by 0.090 rad" in section.paragraphs[0]
+
+
+def test_one_sentence_per_controller_says_what_became_of_it(made_up) -> None:
+    deployments, traces = made_up
+    policy, planner = transfers(deployments)
+    graph, plant = (reaching_metrics(traces[where]).as_dict() for where in (Where.graph, Where.plant))
+    paper = [SIM2SIM["Gazebo"][PPO]["sr_002_002"], SIM2REAL["Machine"][PPO]["sr_002_002"]]
+    assert policy == (
+        f"PPO MLP Δq̇ comes within 0.12 m and 0.08 rad of {100 * graph['sr_012_008']:.0f} % of {N_EPISODES} targets "
+        f"through the graph with its delays and {100 * plant['sr_012_008']:.0f} % of {N_TARGETS} targets on the plant, "
+        f"within 0.02 m and 0.02 rad of {100 * graph['sr_002_002']:.0f} % and {100 * plant['sr_002_002']:.0f} % "
+        f"(the paper's: {100 * paper[0]:.0f} % and {100 * paper[1]:.0f} %)."
+    )
+    assert f"of {N_PLANNED} targets through the graph" in planner and "plant" not in planner
 
 
 def test_the_paper_s_figures_are_rates_of_so_many_trials() -> None:
