@@ -3,6 +3,7 @@ SHELL := /bin/bash
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
+DOCS_VENV := .venv-docs
 export PYTHONUNBUFFERED := 1
 STORE ?= sqlite:///mlflow.db
 ARTIFACTS ?= mlartifacts
@@ -75,11 +76,22 @@ ui: env ## open MLflow on the recorded runs
 server: env ## start a tracking server that machines share (STORE=postgresql+psycopg://USER@HOST/DATABASE ARTIFACTS=FOLDER)
 	$(BIN)/mlflow server --backend-store-uri $(STORE) --artifacts-destination $(ARTIFACTS) --host $(HOST) --port 5000
 
+$(DOCS_VENV)/installed: requirements-docs.lock
+	test -x $(DOCS_VENV)/bin/python || $(PYTHON) -m venv $(DOCS_VENV)
+	$(DOCS_VENV)/bin/python -m pip install --quiet --require-hashes -r requirements-docs.lock
+	touch $@
+
+.PHONY: docs
+docs: $(DOCS_VENV)/installed ## build the pages and the API reference into build/docs (open build/docs/index.html)
+	NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/mkdocs build --quiet --strict
+
 .PHONY: lock
 lock: ## resolve the dependencies of pyproject.toml anew into the lock files
 	$(BIN)/uv pip compile --quiet --upgrade --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
 	  --python-version 3.11 --group test pyproject.toml -o requirements.lock
 	$(BIN)/uv pip compile --quiet --upgrade --generate-hashes --no-emit-index-url --no-annotate --no-header \
 	  --python-version 3.11 --group benchmark -o requirements-benchmark.lock
+	$(BIN)/uv pip compile --quiet --upgrade --universal --generate-hashes --no-emit-index-url --no-annotate --no-header \
+	  --python-version 3.11 --group docs -o requirements-docs.lock
 	echo uv | $(BIN)/uv pip compile --quiet --upgrade --universal --generate-hashes --no-emit-index-url --no-annotate \
 	  --no-header --python-version 3.11 - -o requirements-uv.lock
