@@ -39,7 +39,9 @@ demo: env ## run the same graph on the smoke profile in build/demo: a first look
 	  | tar --extract --directory build/demo
 	sed -i -e 's/^profile: .*/profile: smoke/' -e 's/^seeds: .*/seeds: [0]/' -e 's/^icem_variants: .*/icem_variants: [icem]/' \
 	  -e '/^  icem_double_dagger_/d' build/demo/params.yaml
-	cd build/demo && git init --quiet && PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
+	cd build/demo && git init --quiet && mkdir compiled && export NUMBA_CACHE_DIR="$$PWD/compiled" \
+	  JAX_COMPILATION_CACHE_DIR="$$PWD/compiled" JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.2 TF_CPP_MIN_LOG_LEVEL=3 \
+	  && PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
 	@echo "Open build/demo/artifacts/report/index.html"
 
 .PHONY: search

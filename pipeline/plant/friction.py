@@ -10,8 +10,8 @@ resting joint therefore really rests, and a stop is never entered by more than v
 """
 
 import numpy as np
-from numba import njit
 
+from pipeline.plant.compiled import compiled
 from pipeline.plant.parameters import Friction, Linkage
 from pipeline.plant.scratch import Scratch
 from pipeline.plant.state import State
@@ -20,7 +20,7 @@ N_SWEEP = 3
 STOP_RETURN = 0.2  # share of a stop's penetration that is pushed back per substep (Baumgarte)
 
 
-@njit
+@compiled
 def stribeck_force(friction: Friction, joint: int, piston_speed: float) -> float:
     """Bound of the seal friction force of one cylinder, N."""
     excess = friction.static_ratio[joint] - 1.0
@@ -28,14 +28,14 @@ def stribeck_force(friction: Friction, joint: int, piston_speed: float) -> float
     return friction.coulomb_N[joint] * (1.0 + excess * np.exp(-ratio * ratio))
 
 
-@njit
+@compiled
 def _push(inverse_mass: np.ndarray, velocity: np.ndarray, joint: int, impulse: float) -> None:
     """Apply an impulse at one joint to all velocities."""
     for i in range(velocity.size):
         velocity[i] += inverse_mass[i, joint] * impulse
 
 
-@njit
+@compiled
 def _stop(linkage: Linkage, state: State, scratch: Scratch, joint: int, dt: float) -> None:
     """Let the mechanical stop of one joint take its velocity, if the joint is at it."""
     angle = state.angle_rad[joint]
@@ -50,7 +50,7 @@ def _stop(linkage: Linkage, state: State, scratch: Scratch, joint: int, dt: floa
     _push(scratch.inverse_mass, state.velocity_rad_s, joint, wanted - present)
 
 
-@njit
+@compiled
 def apply_impulses(friction: Friction, linkage: Linkage, state: State, scratch: Scratch, dt: float) -> None:
     """Change the velocities by friction and stop impulses, which stay in `scratch`."""
     velocity = state.velocity_rad_s

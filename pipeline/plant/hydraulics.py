@@ -8,8 +8,8 @@ through the supply, so the system is solved by eliminating 2x2 blocks.
 """
 
 import numpy as np
-from numba import njit
 
+from pipeline.plant.compiled import compiled
 from pipeline.plant.oil import effective_bulk_modulus
 from pipeline.plant.parameters import NEGATIVE, POSITIVE, Parameters
 from pipeline.plant.scratch import Scratch
@@ -17,7 +17,7 @@ from pipeline.plant.state import BYPASSED, CONSUMED, DELIVERED, PUMP, RELIEVED, 
 from pipeline.plant.valve import bypass_area, opening, orifice
 
 
-@njit
+@compiled
 def _cushion_area(parameters: Parameters, joint: int, direction: int, angle: float) -> float:
     """Outlet area of the cushion at `angle` for motion in `direction`: a tapered spear; infinite outside."""
     cylinder, linkage = parameters.cylinder, parameters.linkage
@@ -32,7 +32,7 @@ def _cushion_area(parameters: Parameters, joint: int, direction: int, angle: flo
     return least + (cylinder.cushion_open_area_m2 - least) * share**4
 
 
-@njit
+@compiled
 def _line_resistance(parameters: Parameters, state: State, joint: int, viscosity_ratio: float) -> float:
     """Laminar resistance of one work line with its clogging and kink, Pa s/m³."""
     cylinder = parameters.cylinder
@@ -45,7 +45,7 @@ def _line_resistance(parameters: Parameters, state: State, joint: int, viscosity
     return resistance
 
 
-@njit
+@compiled
 def advance_pressures(
     parameters: Parameters,
     state: State,

@@ -11,13 +11,13 @@ boom, arm, bucket.
 """
 
 import numpy as np
-from numba import njit
 
+from pipeline.plant.compiled import compiled
 from pipeline.plant.parameters import Links
 from pipeline.plant.scratch import N_BODY, N_CHAIN, Scratch
 
 
-@njit
+@compiled
 def _centres(links: Links, q: np.ndarray, pivot: np.ndarray, centre: np.ndarray, angle: np.ndarray) -> None:
     """Pivots (3, 2), body centres (4, 2) as (r, z), and absolute link angles (3,), from joint angles."""
     r = links.pivot_radius_m
@@ -35,12 +35,12 @@ def _centres(links: Links, q: np.ndarray, pivot: np.ndarray, centre: np.ndarray,
     centre[N_CHAIN, 0], centre[N_CHAIN, 1] = r, z
 
 
-@njit
+@compiled
 def _body_mass(links: Links, body: int) -> float:
     return links.payload_kg if body == N_CHAIN else links.mass_kg[body]
 
 
-@njit
+@compiled
 def gravity_torque(links: Links, q: np.ndarray, torque: np.ndarray) -> None:
     """Torque that holds the arm still against gravity, written into `torque` (4,), N m."""
     pivot, centre, angle = np.empty((N_CHAIN, 2)), np.empty((N_BODY, 2)), np.empty(N_CHAIN)
@@ -51,7 +51,7 @@ def gravity_torque(links: Links, q: np.ndarray, torque: np.ndarray) -> None:
             torque[1 + k] += _body_mass(links, b) * links.gravity_m_s2 * (centre[b, 0] - pivot[k, 0])
 
 
-@njit
+@compiled
 def potential_energy(links: Links, q: np.ndarray) -> float:
     """Of gravity, relative to the height of the boom pivot, J."""
     pivot, centre, angle = np.empty((N_CHAIN, 2)), np.empty((N_BODY, 2)), np.empty(N_CHAIN)
@@ -62,7 +62,7 @@ def potential_energy(links: Links, q: np.ndarray) -> float:
     return energy
 
 
-@njit
+@compiled
 def dynamics(links: Links, q: np.ndarray, v: np.ndarray, scratch: Scratch) -> None:
     """Mass matrix and bias torque (gravity, Coriolis, centrifugal): mass @ acceleration + bias = torque.
 
@@ -118,7 +118,7 @@ def dynamics(links: Links, q: np.ndarray, v: np.ndarray, scratch: Scratch) -> No
     bias[0] = inertia_rate * v[0]
 
 
-@njit
+@compiled
 def inverse_mass(mass: np.ndarray, inverse: np.ndarray) -> None:
     """Inverse of the block-diagonal mass matrix (swing; symmetric 3x3 chain), into `inverse` (4, 4)."""
     a, b, c = mass[1, 1], mass[1, 2], mass[1, 3]

@@ -8,9 +8,9 @@ rigid-body load, friction, stops and oil temperature, and publishes encoder read
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from pipeline.errors import InputError
+from pipeline.plant.compiled import compiled
 from pipeline.plant.friction import apply_impulses
 from pipeline.plant.hydraulics import advance_pressures
 from pipeline.plant.load import dynamics, inverse_mass
@@ -23,7 +23,7 @@ from pipeline.plant.state import FRICTION, PISTON, STOP, State, resting_state
 from pipeline.plant.valve import advance_pilots, advance_spools, read_command
 
 
-@njit
+@compiled
 def _interpolate(linkage: Linkage, joint: int, angle: float) -> tuple[float, float]:
     """Moment arm and cylinder travel at an angle, m; the nearest table entry beyond the stops."""
     n = linkage.moment_arm_m.shape[1]
@@ -38,7 +38,7 @@ def _interpolate(linkage: Linkage, joint: int, angle: float) -> tuple[float, flo
     return arm, travel
 
 
-@njit
+@compiled
 def _accelerate(
     parameters: Parameters, state: State, scratch: Scratch, viscosity_ratio: float, dt: float
 ) -> None:
@@ -58,7 +58,7 @@ def _accelerate(
             state.velocity_rad_s[j] += dt * scratch.inverse_mass[j, i] * scratch.free[i]
 
 
-@njit
+@compiled
 def _move(linkage: Linkage, state: State, scratch: Scratch, dt: float) -> None:
     """Angles after one substep at the new velocities; the link follows the drive within the pin clearance.
 
@@ -78,7 +78,7 @@ def _move(linkage: Linkage, state: State, scratch: Scratch, dt: float) -> None:
         state.link_angle_rad[j] = min(max(state.link_angle_rad[j], low), high)
 
 
-@njit
+@compiled
 def _advance(
     parameter_record: np.recarray,
     state_record: np.recarray,

@@ -7,13 +7,13 @@ Jelali & Kroll, section 3.3 on spool dynamics, overlap and hysteresis).
 """
 
 import numpy as np
-from numba import njit
 
+from pipeline.plant.compiled import compiled
 from pipeline.plant.parameters import NEGATIVE, POSITIVE, Pilot, Spool
 from pipeline.plant.state import State
 
 
-@njit
+@compiled
 def read_command(pilot: Pilot, state: State, command: np.ndarray, phase: int, dt: float) -> None:
     """Controller cycle: take over `command` (n,) once per cycle; store what was read for the dead time."""
     index = state.ring_index[0]
@@ -24,7 +24,7 @@ def read_command(pilot: Pilot, state: State, command: np.ndarray, phase: int, dt
     state.ring_index[0] = index + 1
 
 
-@njit
+@compiled
 def advance_pilots(pilot: Pilot, state: State, viscosity_ratio: float, dt: float) -> None:
     """One substep of all pilot pressures, coils and the pilot supply."""
     n, n_ring = state.spool.size, state.command_ring.shape[0]
@@ -54,7 +54,7 @@ def advance_pilots(pilot: Pilot, state: State, viscosity_ratio: float, dt: float
     state.pilot_activity[0] += (share - state.pilot_activity[0]) * dt / pilot.supply_time_constant_s
 
 
-@njit
+@compiled
 def advance_spools(pilot: Pilot, spool: Spool, state: State, silt_draw: np.ndarray, dt: float) -> None:
     """One substep of all spool positions.
 
@@ -99,7 +99,7 @@ def advance_spools(pilot: Pilot, spool: Spool, state: State, silt_draw: np.ndarr
             state.spool[j] += (aim - state.spool[j]) * dt / (spool.time_constant_s + dt)
 
 
-@njit
+@compiled
 def opening(spool: Spool, joint: int, direction: int, stroke: float) -> float:
     """Share of the metering area that `stroke` towards `direction` opens: overlap, then a notch."""
     if stroke <= spool.overlap[joint, direction]:
@@ -109,7 +109,7 @@ def opening(spool: Spool, joint: int, direction: int, stroke: float) -> float:
     ) ** spool.notch_exponent
 
 
-@njit
+@compiled
 def bypass_area(spool: Spool, stroke: float) -> float:
     """Open-centre area of one section at |stroke|: closes quadratically (a round land)."""
     closed = min(stroke / spool.bypass_close_stroke, 1.0)
@@ -119,7 +119,7 @@ def bypass_area(spool: Spool, stroke: float) -> float:
     )
 
 
-@njit
+@compiled
 def orifice(pressure_drop: float, quadratic: float, laminar: float) -> tuple[float, float]:
     """Flow through a sharp-edged orifice in series with a laminar line, and its slope.
 
