@@ -63,11 +63,11 @@ test: env ## check style, types and layers, and run the tests (some 15 minutes o
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	$(BIN)/pytest -n 2 --dist worksteal --durations 15
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 15
 
 .PHONY: coverage
 coverage: env ## run the tests and report which lines of the library they run
-	$(BIN)/pytest -n 2 --dist worksteal --cov pipeline --cov-report term:skip-covered
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --cov pipeline --cov-report term:skip-covered
 
 .PHONY: ui
 ui: env ## open MLflow on the recorded runs

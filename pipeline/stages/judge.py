@@ -87,7 +87,9 @@ def main(configuration: JudgeStage, run: StageRun) -> None:
     for predictor in judgements:  # each has a run of its own, so that all have the same metric names
         with run.nested(predictor) as nested:
             prefix = f"{predictor}."
-            nested.metrics({key.removeprefix(prefix): metrics[key] for key in metrics if key.startswith(prefix)})
+            nested.metrics(
+                {key.removeprefix(prefix): metrics[key] for key in metrics if key.startswith(prefix)}
+            )
     run.artifact(output, "judgement")
 
 

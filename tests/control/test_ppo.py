@@ -19,6 +19,8 @@ from pipeline.dynamics.network import Parameterization
 from pipeline.errors import InputError
 from tests.reaching.lag import model_specification
 
+pytestmark = pytest.mark.slow
+
 POINT = 80 * 5120  # steps between two points of the curve
 
 

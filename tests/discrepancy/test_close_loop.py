@@ -18,6 +18,8 @@ from pipeline.logs.loop_tracker import LoopTrackerConfig, initial_state, track_o
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointSpecification, MachineSpecification
 
+pytestmark = pytest.mark.slow
+
 MACHINE = MachineSpecification(
     name="two_joints",
     rate_hz=20.0,

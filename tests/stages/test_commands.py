@@ -17,6 +17,8 @@ from omegaconf import OmegaConf, open_dict
 from pipeline.configuration import load_machine
 from pipeline.logs.writer import write_bag
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 STAGES = sorted(path.stem for path in (ROOT / "pipeline/stages").glob("[a-z]*.py"))
 PROFILES = sorted(path.stem for path in (ROOT / "conf/profile").glob("*.yaml"))

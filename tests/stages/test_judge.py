@@ -21,6 +21,8 @@ from pipeline.logs.tuples import Trajectory, read_tuples, write_tuples
 from pipeline.machine.specification import JointSpecification, MachineSpecification
 from pipeline.stages.judge import load_models
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 SMALL = [
     "judge.long_prediction_steps=150",

@@ -15,6 +15,8 @@ from pipeline.plant.seal import open_seal
 from pipeline.stages import close_loop  # noqa: F401  its schema
 from pipeline.stages.record import operator_and_sessions
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 SHORT = ("record_changed.session_minutes=[0.1,0.1]", "profile=smoke", "output=raw/changed", "tracking=none")
 

@@ -17,6 +17,8 @@ from pipeline.reaching.reward import RewardTerms, total_reward
 from pipeline.reaching.task import ReachingTask
 from tests.reaching.lag import lag_dynamics
 
+pytestmark = pytest.mark.slow
+
 TICKS = 48
 
 
