@@ -38,6 +38,7 @@ demo: env ## run the same graph on the smoke profile in build/demo: a first look
 	git ls-files -co --exclude-standard -z -- . ':!artifacts' ':!dvc.lock' | tar --create --null --files-from=- \
 	  | tar --extract --directory build/demo
 	sed -i -e 's/^profile: .*/profile: smoke/' -e 's/^seeds: .*/seeds: [0]/' -e 's/^icem_variants: .*/icem_variants: [icem]/' \
+	  -e 's/^frames_per_second: .*/frames_per_second: 2/' \
 	  -e '/^  icem_double_dagger_/d' build/demo/params.yaml
 	cd build/demo && git init --quiet && mkdir compiled && export NUMBA_CACHE_DIR="$$PWD/compiled" \
 	  JAX_COMPILATION_CACHE_DIR="$$PWD/compiled" JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.2 TF_CPP_MIN_LOG_LEVEL=3 \
