@@ -8,7 +8,7 @@ import argparse
 import importlib
 import re
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -186,13 +186,18 @@ def test_other_programs_take_the_pages_arguments(command: Command, monkeypatch: 
     assert path.exists()
     if "ArgumentParser(" not in path.read_text(encoding="utf-8"):
         return  # it takes words by their place; that it is there must do
-    parse = argparse.ArgumentParser.parse_args
+    parsers = {how: getattr(argparse.ArgumentParser, how) for how in ("parse_args", "parse_known_args")}
 
-    def parse_only(parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
-        parse(parser, list(arguments))
-        raise Parsed
+    def parse_only(how: str) -> Callable[..., None]:
+        def parse(parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
+            monkeypatch.undo()  # the one is made of the other
+            parsers[how](parser, list(arguments))
+            raise Parsed
 
-    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
+        return parse
+
+    for how in parsers:  # the latter by programs that hand on what they do not know
+        monkeypatch.setattr(argparse.ArgumentParser, how, parse_only(how))
     with pytest.raises(Parsed):
         importlib.import_module(f"{name}.__main__" if path.stem == "__main__" else name).main()
 
