@@ -1,5 +1,6 @@
 """Controllers behind one interface: the autonomous server's state in, a command out. PPO's policies, and iCEM."""
 
+import copy
 import enum
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -124,8 +125,8 @@ class IcemController:
 
     def fresh(self) -> "IcemController":
         """A planner without a goal that shares what is compiled."""
-        other = object.__new__(IcemController)
-        other.__dict__ |= self.__dict__ | {"_plan": None}
+        other = copy.copy(self)
+        other._plan = None
         return other
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import yaml
-from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
 from pipeline.deployment.component import NANOSECONDS
+from pipeline.deployment.mcap_file import RecordedTopic, write_mcap_file
 from pipeline.deployment.messages import EmergencyStop, JointCommand, Outcome, ReachResult, Topic
 from pipeline.logs.bags import STORAGE_READERS
 from pipeline.logs.discover import LogEntry
@@ -82,24 +82,15 @@ def add_graph_topics(bag: Path, record: GraphRecord) -> None:
         store.register(get_types_from_msg(_definition(kind), _full_name(kind)))
     file_name = f"{bag.name}_1.mcap"
     by_topic: dict[Topic, Sequence[tuple[int, Any]]] = dict(zip(KINDS, record, strict=True))
-    messages = sorted(
-        ((time_ns, topic, message) for topic, said in by_topic.items() for time_ns, message in said),
-        key=lambda entry: entry[0],
-    )
-    with (bag / file_name).open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
-        writer.start(profile="ros2", library="hydraulic-arm-pipeline")
-        channels = {}
-        for topic, kind in KINDS.items():
-            definition, _ = store.generate_msgdef(_full_name(kind), ros_version=2)
-            schema = writer.register_schema(_full_name(kind), "ros2msg", definition.encode())
-            channels[topic] = writer.register_channel(
-                f"/{topic}", "cdr", schema, {"offered_qos_profiles": ""}
-            )
-        for number, (time_ns, topic, message) in enumerate(messages):
-            data = bytes(store.serialize_cdr(_ros(store, topic, message), _full_name(KINDS[topic])))
-            writer.add_message(channels[topic], time_ns, data, publish_time=time_ns, sequence=number)
-        writer.finish()
+    topics = [
+        RecordedTopic(
+            f"/{topic}",
+            _full_name(KINDS[topic]),
+            [(time_ns, _ros(store, topic, message)) for time_ns, message in said],
+        )
+        for topic, said in by_topic.items()
+    ]
+    write_mcap_file(bag / file_name, store, topics)
     _name_in_metadata(bag / "metadata.yaml", file_name, store, {t: len(said) for t, said in by_topic.items()})
 
 

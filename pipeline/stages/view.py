@@ -7,8 +7,8 @@ from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, stage
 from pipeline.deployment.graph_topics import read_graph_topics
-from pipeline.deployment.viewing.visual_file import write_visual_file
-from pipeline.deployment.viewing.visual_topics import visual_topics
+from pipeline.deployment.mcap_file import write_mcap_file
+from pipeline.deployment.viewing.visual_topics import STORE, visual_topics
 from pipeline.errors import InputError
 from pipeline.logs.bags import read_log
 from pipeline.logs.discover import find_logs
@@ -33,7 +33,7 @@ def main(configuration: ViewStage, run: StageRun) -> None:
         if not len(log.q):
             raise InputError(f"{entry.path}: no joint states of {machine.name}, so there is nothing to see")
         path = output / f"{entry.name}.mcap"
-        write_visual_file(path, visual_topics(log, read_graph_topics(entry), machine, MACHINE_DIRECTORY))
+        write_mcap_file(path, STORE, visual_topics(log, read_graph_topics(entry), machine, MACHINE_DIRECTORY))
         print(f"view: {path}")
     run.artifact(output, "view")
 

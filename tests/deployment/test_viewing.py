@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from pipeline.configuration import MACHINE_DIRECTORY
 from pipeline.deployment.goals import compiled_forward
 from pipeline.deployment.graph_topics import GraphRecord
+from pipeline.deployment.mcap_file import write_mcap_file
 from pipeline.deployment.messages import EmergencyStop, Outcome, ReachResult
 from pipeline.deployment.viewing.joint_transforms import joint_transforms
-from pipeline.deployment.viewing.visual_file import write_visual_file
-from pipeline.deployment.viewing.visual_topics import visual_topics
+from pipeline.deployment.viewing.visual_topics import STORE, visual_topics
 from pipeline.logs.raw_log import RawLog, TargetPoses
 from pipeline.machine.description import urdf_path
 from pipeline.machine.kinematics import Pose
@@ -77,7 +77,7 @@ def decoded(tmp_path_factory) -> dict[str, list]:
         [(int(TIME_NS[2]), EmergencyStop(int(TIME_NS[2]), "joint_limits", "swing at 1.0 rad"))],
     )
     path = log.path / "view/file.mcap"
-    write_visual_file(path, visual_topics(log, graph, bobcat(), MACHINE_DIRECTORY))
+    write_mcap_file(path, STORE, visual_topics(log, graph, bobcat(), MACHINE_DIRECTORY))
     found: dict[str, list] = {}
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])

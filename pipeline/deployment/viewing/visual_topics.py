@@ -6,7 +6,7 @@ states (whose numbers can be plotted by joint), log messages.
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.graph_topics import GraphRecord
+from pipeline.deployment.mcap_file import RecordedTopic
 from pipeline.deployment.recording import BASE_FRAME
 from pipeline.deployment.viewing.joint_transforms import JointTransforms, joint_transforms
 from pipeline.logs.columns import whole
@@ -34,17 +35,9 @@ POINT_BYTES = 12
 LEVEL_INFORMATION, LEVEL_ERROR = 20, 40  # of rcl_interfaces/Log
 
 
-class VisualTopic(NamedTuple):
-    """A topic, its ROS 2 type, and its messages with their times, ns."""
-
-    name: str
-    type_name: str
-    messages: list[tuple[int, "Msg"]]
-
-
 def visual_topics(
     log: RawLog, graph: GraphRecord, machine: MachineSpecification, directory: Path
-) -> list[VisualTopic]:
+) -> list[RecordedTopic]:
     """Everything there is to see of a log.
 
     Args:
@@ -65,25 +58,25 @@ def visual_topics(
     moving = [joint for joint in transforms if len(joint.position) == len(time_ns)]
     names = list(machine.joint_names)
     topics = [
-        VisualTopic("/robot_description", "std_msgs/msg/String", [(start_ns, _text(urdf.read_text()))]),
-        VisualTopic("/tf_static", "tf2_msgs/msg/TFMessage", [(start_ns, _frames(fixed, 0, start_ns))]),
-        VisualTopic(
+        RecordedTopic("/robot_description", "std_msgs/msg/String", [(start_ns, _text(urdf.read_text()))]),
+        RecordedTopic("/tf_static", "tf2_msgs/msg/TFMessage", [(start_ns, _frames(fixed, 0, start_ns))]),
+        RecordedTopic(
             "/tf",
             "tf2_msgs/msg/TFMessage",
             [(int(t), _frames(moving, row, int(t))) for row, t in enumerate(time_ns)],
         ),
-        VisualTopic("/joints", "sensor_msgs/msg/JointState", _joints(log, names)),
-        VisualTopic(
+        RecordedTopic("/joints", "sensor_msgs/msg/JointState", _joints(log, names)),
+        RecordedTopic(
             "/workspace",
             "sensor_msgs/msg/PointCloud2",
             [(start_ns, _cloud(_polylines(sector_edges(workspace_of(machine))), start_ns))],
         ),
-        VisualTopic("/events", "rcl_interfaces/msg/Log", _events(log, graph)),
+        RecordedTopic("/events", "rcl_interfaces/msg/Log", _events(log, graph)),
     ]
     return [*topics, *_targets(log)]
 
 
-def _targets(log: RawLog) -> list[VisualTopic]:
+def _targets(log: RawLog) -> list[RecordedTopic]:
     if log.targets is None:
         return []
     time_ns, position, quaternion = map(
@@ -95,8 +88,8 @@ def _targets(log: RawLog) -> list[VisualTopic]:
         poses.append((t, _type("geometry_msgs/msg/PoseStamped")(header=_header(t), pose=pose)))
         marks.append((t, _cloud(p + _rotated(w, target_mark()), t)))
     return [
-        VisualTopic("/target", "geometry_msgs/msg/PoseStamped", poses),
-        VisualTopic("/target_mark", "sensor_msgs/msg/PointCloud2", marks),
+        RecordedTopic("/target", "geometry_msgs/msg/PoseStamped", poses),
+        RecordedTopic("/target_mark", "sensor_msgs/msg/PointCloud2", marks),
     ]
 
 
