@@ -39,7 +39,7 @@ from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.episodes import Episodes, evaluation_episodes
 from pipeline.reaching.task import ReachingTask
-from pipeline.stages.sim2sim import Sim2SimStage, policy_parts
+from pipeline.stages.sim2sim import Sim2SimStage, graph_parts
 from pipeline.tracking import StageRun
 
 START_TIMEOUT_S = 300.0  # until all nodes have compiled what they run
@@ -139,7 +139,7 @@ def _machine(configuration: GraphStage, name: str) -> Component:
 
 def _server(configuration: GraphStage) -> Node:
     machine = configuration.machine
-    parts = policy_parts(configuration, machine)
+    parts = graph_parts(configuration, machine)
     start = fixed_episodes(configuration).starts[0]
     history = parts.task.dynamics.initial_history(jnp.asarray(start))
     state = ControllerState(np.asarray(history.motion), np.asarray(history.commands), start, start)

@@ -30,7 +30,7 @@ from pipeline.stages.graph_node import (
     write_bag_of,
     write_run,
 )
-from pipeline.stages.sim2sim import controller_delays, policy_parts
+from pipeline.stages.sim2sim import controller_delays, graph_parts
 from pipeline.tracking import StageRun
 
 
@@ -87,7 +87,7 @@ def run_targets(configuration: GraphStage, overrides: list[str]) -> tuple[list[R
 def simulate(configuration: GraphStage) -> Recorder:
     """The same targets from the same start through the graph in simulated time: what the real one is held against."""
     episodes = fixed_episodes(configuration)
-    parts = policy_parts(configuration, configuration.machine)
+    parts = graph_parts(configuration, configuration.machine)
     parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
     machine = LearnedMachine(parts.step, episodes.starts[0])
     return run_successive(

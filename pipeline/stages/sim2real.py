@@ -28,7 +28,7 @@ from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.simulator import Plant
 from pipeline.plant.undeclared import draw_effects
 from pipeline.reaching.episodes import evaluation_episodes
-from pipeline.stages.sim2sim import Sim2SimStage, Stopwatch, controller_delays, controller_files, policy_parts
+from pipeline.stages.sim2sim import Sim2SimStage, Stopwatch, controller_delays, controller_files, graph_parts
 from pipeline.tracking import StageRun, progress_bar
 
 PERIOD_S = 0.01  # at which the plant is advanced: commands act within so much of their arrival
@@ -101,7 +101,7 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
         until_goal = replace(configuration.deployment.termination, at_goal=True)
         configuration.deployment = replace(configuration.deployment, termination=until_goal)
     machine, deployment, output = configuration.machine, configuration.deployment, Path(configuration.output)
-    parts, conditions = policy_parts(configuration, machine), configuration.episodes
+    parts, conditions = graph_parts(configuration, machine), configuration.episodes
     run.inputs(*controller_files(configuration))
     plans = configuration.kind is ControllerKind.icem
     episodes = evaluation_episodes(

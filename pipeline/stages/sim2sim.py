@@ -69,7 +69,7 @@ def main(configuration: Sim2SimStage, run: StageRun) -> None:
         "jax_cpu_enable_async_dispatch", False
     )  # calls are so short that handing them over costs more
     machine, conditions, output = configuration.machine, configuration.episodes, Path(configuration.output)
-    parts = policy_parts(configuration, machine)
+    parts = graph_parts(configuration, machine)
     run.inputs(*controller_files(configuration))
     episodes = evaluation_episodes(
         machine, parts.task.arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
@@ -110,7 +110,7 @@ class Stopwatch:
         )
 
 
-def policy_parts(configuration: Sim2SimStage, machine: MachineSpecification) -> GraphParts:
+def graph_parts(configuration: Sim2SimStage, machine: MachineSpecification) -> GraphParts:
     """The graph around a controller and the model that it was learned on, or plans with.
 
     Raises:
