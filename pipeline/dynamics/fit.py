@@ -30,6 +30,10 @@ from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
 
+class TrainingDivergedError(InputError):
+    """L|eval was never finite, whatever the data: the hyper-parameters are to blame."""
+
+
 class TrainingState(NamedTuple):
     """All that training carries from epoch to epoch; a checkpoint holds exactly this."""
 
@@ -90,7 +94,8 @@ def fit(
             and is started again with the same arguments returns what an uninterrupted run returns.
 
     Raises:
-        InputError: if the rows are too short, a joint never moves, or L|eval is never finite.
+        InputError: if the rows are too short, or a joint never moves.
+        TrainingDivergedError: if L|eval is never finite.
     """
     starts = window_starts(
         trajectories, validation=False, first_row=training.lags + 1, horizon=training.horizon
@@ -190,7 +195,7 @@ def _digest(trajectories: Sequence[Trajectory]) -> str:
 
 def _result(model: DynamicsModel, state: TrainingState, n_windows: int) -> FitResult:
     if not np.isfinite(float(state.best_loss)):
-        raise InputError(
+        raise TrainingDivergedError(
             "identify: L|eval was never finite; lower the learning rate or set identify.gradient_clip"
         )
     epochs = int(state.epoch)

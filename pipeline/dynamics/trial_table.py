@@ -3,11 +3,11 @@
 import csv
 import dataclasses
 import io
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.atomic_files import write_whole
 from pipeline.dynamics.selection import Candidate
 from pipeline.dynamics.settings import TrainingConfig
 from pipeline.errors import InputError
@@ -60,10 +60,7 @@ def write_trials(path: Path, rows: Sequence[TrialRow]) -> None:
         cells = {name: getattr(row, name) for name in fields} | dataclasses.asdict(row.training)
         cells |= {"hidden": _LAYERS.join(map(str, row.training.hidden)), "seconds": f"{row.seconds:.2f}"}
         writer.writerow(cells)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    partial.write_text(text.getvalue(), encoding="utf-8")
-    os.replace(partial, path)
+    write_whole(path, text.getvalue().encode())
 
 
 def read_candidates(path: Path) -> list[Candidate]:

@@ -15,7 +15,7 @@ import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration import PipelineConfiguration, stage
-from pipeline.dynamics.fit import fit
+from pipeline.dynamics.fit import TrainingDivergedError, fit
 from pipeline.dynamics.model import Target
 from pipeline.dynamics.network import Parameterization
 from pipeline.dynamics.purposes import split_by_purpose
@@ -31,7 +31,6 @@ from pipeline.study.worker import DivergedError, RunningTrial, Study
 from pipeline.tracking import StageRun, progress_bar
 
 SCHEMA_VERSION = 1
-NEVER_FINITE = "never finite"  # what `fit` says of a training that diverged
 FACTS = ("epochs", "best_epoch", "n_parameters")  # of `fit`'s metrics
 
 
@@ -137,10 +136,8 @@ class Trainer:
                 progress,
                 self._checkpoints / f"trial_{trial.number}",
             )
-        except InputError as error:
-            if NEVER_FINITE in str(error):
-                raise DivergedError("no finite L|eval") from error
-            raise
+        except TrainingDivergedError as error:
+            raise DivergedError("no finite L|eval") from error
         return result.metrics["evaluation_loss"], {name: int(result.metrics[name]) for name in FACTS}
 
 
