@@ -50,3 +50,17 @@ def test_licence_and_changelog_are_of_this_version() -> None:
     project = PROJECT["project"]
     assert (ROOT / "LICENSE").read_text().startswith(f"{project['license']} License")
     assert f"\n## {project['version']}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_a_wheel_has_every_file_of_the_library() -> None:
+    listed = subprocess.run(
+        ["git", "ls-files", "pipeline"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    others = {Path(name) for name in listed.stdout.splitlines() if not name.endswith(".py")}
+    packed = {
+        path.relative_to(ROOT)
+        for package, patterns in PROJECT["tool"]["setuptools"]["package-data"].items()
+        for pattern in patterns
+        for path in (ROOT / package.replace(".", "/")).glob(pattern)
+    }
+    assert others and others <= packed
