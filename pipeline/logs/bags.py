@@ -33,8 +33,7 @@ def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore 
         store: Takes the columns; by default they are held in memory.
 
     Raises:
-        InputError: The log cannot be read at all, lacks a topic or joint of the machine, or is of another
-        type.
+        InputError: The log cannot be read at all, lacks a topic or joint of the machine, or is of another type.
     """
     if entry.error:
         raise InputError(entry.error)

@@ -10,13 +10,13 @@ class IngestConfig:
     """How logs become tuples.
 
     Attributes:
-        validation_fraction: Last share of each trajectory that is for validation. maximum_gap_s: Longer gaps
-        between joint samples split a trajectory. minimum_trajectory_s: Shorter stretches are left out, and
-        counted. maximum_clock_offset_s: Header stamps further than this from log time are of a foreign clock;
-        log time is used. maximum_speed_ranges_per_s: No joint is faster, in joint ranges per second; more is
-        an encoder's fault. maximum_invalid_command_fraction: A log with a larger share of impossible commands
-        is refused. frozen_after_s: An encoder that repeats its value for longer, while its joint is
-        commanded, is reported.
+        validation_fraction: Last share of each trajectory that is for validation.
+        maximum_gap_s: Longer gaps between joint samples split a trajectory.
+        minimum_trajectory_s: Shorter stretches are left out, and counted.
+        maximum_clock_offset_s: Header stamps further than this from log time are of a foreign clock; log time is used.
+        maximum_speed_ranges_per_s: No joint is faster, in joint ranges per second; more is an encoder's fault.
+        maximum_invalid_command_fraction: A log with a larger share of impossible commands is refused.
+        frozen_after_s: An encoder that repeats its value for longer, while its joint is commanded, is reported.
     """
 
     validation_fraction: float
