@@ -27,15 +27,16 @@ from pipeline.discrepancy.refine import parameter_covariance
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.residual_network import fit_residual_network
 from pipeline.discrepancy.result import ClosedLoop
+from pipeline.discrepancy.sampling_phase import sampling_phases
 from pipeline.discrepancy.screen import Rows, averaged
 from pipeline.discrepancy.search import Search, null_gains
 from pipeline.discrepancy.sequences import Sequences, side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
-from pipeline.discrepancy.stops import Encoder, encoders, stops
+from pipeline.discrepancy.stops import Encoder, encoders_of
 from pipeline.discrepancy.verdict import MERGED, Effect, effects_of
-from pipeline.discrepancy.whole_machine import ON_SEVERAL_JOINTS, WHOLE_MACHINE
+from pipeline.discrepancy.whole_machine import OF_ONE_CAUSE
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
@@ -49,6 +50,7 @@ from pipeline.machine.specification import MachineSpecification
 LEVELS = (1, 80, 1000)
 NULL_BLOCK_ROWS = 1200
 FOLD_ROWS = 200
+TOLD_STEPS = 0.1
 MISFIT_PARTS = 6  # of the nominal logs: four minutes each, of 24
 
 Say = Callable[[str], None]
@@ -129,6 +131,7 @@ class Loop:
         known = rows
         rows = Sequences(*(column[:, :n_rows] for column in rows))
         simulation = Simulation(diagnosis, rows, effects, self.setting, diagnosis.left_out[..., :n_rows])
+        simulation.set_phases(sampling_phases(simulation, rows.is_row))
         weight = is_known(known, rows, diagnosis.scales)
         residual = (averaged(weight.astype(float), rows.is_row) > 0.999) * averaged(
             rows.velocity - simulation.velocities([{}])[0], rows.is_row
@@ -162,6 +165,14 @@ class Loop:
             self.label[index, : len(purpose)] = purpose
         self.weight = is_known(known, self.sequences, diagnosis.scales)
         used = self.sequences.is_row & np.isin(self.label, (Purpose.fit, Purpose.select))
+        phases = sampling_phases(self.simulation, used)
+        self.simulation.set_phases(phases)
+        if np.any(np.abs(phases) > TOLD_STEPS):
+            self.say(
+                "All joints of the measured logs respond alike by "
+                + ", ".join(f"{1e3 * machine.dt_s * phase:.0f}" for phase in phases)
+                + " ms later than on nominal logs: when their recordings began, which is taken out of what follows."
+            )
         self.rows = self._rows(self.sequences, used, (self.label == Purpose.select).astype(int), self.weight)
         confirm = self.sequences.is_row & (self.label == Purpose.confirm)
         halves = np.broadcast_to((np.arange(confirm.shape[1]) // FOLD_ROWS) % 2, confirm.shape)
@@ -198,10 +209,9 @@ class Loop:
 
     def _encoders(self) -> dict[int, Encoder]:
         """By the stops that were met on rows for fitting and selection."""
+        rows = self.sequences._replace(is_row=self.rows.is_used)
         lower, upper, speed = self.machine.lower, self.machine.upper, self.setting.speed_scale
-        before = stops(self.nominal_simulation.sequences, lower, upper, speed)
-        after = stops(self.sequences._replace(is_row=self.rows.is_used), lower, upper, speed)
-        return encoders(before, after, lower, upper)
+        return encoders_of(self.nominal_simulation.sequences, rows, lower, upper, speed)
 
     def residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
         """(N, n_joint) residual of the diagnosis model with the effects found."""
@@ -221,20 +231,27 @@ class Loop:
             p_of_common = common_speed_p(self.simulation, active, self.rows, widths_s, seed)
         together = self._together(found, everything)
         for effect in found:
-            joint = effect.candidate.joint
+            joint, largest_p = effect.candidate.joint, gate.largest_p
             if effect.candidate.family == SUPPLY:
                 share = bound = confirmed[joint].share
                 p = min(p_of_common * self.n_hypotheses, 1.0)
             else:
                 others = [f for f in found if f is not effect]
-                without = self.residual(self.confirm, others)[:, joint]
-                share, bound = lower_bound(without, everything[:, joint], self.confirm, gate.resamples, seed)
-                fitted_without = self.residual(self.rows, others)
-                change = (fitted_without - fitted)[:, joint]
-                if can_be_shifted(change):
-                    p = placebo_p(fitted_without[:, joint], change, self.n_hypotheses, seed)
+                known = ~self._may_set_in(effect)
+                without = known * self.residual(self.confirm, others)[:, joint]
+                after = known * everything[:, joint]
+                share, bound = lower_bound(without, after, self.confirm, gate.resamples, seed)
+                fitted_without = self.residual(self.rows, others)[:, joint]
+                change = fitted_without - fitted[:, joint]
+                acting = np.flatnonzero(
+                    change
+                )  # what sets in mid-way is compared with itself, not with nothing
+                since = acting[0] if len(acting) else 0
+                if can_be_shifted(change[since:]):
+                    p = placebo_p(fitted_without[since:], change[since:], self.n_hypotheses, seed)
                 else:
-                    gain = without**2 - everything[:, joint] ** 2
+                    largest_p = gate.largest_rank_p
+                    gain = without**2 - after**2
                     folds = self.confirm.folds
                     p = rank_p(np.bincount(folds.block, gain, minlength=folds.n_blocks), len(found))
             is_confirmed = bound > gate.smallest_improvement
@@ -249,7 +266,7 @@ class Loop:
             name = f"{effect.candidate.family} on {self.joints[joint]}"
             removed = f"on confirmation rows it removes {share:.0%} (at least {bound:.0%}) of the squares, p = {p:.1g}"
             self.shares[id(effect)] = share
-            if is_confirmed and p < gate.largest_p:
+            if is_confirmed and p < largest_p:
                 passed.append(effect)
                 self.p_values[id(effect)] = p
                 self.say(f"{name} is confirmed: {removed}.")
@@ -258,10 +275,21 @@ class Loop:
         self.lap("gate")
         return effects_of(passed, self.excited, "timing" not in self.config.exclude)
 
+    def _may_set_in(self, found: Found) -> np.ndarray:
+        """(N,) confirmation rows of which the rows for fitting cannot say whether the effect has set in by then."""
+        between = found.candidate.onset_between
+        if between is None:
+            return np.zeros(len(self.confirm.folds.fold), bool)
+        stamps = self.sequences.stamp_ns
+        return (
+            averaged(((stamps >= between[0]) & (stamps < between[1])).astype(float), self.confirm.is_used)
+            > 0.0
+        )
+
     def _together(self, found: Sequence[Found], everything: np.ndarray) -> dict[str, float]:
         """Lower bound of what a cause removes on all its joints together, for causes that several joints have."""
         bounds = {}
-        for family in (*WHOLE_MACHINE, *ON_SEVERAL_JOINTS):
+        for family in OF_ONE_CAUSE:
             members = [f for f in found if f.candidate.family == family]
             if len(members) < 2 or family == SUPPLY:
                 continue

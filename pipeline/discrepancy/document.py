@@ -8,6 +8,7 @@ import numpy as np
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.common_speed import common_speed_parameters
 from pipeline.discrepancy.held_out_errors import WindowErrors
+from pipeline.discrepancy.load_over_poses import mean_speed_ratios
 from pipeline.discrepancy.next_experiment import next_experiment
 from pipeline.discrepancy.parameters import Quantity, describe, quantity, spreads, weighted_mean
 from pipeline.discrepancy.ring_down import ring_down
@@ -132,6 +133,17 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
         spread = spreads(coordinates, covariance, number, member.candidate, loop.config.gate.model_error)
         wrapper = KNOWN[member.candidate.family](loop.setting)
         described.append(describe(member.candidate, wrapper, spread, loop.joints, loop.units[joint]))
+        if effect.family == "load":
+            described[-1] |= mean_speed_ratios(
+                member.candidate,
+                number,
+                coordinates,
+                covariance,
+                loop.setting,
+                loop.sequences.q[loop.rows.is_used],
+                loop.simulation.velocities([{}])[0][loop.rows.is_used][:, joint],
+                loop.config.gate.model_error,
+            )
         if effect.family == "oscillation":
             described[-1] |= _as_it_rings_down(loop, joint)
     if effect.family == "timing":

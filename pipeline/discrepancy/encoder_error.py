@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -33,11 +34,17 @@ def encoder_errors(
     """
     found = []
     for joint, encoder in encoders.items():
-        if encoder.point is None or SENSOR_BIAS in excluded:
+        if not encoder.errors or SENSOR_BIAS in excluded:
             continue
-        candidate = _at_stops(simulation, rows, SENSOR_BIAS, joint, encoder.point, encoder.deviation)
+        options = [
+            _at_stops(simulation, rows, SENSOR_BIAS, joint, error.point, encoder.onset, error.deviation)
+            for error in encoder.errors
+        ]
+        candidate = max(options, key=lambda option: option.gain)  # a scale changes the speeds, too
         width = {"width": 2.0 * encoder.inward}
-        play = _at_stops(simulation, rows, BACKLASH, joint, width, 2.0 * encoder.deviation)
+        play = _at_stops(
+            simulation, rows, BACKLASH, joint, width, encoder.onset, 2.0 * encoder.errors[0].deviation
+        )
         if BACKLASH not in excluded and encoder.inward > 0.0 and play.gain > candidate.gain:
             say(f"the stops of joint {joint} are read further in: by play rather than by its encoder")
         elif t_statistic(candidate.gain_by_block) < -smallest_t:
@@ -54,13 +61,14 @@ def _at_stops(
     family: str,
     joint: int,
     point: Mapping[str, float],
+    onset: int | None,
     deviation: float,
 ) -> Candidate:
     """An effect whose parameters the stops gave, and what it does to the speeds."""
     nothing = np.zeros(0)
-    blank = Candidate(family, joint, None, point, (), nothing, 0.0, 0.0, nothing, deviation=deviation)
+    seen_at_stops = partial(replace, onset=onset, deviation=deviation)
+    blank = seen_at_stops(Candidate(family, joint, None, point, (), nothing, 0.0, 0.0, nothing))
     before = residual_of(simulation, rows, [])[:, joint]
     after = residual_of(simulation, rows, [Found(blank)])[:, joint]
     seen = evidence(before, after, np.zeros((len(before), 0)), rows.folds, nothing, nothing)
-    candidate = scored(seen, before, rows.floor[joint], family, joint, None, point, ())
-    return replace(candidate, deviation=deviation)
+    return seen_at_stops(scored(seen, before, rows.floor[joint], family, joint, None, point, ()))

@@ -22,6 +22,8 @@ class GateConfig:
         smallest_share: Of the squared residual, instead, for the strongest effect: one that hardly moves positions.
         smallest_improvement: Lower 95 % bound of the held-out reduction of an effect's squared residual.
         largest_p: After correction for all hypotheses searched.
+        largest_rank_p: The same of a change that cannot be shifted in time, a creep at rest: by the gains' ranks over
+            blocks of confirmation rows, which nothing was searched on.
         worse_margin: Relative rise of a joint's open-loop error that still counts as none.
         resamples: Of the bootstrap.
         model_error: Share of a parameter by which the idealised effect may differ from the real one; widens intervals.
@@ -32,14 +34,16 @@ class GateConfig:
     smallest_error_reduction: float
     smallest_share: float
     largest_p: float
+    largest_rank_p: float
     worse_margin: float
     resamples: int
     model_error: float
     smallest_excitation_s: float
 
     def __post_init__(self) -> None:
-        if not 0 < self.largest_p < 1:
-            raise InputError(f"close_loop.gate.largest_p is {self.largest_p}; it must be in (0, 1)")
+        for name in ("largest_p", "largest_rank_p"):
+            if not 0 < getattr(self, name) < 1:
+                raise InputError(f"close_loop.gate.{name} is {getattr(self, name)}; it must be in (0, 1)")
         if not self.model_error >= 0:
             raise InputError(f"close_loop.gate.model_error is {self.model_error}; it must not be negative")
 

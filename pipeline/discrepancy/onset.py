@@ -67,9 +67,9 @@ def with_onsets(
 
 
 def since(
-    simulation: Simulation, active: Hypothesis, rows: Rows, onset: int, excluded: Sequence[str]
+    simulation: Simulation, active: Hypothesis, rows: Rows, first: Candidate, excluded: Sequence[str]
 ) -> list[Candidate]:
-    """Every candidate, acting from a moment on at which something is known to set in, fitted on the rows after it.
+    """Every candidate, acting from the moment on at which `first` sets in, fitted on the rows after it.
 
     What is fitted on rows before the moment, too, can fail for any effect but one that is linear in a single value.
 
@@ -77,16 +77,21 @@ def since(
         simulation: On the logs.
         active: Effects beside it.
         rows: Rows in use.
-        onset: The moment, absolute stamp, ns.
+        first: What is known to set in.
         excluded: Families that are not tried.
     """
-    is_after = simulation.sequences.stamp_ns >= onset
+    is_after = simulation.sequences.stamp_ns >= first.onset
     kept = averaged(is_after.astype(float), rows.is_used) > WHOLE
     folds = Folds(rows.folds.block[kept] % 2, rows.folds.block[kept], rows.folds.n_blocks)
     after = Rows(rows.is_used & is_after, folds, rows.floor, rows.weight[kept])
     squares = _squares(simulation, active, rows)
     return [
-        replace(c, onset=onset, share=c.gain * rows.floor[c.joint] / squares[c.joint])
+        replace(
+            c,
+            onset=first.onset,
+            onset_between=first.onset_between,
+            share=c.gain * rows.floor[c.joint] / squares[c.joint],
+        )
         for c in screen(simulation, active, after, excluded)
         if c.family in SETS_IN or c.family.startswith("other")
     ]
@@ -151,4 +156,7 @@ def _with_onset(
     same = [moment for moment in known if moments[0] <= moment - first <= moments[1]]
     onset = same[0] if same else int(moments.mean() + first)
     share = gain * rows.floor[joint] / max(float(np.sum(before**2)), 1e-12)
-    return replace(current, gain=gain, share=share, gain_by_block=gain_by_block, onset=onset)
+    between = (int(first + moments[0]), int(first + moments[1]))
+    return replace(
+        current, gain=gain, share=share, gain_by_block=gain_by_block, onset=onset, onset_between=between
+    )

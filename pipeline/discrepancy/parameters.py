@@ -52,7 +52,7 @@ def describe(
         }
     if family == "flow_coupling":
         of_source = {
-            f"loss_fraction:{joints[freed[0][1]]}": of(float(value), "1", f"coefficient:{index}")  # type: ignore[index]
+            f"loss_fraction_to:{joints[freed[0][1]]}": of(float(value), "1", f"coefficient:{index}")  # type: ignore[index]
             for index, (freed, value) in enumerate(zip(candidate.freed, coefficients, strict=True))
             if freed[0][1] != joint
         }
@@ -65,10 +65,13 @@ def describe(
         return {"loss_fraction": quantity(total, "1", deviation), **of_source}
     if family == "thermal_drift":
         warm = 1.0 + float(coefficients[1])
-        return {
+        result = {
             "cold_speed_loss": of(float(coefficients[0]) / warm, "1", "coefficient:0", 1.0 / warm),
             "time_constant": of(point["time_constant"], "s", "time_constant"),
         }
+        if len(coefficients) > 2:
+            result["cold_lag"] = of(float(coefficients[2]), "s", "coefficient:2")
+        return result
     if family == "leakage":
         return {"sag_rate": of(float(coefficients[0]), f"{unit}/s", "coefficient:0")}
     if family == "end_cushion":

@@ -34,6 +34,7 @@ class Candidate:
         share: The same as a share of the squares before.
         gain_by_block: The same as `gain`, per block.
         onset: Absolute stamp, ns, from which on it acts; None: all the time.
+        onset_between: Absolute stamps, ns, between which the rows do not tell one moment from the other.
         deviation: Standard deviation of `point`, where something else than the velocities gave it, and it is not fitted
             to them.
     """
@@ -48,6 +49,7 @@ class Candidate:
     share: float
     gain_by_block: np.ndarray = field(repr=False)
     onset: int | None = None
+    onset_between: tuple[int, int] | None = None
     deviation: float | None = None
 
     @property

@@ -6,16 +6,19 @@ taken; what is as simple and as good is kept as its equivalent.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.common_speed import common_speed_candidates
+from pipeline.discrepancy.decide_again import NEGLIGIBLE, decide_again
 from pipeline.discrepancy.encoder_error import encoder_errors
 from pipeline.discrepancy.found import Found, onsets_of, values_of
 from pipeline.discrepancy.onset import since, with_onsets
 from pipeline.discrepancy.plausibility import (
+    BACKLASH,
+    DELAY,
     SENSOR_BIAS,
     THERMAL_DRIFT,
     complexity,
@@ -28,7 +31,13 @@ from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.screen import Candidate, Rows, screen
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
-from pipeline.discrepancy.whole_machine import COMMON_CAUSES, ON_SEVERAL_JOINTS, WHOLE_MACHINE, common_cause
+from pipeline.discrepancy.whole_machine import (
+    COMMON_CAUSES,
+    OF_ONE_CAUSE,
+    ON_SEVERAL_JOINTS,
+    WHOLE_MACHINE,
+    common_cause,
+)
 from pipeline.errors import InputError
 
 Null = Mapping[tuple[str, int, int | None], float]
@@ -147,6 +156,7 @@ class Search:
         self.found = encoder_errors(
             self.simulation, self.rows, self.encoders, self.excluded, self.config.smallest_t, self._say
         )
+        self.simulation.onsets = onsets_of(self.found)
         for _ in range(self.config.maximum_effects):
             candidates = self._candidates()
             if second := self._second_cause(candidates):
@@ -163,8 +173,41 @@ class Search:
             self.found += self._choose(passing, candidates)
             self._refit()
             self.simulation.onsets = onsets_of(self.found)
+            self._split_common_delay()
         self._look_back()
+        self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._say)
         return self.found
+
+    def _split_common_delay(self) -> None:
+        """Where all joints are late alike and one is later still, the channel is late, and that joint has more.
+
+        Alone, the delay of that joint would hide the other effect, which is as late in the mean.
+        """
+        delays = [f for f in self.found if f.candidate.family == DELAY and f.candidate.onset is None]
+        if len(delays) < max(3, self.simulation.setting.n_joint):
+            return
+        values = np.array([f.candidate.point["added_delay"] for f in delays])
+        common = float(np.median(values))
+        later = np.flatnonzero(values > common + max(LATER_S, LATER_SHARE * common))
+        if len(later) != 1 or np.any(values < common - max(LATER_S, LATER_SHARE * common)):
+            return
+        joint = delays[later[0]].candidate.joint
+        if sum(f.candidate.joint == joint for f in self.found) > 1:
+            return
+        present = self.found
+        shortened = replace(delays[later[0]].candidate, point={"added_delay": common})
+        self.found = [Found(shortened) if f is delays[later[0]] else f for f in present]
+        left = screen(
+            self.simulation, values_of(self.simulation, self.found), self.rows, self.excluded, [joint]
+        )
+        passing = [
+            c for c in left if c.family != DELAY and self.passes(c) and not self._is_refuted_by_stops(c)
+        ]
+        if not passing:
+            self.found = present
+            return
+        self.found += self._choose(passing, left)
+        self._refit()
 
     def _second_cause(self, candidates: Sequence[Candidate]) -> list[Found]:
         """A payload or a shared pump, beside what makes the whole machine faster or slower.
@@ -205,8 +248,10 @@ class Search:
             for c in candidates
             if (c.family, c.joint, c.source) not in taken and not self._is_refuted_by_stops(c)
         ]
+        # What sets in at the same moment as an effect found before is one event.
+        moments = list(onsets_of(self.found).values())
         candidates = self._since_its_onset(
-            active, with_onsets(self.simulation, active, self.rows, candidates)
+            active, with_onsets(self.simulation, active, self.rows, candidates, moments)
         )
         if not self.first:
             self.first = sorted(candidates, key=self.net, reverse=True)
@@ -218,15 +263,21 @@ class Search:
         if best.onset is None or t_statistic(best.gain_by_block) < SHOWS_T:
             return candidates
         known = {(c.family, c.joint, c.source): c for c in candidates}
-        for candidate in since(self.simulation, active, self.rows, best.onset, self.excluded):
+        for candidate in since(self.simulation, active, self.rows, best, self.excluded):
             key = (candidate.family, candidate.joint, candidate.source)
             if key in known and candidate.gain > ONSET_FACTOR * known[key].gain:
                 known[key] = candidate
         return list(known.values())
 
     def _is_refuted_by_stops(self, candidate: Candidate) -> bool:
+        if candidate.family != SENSOR_BIAS:
+            return False
         encoder = self.encoders.get(candidate.joint)
-        return candidate.family == SENSOR_BIAS and encoder is not None and not encoder.allows(candidate.point)
+        # Play moves the stops, too: beside it they say nothing of the encoder.
+        taken = any(
+            f.candidate.family == BACKLASH and f.candidate.joint == candidate.joint for f in self.found
+        )
+        return taken or (encoder is not None and not encoder.allows(candidate.point))
 
     def _without_repairs(self, passing: list[Candidate]) -> list[Candidate]:
         """Candidates that are not just a repair of an effect that was found on their joint before.
@@ -361,7 +412,22 @@ class Search:
         return bool(significant and difference.sum() > max(allowance, NEGLIGIBLE * best.gain))
 
     def _refit(self) -> None:
-        self.found = refine(self.simulation, self.rows, self.found)
+        self.found = refine(self.simulation, self.rows, [self._complete(f) for f in self.found])
+
+    def _complete(self, found: Found) -> Found:
+        """With the parameters that belong to an effect, but do not make it known."""
+        candidate = found.candidate
+        if candidate.family == SUPPLY:
+            return found
+        later = tuple(
+            one
+            for one in self.simulation.effects[candidate.family].freed_later()
+            if one not in candidate.freed
+        )
+        coefficients = np.append(candidate.coefficients, np.zeros(len(later)))
+        return replace(
+            found, candidate=replace(candidate, freed=candidate.freed + later, coefficients=coefficients)
+        )
 
     def _look_back(self) -> None:
         """Drop what the others made superfluous."""
@@ -369,12 +435,8 @@ class Search:
         for found in sorted(kept, key=lambda f: -complexity(f.candidate)):
             if len(kept) == 1 or found.candidate.family == SUPPLY or found.candidate.deviation is not None:
                 continue
-            if sum(
-                f.candidate.family == found.candidate.family for f in kept
-            ) > 1 and found.candidate.family in (
-                *WHOLE_MACHINE,
-                *ON_SEVERAL_JOINTS,
-            ):
+            family = found.candidate.family
+            if family in OF_ONE_CAUSE and sum(f.candidate.family == family for f in kept) > 1:
                 continue  # one cause, which the gate judges as one
             by_block = gain_without(self.simulation, self.rows, kept, found)
             squares = found.candidate.gain / max(found.candidate.share, 1e-9)
@@ -391,6 +453,7 @@ class Search:
             self._refit()
 
 
+LATER_S, LATER_SHARE = 0.02, 0.1  # than the other joints, of a joint that has another effect besides
 PRESENT_SHARE, PRESENT_T = 0.1, 2.5  # of an effect that the nominal logs have, too
 REPRODUCED_SHARE = 0.2
 REFINED = 3  # of a joint's candidates
@@ -401,7 +464,6 @@ WHOLE_SECOND_SHARE = 0.5
 SECOND_CAUSE_SHARE = 0.12  # of what the first explains on all its joints
 AS_SIMPLE = 0.4
 DOUBT_FACTOR, DOUBT_T = 1.1, 1.0
-NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
 
 
 def _why(rival: Candidate, chosen: Candidate, best: Candidate) -> str:

@@ -56,8 +56,13 @@ class Simulation:
         rows = (sequences.command, sequences.q, sequences.time_s)
         self._rows = [jnp.asarray(np.moveaxis(array, 1, 0), jnp.float32) for array in rows]  # time in front
         self._rows.append(jnp.asarray(member))  # (E, T, B)
+        self._rows.append(jnp.zeros(len(sequences.q)))  # (B,)
         self._compiled: dict[tuple, Callable] = {}
         self.onsets: dict[tuple[str, int], int] = {}  # stamp, ns, from which on a family acts on a joint
+
+    def set_phases(self, phases: np.ndarray) -> None:
+        """Let all joints of each log respond late by so many steps, in (-1, 1): (B,)."""
+        self._rows[-1] = jnp.asarray(phases, jnp.float32)
 
     def nominal_velocities(self, hypotheses: Sequence[Hypothesis]) -> jax.Array:
         """Velocities of the nominal machine under the commands that reach it, (n_hypotheses, T, B, n_joint)."""
@@ -160,17 +165,21 @@ def _stacked(trees: Sequence) -> Any:
 
 
 def _driven(model: DiagnosisModel, chain: Chain, values: ChainValues, rows: list) -> jax.Array:
-    command, q, _, member = rows
+    command, q, _, member, phase = rows
     reaching = chain.command_sequence(values, command)
     true = chain.true(values, q)
     velocities = model.members_velocity(jnp.moveaxis(reaching, 0, 1), jnp.moveaxis(true, 0, 1))
-    return jnp.sum(member[..., None] * jnp.moveaxis(velocities, 2, 1), axis=0)
+    u = jnp.sum(member[..., None] * jnp.moveaxis(velocities, 2, 1), axis=0)
+    # A velocity is the mean over a step: late by part of a step it is made of two steps' velocities.
+    earlier, later = jnp.concatenate([u[:1], u[:-1]]), jnp.concatenate([u[1:], u[-1:]])
+    late = phase[:, None]
+    return u + jnp.maximum(late, 0.0) * (earlier - u) + jnp.maximum(-late, 0.0) * (later - u)
 
 
 def _responding(
     model: DiagnosisModel, chain: Chain, values: ChainValues, u: jax.Array, rows: list
 ) -> jax.Array:
-    command, q, time_s, _ = rows
+    command, q, time_s, *_ = rows
     true = chain.true(values, q)
     v = chain.velocity_sequence(values, u, Signals(command, true, time_s))
     return model.stopped(v, true) * chain.sensor_scale(values, true)

@@ -6,7 +6,7 @@ what else has changed.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,8 @@ ARRIVALS_AFTER = 3  # at the same reading elsewhere: more is claimed with it
 SPECIFIED_SHARE = 0.01  # of the range: how well a limit of the specification is known as a reading
 MOVED = 5.0  # standard deviations
 CONSISTENT = 3.0
+MOMENT_ROWS = 400  # between the moments that are tried for a change mid-way
+SMALLEST_PART_ROWS = 1200  # before and after such a moment
 
 
 @dataclass(frozen=True)
@@ -31,11 +33,27 @@ class Stop:
         reading: rad or m.
         deviation: Of the reading.
         n_arrivals: How often it was met.
+        is_pushed: Whether the joint stood there at least once while it was commanded further. Where an operator is
+            in the habit of letting go, joints come to a stand at the same place, too.
     """
 
     reading: float
     deviation: float
     n_arrivals: int
+    is_pushed: bool
+
+
+@dataclass(frozen=True)
+class EncoderError:
+    """An error that an encoder may have.
+
+    Attributes:
+        point: Of `sensor_bias`: its offset, or its scale.
+        deviation: Standard deviation of that parameter.
+    """
+
+    point: Mapping[str, float]
+    deviation: float
 
 
 @dataclass(frozen=True)
@@ -43,19 +61,20 @@ class Encoder:
     """What the stops say of one joint's encoder.
 
     Attributes:
-        point: Parameter of `sensor_bias` that moves the stops as they moved; None: they have not moved.
-        deviation: Standard deviation of that parameter.
+        errors: Each single error of an encoder that moves the stops as they moved, the likeliest first; none where they
+            have not moved, or as no encoder's error moves them. One stop cannot tell an offset from a scale.
         z: How many standard deviations the stops are off their places.
         inward: How far the stops have moved towards the middle, rad or m: play in the linkage moves them so, by half of
             it; 0 if any has moved outward.
         pairs: (n, 3) readings before and after, and their deviation.
+        onset: Absolute stamp, ns, until which the stops were where they had always been; None: moved all the time.
     """
 
-    point: Mapping[str, float] | None
-    deviation: float
+    errors: tuple[EncoderError, ...]
     z: float
     inward: float
     pairs: np.ndarray
+    onset: int | None = None
 
     def allows(self, point: Mapping[str, float]) -> bool:
         """Whether an encoder's error would leave the stops where they are read."""
@@ -77,21 +96,29 @@ def stops(sequences: Sequences, lower: np.ndarray, upper: np.ndarray, speed: np.
     for joint in range(sequences.q.shape[-1]):
         span = float(upper[joint] - lower[joint])
         for side in (-1, 1):
-            readings = _stands(sequences, joint, side, span, float(speed[joint]))
-            if not readings:
+            stands = _stands(sequences, joint, side, span, float(speed[joint]))
+            if not stands:
                 continue
-            outermost = max(readings, key=lambda reading: side * reading)
-            same = [r for r in readings if abs(r - outermost) < SAME_SHARE * span]
-            found[joint, side] = Stop(float(np.mean(same)), SAME_SHARE * span, len(same))
+            outermost = max((reading for reading, _ in stands), key=lambda reading: side * reading)
+            same = [stand for stand in stands if abs(stand[0] - outermost) < SAME_SHARE * span]
+            reading = float(np.mean([reading for reading, _ in same]))
+            found[joint, side] = Stop(
+                reading, SAME_SHARE * span, len(same), any(pushed for _, pushed in same)
+            )
     return found
 
 
-def _stands(sequences: Sequences, joint: int, side: int, span: float, speed: float) -> list[float]:
-    """Readings at which the joint arrived fast and stood, near its furthest reading."""
+def _stands(
+    sequences: Sequences, joint: int, side: int, span: float, speed: float
+) -> list[tuple[float, bool]]:
+    """Readings at which the joint arrived fast and stood, near its furthest reading; whether it was pushed there."""
     out = side * sequences.q[..., joint]
     furthest = float(out[sequences.is_row].max())
-    readings = []
-    for row, is_row, velocity in zip(out, sequences.is_row, sequences.velocity[..., joint], strict=True):
+    positive = np.sign(np.sum(sequences.command[..., joint] * sequences.velocity[..., joint]))
+    outward = side * positive * sequences.command[..., joint]
+    stands = []
+    columns = (out, sequences.is_row, sequences.velocity[..., joint], outward)
+    for row, is_row, velocity, pushing in zip(*columns, strict=True):
         near = (row > furthest - NEAR_SHARE * span) & is_row
         edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(int), [0]])))
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
@@ -99,8 +126,9 @@ def _stands(sequences: Sequences, joint: int, side: int, span: float, speed: flo
                 continue
             if side * velocity[begin - 2 : begin].mean() > ARRIVING_SHARE * speed:
                 # Its first rows: a leaking joint creeps away from its stop.
-                readings.append(side * float(np.median(row[begin : begin + STAND_ROWS])))
-    return readings
+                reading = side * float(np.median(row[begin : begin + STAND_ROWS]))
+                stands.append((reading, bool(np.any(pushing[begin - 1 : begin + STAND_ROWS] > 0.0))))
+    return stands
 
 
 def encoders(
@@ -123,10 +151,10 @@ def encoders(
             before = nominal.get((joint, side))
             is_there = False
             if before is None or before.n_arrivals < ARRIVALS_BEFORE:
-                before = Stop(float(limit), SPECIFIED_SHARE * span, 0)
+                before = Stop(float(limit), SPECIFIED_SHARE * span, 0, False)
             else:  # one arrival where the stop has always been is no chance
                 is_there = abs(after.reading - before.reading) < CONSISTENT * before.deviation
-            if after.n_arrivals >= ARRIVALS_AFTER or is_there:
+            if (after.n_arrivals >= ARRIVALS_AFTER and after.is_pushed) or is_there:
                 deviation = float(np.hypot(before.deviation, after.deviation))
                 pairs.append((before.reading, after.reading, deviation))
                 sides.append(side)
@@ -135,21 +163,51 @@ def encoders(
     return result
 
 
+def encoders_of(
+    nominal: Sequences, measured: Sequences, lower: np.ndarray, upper: np.ndarray, speed: np.ndarray
+) -> dict[int, Encoder]:
+    """As `encoders`, of whole logs; stops that move at some moment only are looked for as well.
+
+    Args:
+        nominal: Logs of the machine as it was.
+        measured: Logs of the machine as it is.
+        lower: (n_joint,) limits, rad or m.
+        upper: (n_joint,) limits.
+        speed: (n_joint,) usual full speed, rad/s or m/s.
+    """
+    before = stops(nominal, lower, upper, speed)
+
+    def during(is_row: np.ndarray) -> dict[int, Encoder]:
+        return encoders(before, stops(measured._replace(is_row=is_row), lower, upper, speed), lower, upper)
+
+    result = during(measured.is_row)
+    moments = np.sort(measured.stamp_ns[measured.is_row])[SMALLEST_PART_ROWS:-SMALLEST_PART_ROWS:MOMENT_ROWS]
+    options: dict[int, list[Encoder]] = {}
+    for moment in moments.tolist():
+        is_late = measured.stamp_ns >= moment
+        early, late = during(measured.is_row & ~is_late), during(measured.is_row & is_late)
+        for joint, encoder in late.items():
+            if encoder.errors and joint in early and early[joint].z < CONSISTENT:
+                options.setdefault(joint, []).append(replace(encoder, onset=moment))
+    # One moment between the last arrival at the old place and the first at the new one is as good as the other.
+    return result | {joint: of_joint[len(of_joint) // 2] for joint, of_joint in options.items()}
+
+
 def _encoder(pairs: np.ndarray, sides: np.ndarray) -> Encoder:
     before, after, deviation = pairs.T
     moved_in = sides * (before - after)
     inward = float(moved_in.mean()) if np.all(moved_in > 0.0) else 0.0
     z = float(np.sqrt(np.sum(((after - before) / deviation) ** 2)))
     if z < MOVED:
-        return Encoder(None, 0.0, z, inward, pairs)
+        return Encoder((), z, inward, pairs)
     weight = deviation**-2.0
     offset = float(weight @ (after - before) / weight.sum())
     scale = float(weight @ (after * before) / (weight @ before**2))
     options = [
-        ({"offset": offset}, weight.sum() ** -0.5, after - before - offset),
-        ({"scale": scale}, (weight @ before**2) ** -0.5, after - scale * before),
+        (EncoderError({"offset": offset}, float(weight.sum() ** -0.5)), after - before - offset),
+        (EncoderError({"scale": scale}, float((weight @ before**2) ** -0.5)), after - scale * before),
     ]
-    point, spread, left = min(options, key=lambda option: float(weight @ option[2] ** 2))
-    if float(weight @ left**2) > CONSISTENT**2 * len(pairs):
-        return Encoder(None, 0.0, z, inward, pairs)  # moved, but as no single error of an encoder moves them
-    return Encoder(point, float(spread), z, inward, pairs)
+    left = [float(weight @ rest**2) for _, rest in options]
+    possible = [place for place in np.argsort(left) if left[place] <= CONSISTENT**2 * len(pairs)]
+    likely = [place for place in possible if left[place] < left[possible[0]] + CONSISTENT**2]
+    return Encoder(tuple(options[place][0] for place in likely), z, inward, pairs)

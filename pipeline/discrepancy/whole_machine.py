@@ -9,6 +9,7 @@ from pipeline.discrepancy.screen import Candidate
 COMMON_CAUSES = (THERMAL_DRIFT, SUPPLY, "other:activity")
 WHOLE_MACHINE = (THERMAL_DRIFT, "timing", SUPPLY, "other:activity", FLOW_COUPLING)
 ON_SEVERAL_JOINTS = (FLOW_COUPLING, LOAD)  # one pump, one payload
+OF_ONE_CAUSE = tuple(dict.fromkeys((*WHOLE_MACHINE, *ON_SEVERAL_JOINTS)))  # on however many joints they show
 COMMON_FACTOR = 1.3  # times what the best effect on one joint explains
 MOST_ON_ONE = 0.4  # of that, at least, on one of the joints
 RIVAL_SHARE = 0.7  # of what the best explains on its joint

@@ -172,6 +172,10 @@ class Effect(ABC):
                 sources += [((parameter.name, index),) for index in indices]
         return [tuple(sources)]
 
+    def freed_later(self) -> Variant:
+        """Parameters that belong to the effect but do not make it known: fitted only once it has been found."""
+        return ()
+
     def initial(self, batch: tuple[int, ...]) -> State:
         """State of a machine that has been at rest."""
         return ()

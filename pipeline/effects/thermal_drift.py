@@ -3,16 +3,30 @@
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, Parameter, RatioEffect, Scope, Signals, State, Values
+from pipeline.effects.effect import (
+    SMALLEST_RATIO,
+    Card,
+    Parameter,
+    Place,
+    Scope,
+    Signals,
+    State,
+    Values,
+    Variant,
+    VelocityEffect,
+)
 
 
-class ThermalDrift(RatioEffect):
-    """Slow when cold, on all joints with one time constant."""
+class ThermalDrift(VelocityEffect):
+    """Slow when cold, and slow to respond, on all joints with one time constant."""
 
+    place = Place.speed
     card = Card(
         family="thermal_drift",
-        equation="v = u (1 + w − c e^{−t/T}), t since the start of the log; w: the nominal logs' own mean loss",
-        source="Newton's law of cooling; viscosity by Walther's equation (ASTM D341)",
+        equation="v = w (1 + g − c e^{−t/T}) with l e^{−t/T} ẇ = u − w, discretised backwards; t since the start of "
+        "the log; g: the nominal logs' own mean loss",
+        source="Newton's law of cooling; viscosity by Walther's equation (ASTM D341), which thins the flow and makes "
+        "pressures build up later",
         signature="residual proportional to speed that decays within minutes of every start, on all joints",
         confounded_with=("gain", "supply_variation"),
         excitation="ten minutes of ordinary work after a cold start",
@@ -21,6 +35,7 @@ class ThermalDrift(RatioEffect):
         parameters=(
             Parameter("cold_speed_loss", "1", 0.0, -0.5, 0.8),
             Parameter("warm_gain", "1", 0.0, -0.5, 0.5),
+            Parameter("cold_lag", "s", 0.0, 0.0, 0.2),
             Parameter(
                 "time_constant",
                 "s",
@@ -32,7 +47,33 @@ class ThermalDrift(RatioEffect):
         ),
     )
 
-    def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """Ratio at the time since start."""
+    def variants(self) -> list[Variant]:
+        """By its speeds; a lag of all joints alone may be the measurement channel's."""
+        return [((("cold_speed_loss", None),), (("warm_gain", None),))]
+
+    def freed_later(self) -> Variant:
+        """How late cold oil is."""
+        return ((("cold_lag", None),),)
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """At rest: w, (..., n_joint)."""
+        return self._zeros(batch)
+
+    def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """Late, and slower."""
+        ratio, lag_steps = self._at(values, signals)
+        # As a change of u, so that neutral values are exactly the identity.
+        w = u - lag_steps / (1.0 + lag_steps) * (u - state)
+        return w, ratio * w
+
+    def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """A lag's inverse is a lead."""
+        ratio, lag_steps = self._at(values, signals)
+        w = v / jnp.maximum(ratio, SMALLEST_RATIO)
+        return w, w + lag_steps * (w - state)
+
+    def _at(self, values: Values, signals: Signals) -> tuple[jax.Array, jax.Array]:
+        """Ratio of speeds and lag, in steps, at the time since start."""
         decay = jnp.exp(-signals.time_s[..., None] / values["time_constant"])
-        return state, 1.0 + values["warm_gain"] - values["cold_speed_loss"] * decay
+        ratio = 1.0 + values["warm_gain"] - values["cold_speed_loss"] * decay
+        return ratio, values["cold_lag"] / self.setting.dt_s * decay

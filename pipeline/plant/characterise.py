@@ -18,6 +18,7 @@ MIDDLE_RAD = (0.0, 0.75, -1.4, -0.9)  # the other joints of the E10
 BOOM, ARM = 1, 2
 WORKING_RADII_M, WORKING_HEIGHTS_M = (1.2, 1.7, 2.2), (0.3, 0.9, 1.5)  # of the tip, spread over the workspace
 RUN_UP_RAD = 0.35  # way of a joint before it stops in a working configuration
+PASSAGE_S = 1.6  # of full command through a working configuration
 SAG_S = 4.0  # so short that the joint sags in place
 FINE_PERIOD_S = 0.010  # control period of manoeuvres, for the sake of time resolution
 
@@ -82,16 +83,21 @@ def start_for(parameters: Parameters, joint: int, direction: int) -> np.ndarray:
 
 
 def full_speed(
-    parameters: Parameters, joint: int, direction: int, others: np.ndarray | None = None, hold_s: float = 2.5
+    parameters: Parameters,
+    joint: int,
+    direction: int,
+    others: np.ndarray | None = None,
+    hold_s: float = 2.5,
+    start: np.ndarray | None = None,
 ) -> float:
-    """Mean speed under full command from 1 s on, until near the limit or `hold_s`; rad/s, positive."""
-    response = respond(parameters, joint, direction, hold_s, others=others)
+    """Mean speed under full command from 1 s to `hold_s`, up to near the limit; rad/s, positive; nan if it is there."""
+    response = respond(parameters, joint, direction, hold_s, start, others=others)
     linkage = parameters.linkage
     margin = AHEAD_SHARE * (linkage.upper_rad[joint] - linkage.lower_rad[joint])
     inside = (response.angle_rad < linkage.upper_rad[joint] - margin) | (direction < 0)
     inside &= (response.angle_rad > linkage.lower_rad[joint] + margin) | (direction > 0)
     used = inside & (response.time_s >= 1.0)
-    return float(direction * np.mean(response.speed_rad_s[used]))
+    return float(direction * np.mean(response.speed_rad_s[used])) if used.any() else float("nan")
 
 
 def full_speeds(parameters: Parameters) -> np.ndarray:
@@ -146,6 +152,19 @@ def mean_sag_rate(parameters: Parameters, joint: int) -> float:
     """Mean of `sag_rate` over the configurations that the arm works in, rad/s."""
     starts = working_configurations(parameters)
     return float(np.mean([sag_rate(parameters, joint, SAG_S, start) for start in starts]))
+
+
+def mean_full_speed(parameters: Parameters, joint: int, direction: int) -> float:
+    """Mean of `full_speed` through the working configurations, as gravity depends on them; rad/s, positive."""
+    lower, upper = parameters.linkage.lower_rad[joint], parameters.linkage.upper_rad[joint]
+    found = []
+    for start in working_configurations(parameters):
+        speed = (
+            full_speed(parameters, joint, -direction) * SETTLE_S
+        )  # as far back as it comes in the time left out
+        start[joint] = np.clip(start[joint] - direction * speed, lower, upper)
+        found.append(full_speed(parameters, joint, direction, hold_s=PASSAGE_S, start=start))
+    return float(np.nanmean(found))
 
 
 class Ringing(NamedTuple):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.sequences import Sequences
-from pipeline.discrepancy.stops import encoders, stops
+from pipeline.discrepancy.stops import encoders, encoders_of, stops
 
 DT_S, SPEED = 0.05, 0.5
 LOWER, UPPER = np.array([-1.0]), np.array([0.6])
@@ -24,14 +24,22 @@ def sweeps(targets, seed, at_stops=(-1.0, 0.6)) -> np.ndarray:
     return np.array(q) + NOISE * random.standard_normal(len(q))
 
 
-def logs(q: np.ndarray) -> Sequences:
+def logs(q: np.ndarray, is_pushed: bool = True) -> Sequences:
+    """The command ends half a second after the joint has come to a stand or, where it is let go, some rows before."""
+    motion = np.append(np.diff(q), 0.0)
+    moving = np.where(np.abs(motion) > 0.2 * SPEED * DT_S, np.sign(motion), 0.0)
+    command = moving.copy()
+    for row in range(10, len(q)):
+        if is_pushed and moving[row] == 0.0 and np.any(moving[row - 10 : row]):
+            command[row] = command[row - 1]
+    if not is_pushed:
+        command[:-4] *= moving[4:] == moving[:-4]
     velocity = np.append(np.diff(q), 0.0) / DT_S
     time_s = DT_S * np.arange(len(q))
     is_row = np.arange(len(q)) < len(q) - 1
     column = (None, slice(None), None)
-    zeros = np.zeros_like(q)
     return Sequences(
-        zeros[column],
+        command[column],
         q[column],
         velocity[column],
         time_s[None],
@@ -51,7 +59,7 @@ INTO_BOTH = [2.0, -2.0] * 5
 
 def test_stops_that_stay_refute_any_error_of_the_encoder() -> None:
     encoder = judged(sweeps(INTO_BOTH, 0), sweeps(INTO_BOTH[:4], 1))[0]
-    assert encoder.point is None
+    assert encoder.errors == ()
     assert encoder.z < 1.0
     assert encoder.allows({"offset": 0.001})
     assert not encoder.allows({"offset": 0.03})
@@ -64,10 +72,10 @@ def test_stops_that_stay_refute_any_error_of_the_encoder() -> None:
 def test_stops_that_move_give_offset_or_scale(scale: float, offset: float) -> None:
     encoder = judged(sweeps(INTO_BOTH, 0), scale * sweeps(INTO_BOTH, 1) + offset)[0]
     expected = {"scale": scale} if scale != 1.0 else {"offset": offset}
-    assert encoder.point is not None
-    assert encoder.point.keys() == expected.keys()
+    likeliest = encoder.errors[0]
+    assert likeliest.point.keys() == expected.keys()
     for name, value in expected.items():
-        assert abs(encoder.point[name] - value) < 2.0 * encoder.deviation
+        assert abs(likeliest.point[name] - value) < 2.0 * likeliest.deviation
     assert encoder.z > 5.0
 
 
@@ -79,8 +87,36 @@ def test_play_moves_stops_inward_by_half_of_it() -> None:
 def test_limit_of_the_specification_stands_in_for_a_stop_not_met_before() -> None:
     inside = [0.3, -0.4, 0.25, -0.45, 0.28]
     encoder = judged(sweeps(inside, 0), sweeps(INTO_BOTH, 1) + 0.1)[0]
-    assert encoder.point is not None
-    assert abs(encoder.point["offset"] - 0.1) < 2.0 * encoder.deviation
+    likeliest = encoder.errors[0]
+    assert abs(likeliest.point["offset"] - 0.1) < 2.0 * likeliest.deviation
+
+
+def test_one_stop_cannot_tell_an_offset_from_a_scale() -> None:
+    onto_one = [0.9, 0.1, 0.9, -0.2, 0.9, -0.1, 0.9, 0.2]
+    encoder = judged(sweeps(INTO_BOTH, 0), sweeps(onto_one, 1) * 0.9)[0]
+    points = {name: value for error in encoder.errors for name, value in error.point.items()}
+    np.testing.assert_allclose([points["offset"], points["scale"]], [-0.06, 0.9], atol=0.003)
+
+
+def test_standing_where_an_operator_lets_go_is_no_stop() -> None:
+    q = sweeps([0.5, -0.9] * 5, 1)
+    speed = np.array([SPEED])
+    before = stops(logs(sweeps(INTO_BOTH, 0)), LOWER, UPPER, speed)
+    assert encoders(before, stops(logs(q, is_pushed=False), LOWER, UPPER, speed), LOWER, UPPER) == {}
+    assert encoders(before, stops(logs(q), LOWER, UPPER, speed), LOWER, UPPER)[0].z > 5.0
+
+
+def test_an_encoder_that_slips_mid_way_is_seen_with_its_moment() -> None:
+    nominal = logs(sweeps(INTO_BOTH, 0))
+    q = sweeps(INTO_BOTH * 5, 1)
+    slipped = len(q) * 3 // 5
+    q[slipped:] += 0.05
+    encoder = encoders_of(nominal, logs(q), LOWER, UPPER, np.array([SPEED]))[0]
+    assert encoder.onset is not None
+    assert abs(encoder.onset * 1e-9 - slipped * DT_S) < 30.0
+    assert abs(encoder.errors[0].point["offset"] - 0.05) < 2.0 * encoder.errors[0].deviation
+    always = encoders_of(nominal, logs(sweeps(INTO_BOTH * 5, 1) + 0.05), LOWER, UPPER, np.array([SPEED]))[0]
+    assert always.onset is None
 
 
 def test_turning_short_of_the_stops_says_nothing() -> None:

@@ -27,7 +27,12 @@ VALUES = {
         "mean_speed_ratio_down": [1.2, 0.9],
         "load_slope": [[0.1, 0.3], [0.0, -0.2]],
     },
-    "thermal_drift": {"cold_speed_loss": [0.4, 0.2], "warm_gain": [0.1, 0.05], "time_constant": [40.0, 40.0]},
+    "thermal_drift": {
+        "cold_speed_loss": [0.4, 0.2],
+        "warm_gain": [0.1, 0.05],
+        "cold_lag": [0.08, 0.12],
+        "time_constant": [40.0, 40.0],
+    },
     "leakage": {"sag_rate": [-0.04, 0.01]},
     "backlash": {"width": [0.03, 0.008]},
     "stiction": {"mean_extra_time": [0.13, 0.22], "rest_threshold": [0.31, 0.12]},

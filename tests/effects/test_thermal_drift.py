@@ -1,23 +1,42 @@
-"""Thermal drift: the loss of speed decays with the time since the start."""
+"""Thermal drift: the loss of speed, and the lag, decay with the time since the start."""
 
 import numpy as np
 import pytest
 
+from pipeline.effects.effect import Signals
 from pipeline.effects.thermal_drift import ThermalDrift
 
-from .conftest import SETTING, signals_at
+from .conftest import DT_S, SETTING, respond, signals_at
 
 pytestmark = pytest.mark.usefixtures("float64")
 
 VALUES = {
     "cold_speed_loss": np.array([0.3, 0.2]),
     "warm_gain": np.array([0.1, 0.0]),
+    "cold_lag": np.array([0.0, 0.0]),
     "time_constant": np.array([100.0, 100.0]),
 }
 
 
 @pytest.mark.parametrize("time_s", [0.0, 100.0, 250.0, 5000.0])
 def test_speed_rises_as_the_oil_warms(time_s):
-    _, v = ThermalDrift(SETTING).apply(VALUES, (), np.array([1.0, -1.0]), signals_at(time_s=time_s))
+    _, v = ThermalDrift(SETTING).apply(VALUES, np.zeros(2), np.array([1.0, -1.0]), signals_at(time_s=time_s))
     left = np.exp(-time_s / 100.0)
     np.testing.assert_allclose(v, [1.1 - 0.3 * left, -(1.0 - 0.2 * left)], rtol=1e-12)
+
+
+def test_cold_oil_responds_late_by_its_lag_and_warm_oil_does_not():
+    """The area between a step and the response to it is the lag."""
+    n_rows = 400
+    values = VALUES | {
+        "cold_speed_loss": np.zeros(2),
+        "warm_gain": np.zeros(2),
+        "cold_lag": np.array([0.1, 0.04]),
+    }
+    u, nothing = np.ones((n_rows, 2)), np.zeros((n_rows, 2))
+    for time_s, left in ((0.0, 1.0), (1000.0, 0.0)):
+        signals = Signals(nothing, nothing, np.full(n_rows, time_s))
+        v = respond(ThermalDrift(SETTING), values, u, signals)
+        np.testing.assert_allclose(
+            DT_S * np.sum(u - v, axis=0), left * values["cold_lag"], rtol=1e-9, atol=1e-5
+        )

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from pipeline.plant.characterise import full_speed
-from pipeline.plant.effects.effect import JOINT_NAMES, Effect, Quantity
+from pipeline.plant.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.characterise import mean_full_speed
+from pipeline.plant.effects.effect import Effect, Quantity
 from pipeline.plant.parameters import Parameters
 
 LIGHTEST_KG, HEAVIEST_KG = 40.0, 90.0  # at size 1
@@ -20,7 +21,7 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
     changed = apply(nominal)
     truth, joints, ratios = {}, [], []
     for joint in range(1, len(JOINT_NAMES)):  # gravity does not act on swing
-        down, up = (full_speed(changed, joint, d) / full_speed(nominal, joint, d) for d in (-1, 1))
+        down, up = (mean_full_speed(changed, joint, d) / mean_full_speed(nominal, joint, d) for d in (-1, 1))
         truth[f"mean_speed_ratio_up:{JOINT_NAMES[joint]}"] = Quantity(up, "1")
         truth[f"mean_speed_ratio_down:{JOINT_NAMES[joint]}"] = Quantity(down, "1")
         if max(abs(up - 1.0), abs(down - 1.0)) > LEAST_CHANGE:
