@@ -25,7 +25,8 @@ from pipeline.plant.parameters import (
     filled,
 )
 
-N_JOINT = 4  # swing, boom, arm, bucket
+JOINT_NAMES = ("swing", "boom", "arm", "bucket")
+N_JOINT = len(JOINT_NAMES)
 
 BAR = 1.0e5  # Pa
 LITRE_PER_MINUTE = 1.0e-3 / 60.0  # m3/s

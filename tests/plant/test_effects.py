@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.plant import effects
+from pipeline.plant.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.characterise import (
     full_speed,
     mean_sag_rate,
@@ -17,7 +18,6 @@ from pipeline.plant.characterise import (
     start_time,
 )
 from pipeline.plant.effects.change_point import wrap
-from pipeline.plant.effects.effect import JOINT_NAMES
 from pipeline.plant.simulator import Plant
 
 from .conftest import MIDDLE, random_commands

@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.plant.bobcat_e10 import N_JOINT
 from pipeline.plant.parameters import Parameters
-
-JOINT_NAMES = ("swing", "boom", "arm", "bucket")
-N_JOINT = len(JOINT_NAMES)
 
 Index = int | tuple[int | list[int], ...]
 

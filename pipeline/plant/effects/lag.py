@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import JOINT_NAMES, Effect, Quantity, added, choose_joint
+from pipeline.plant.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.effects.effect import Effect, Quantity, added, choose_joint
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_S, LARGEST_S = 0.15, 0.40  # at size 1

@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.optimize import curve_fit
 
+from pipeline.plant.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.characterise import MIDDLE_RAD, full_speeds
-from pipeline.plant.effects.effect import JOINT_NAMES, Effect, Quantity
+from pipeline.plant.effects.effect import Effect, Quantity
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.simulator import Plant
 
