@@ -30,9 +30,10 @@ from pipeline.logs.command_rules import HeldCommands
 from pipeline.logs.discover import find_logs
 from pipeline.logs.ingest import ingest
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.loop_tracker import LoopTrackerConfig, track
+from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.resample import resample
 from pipeline.logs.samples import Samples
+from pipeline.logs.tracked_velocities import track
 from pipeline.machine.specification import MachineSpecification
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session

@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from pipeline.dynamics.windows import window_starts
 from pipeline.errors import InputError
@@ -200,6 +199,9 @@ def _responses(
     Returns:
         Three arrays (W, H).
     """
+    # Here, as `identify` and the report know this module for its settings alone, and the import takes two seconds.
+    from scipy.signal import lfilter
+
     whole = int(dead_time_s / dt_s)
     late_s = dead_time_s - whole * dt_s  # within a step, the older command still acts for so long
     early_s = dt_s - late_s

@@ -12,8 +12,6 @@ from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
-from flax import nnx
-from jaxkan.layers.Legendre import LegendreLayer
 
 Parameters = dict[str, dict[str, Any]]
 
@@ -76,10 +74,9 @@ class MultilayerPerceptron:
 
     def initialise(self, key: jax.Array) -> Parameters:
         """Flax's defaults: LeCun normal kernels, zero biases."""
-        keys = jax.random.split(key, len(self._widths) - 1)
-        pairs = zip(self._widths[:-1], self._widths[1:], keys, strict=True)
-        layers = [nnx.Linear(n_in, n_out, rngs=nnx.Rngs(key)) for n_in, n_out, key in pairs]
-        return _parameters(layers)
+        from pipeline.dynamics import initial_parameters  # slow to import, for training alone
+
+        return initial_parameters.perceptron(key, self._widths)
 
     def layers(self, parameters: Parameters) -> list[Layer]:
         """Kernels as Flax holds them."""
@@ -111,9 +108,9 @@ class KolmogorovArnoldNetwork:
 
     def initialise(self, key: jax.Array) -> Parameters:
         """The default of jaxKAN: truncated normal coefficients, zero biases."""
-        keys = jax.random.split(key, len(self._widths) - 1)
-        pairs = zip(self._widths[:-1], self._widths[1:], keys, strict=True)
-        return _parameters([LegendreLayer(n_in, n_out, self._degree, seed=key) for n_in, n_out, key in pairs])
+        from pipeline.dynamics import initial_parameters  # slow to import, for training alone
+
+        return initial_parameters.legendre(key, self._widths, self._degree)
 
     def layers(self, parameters: Parameters) -> list[Layer]:
         """Coefficients (n_out, n_in, D) of jaxKAN as matrices (n_in * D, n_out)."""
@@ -133,12 +130,6 @@ class KolmogorovArnoldNetwork:
     def activate(self, y: jax.Array) -> jax.Array:
         """As `expand`: all layers are alike."""
         return self.expand(y)
-
-
-def _parameters(layers: Sequence[nnx.Module]) -> Parameters:
-    return {
-        f"layer_{index}": nnx.to_pure_dict(nnx.state(layer, nnx.Param)) for index, layer in enumerate(layers)
-    }
 
 
 def _in_order(parameters: Parameters) -> list[dict[str, Any]]:

@@ -14,9 +14,10 @@ from pipeline.logs.columns import Column, ColumnStore, MemoryStore, sections
 from pipeline.logs.conditioning import COMMAND_INTERVALS, JOINT_INTERVALS, ConditionedLog
 from pipeline.logs.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state, track_on
+from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state
 from pipeline.logs.raw_log import NANOSECONDS, Note, NoteKind, RawLog, TargetPoses
 from pipeline.logs.resample import GridRows, resample
+from pipeline.logs.tracked_velocities import track_on
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 

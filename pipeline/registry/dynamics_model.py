@@ -15,8 +15,7 @@ from pipeline.dynamics.store import load_model
 from pipeline.effects.store import load_predictor
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
-
-MODEL_FOLDER = "model_folder"  # name of the artifact
+from pipeline.registry import MODEL_FOLDER
 
 
 class DynamicsPyfunc(PythonModel):

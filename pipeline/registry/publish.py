@@ -2,17 +2,21 @@
 
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas
 
 import pipeline
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.logs.tuples import Trajectory
-from pipeline.registry import dynamics_model
+from pipeline.registry import MODEL_FOLDER
 from pipeline.tracking import StageRun
 
-# What loading a dynamics model imports; MLflow installs it where the model is served.
+if TYPE_CHECKING:
+    import pandas
+
+CODE = Path(__file__).with_name("dynamics_model.py")  # MLflow runs it; importing it would import MLflow
+# What a dynamics model is made with; MLflow installs it where the model is served.
 REQUIREMENTS = ("mlflow", "jax", "flax", "jaxkan", "numpy", "pandas", "polars", "pyarrow", "scipy")
 EXAMPLE_HORIZON = 20  # rows that the input example asks for: a second at 20 Hz
 
@@ -40,12 +44,14 @@ def publish_dynamics_model(
         name: Of the model in the run.
         alias: Of the new version.
     """
+    if not run.is_tracked:
+        return
     n_measured = model.specification.lags + 2
     example = example_rows(model, trajectory, n_measured, EXAMPLE_HORIZON)
     run.model(
-        code=Path(dynamics_model.__file__),
+        code=CODE,
         package=Path(pipeline.__file__).parent,
-        artifacts={dynamics_model.MODEL_FOLDER: folder},
+        artifacts={MODEL_FOLDER: folder},
         requirements=[f"{name}=={version(name)}" for name in REQUIREMENTS],
         registered_name=registered_name,
         example=example,
@@ -56,8 +62,10 @@ def publish_dynamics_model(
 
 def example_rows(
     model: DynamicsModel, trajectory: Trajectory, n_measured: int, horizon: int
-) -> pandas.DataFrame:
+) -> "pandas.DataFrame":
     """Rows as the model takes them: `n_measured` measured ones, then `horizon` with commands alone."""
+    import pandas  # takes a second; only tracked runs come here
+
     rows = slice(0, n_measured + horizon)
     columns = {}
     for prefix, values in (("q", trajectory.q), ("qd", trajectory.qd), ("a", trajectory.a)):

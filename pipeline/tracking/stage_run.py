@@ -29,6 +29,11 @@ class StageRun:
     parent_id: str | None = None
     _client: Any = None
 
+    @property
+    def is_tracked(self) -> bool:
+        """Whether anything is kept."""
+        return self._client is not None
+
     def metrics(self, values: Mapping[str, float], step: int = 0) -> None:
         """Report scalar metrics; nested names are joined by dots already."""
         if self._client is None:

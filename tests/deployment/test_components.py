@@ -32,7 +32,8 @@ from pipeline.deployment.teleoperation_server import TeleoperationServer
 from pipeline.deployment.termination import OscillationWatch, TerminalConditions
 from pipeline.dynamics.model import Target
 from pipeline.errors import InputError
-from pipeline.logs.loop_tracker import LoopTrackerConfig, track
+from pipeline.logs.loop_tracker import LoopTrackerConfig
+from pipeline.logs.tracked_velocities import track
 from tests.deployment.machines import (
     MIDDLE,
     BackAndForth,

@@ -14,7 +14,8 @@ from pipeline.dynamics.network import Parameterization
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.effects.store import predictor
 from pipeline.errors import InputError
-from pipeline.logs.loop_tracker import LoopTrackerConfig, initial_state, track_on
+from pipeline.logs.loop_tracker import LoopTrackerConfig, initial_state
+from pipeline.logs.tracked_velocities import track_on
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointSpecification, MachineSpecification
 

@@ -12,7 +12,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.logs import ingest as ingest_module
 from pipeline.logs.ingest import ingest, write_metrics
-from pipeline.logs.loop_tracker import track
+from pipeline.logs.tracked_velocities import track
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import read_tuples
 from tests.logs.conftest import REPOSITORY, load_machine, make_session, shared_folder

@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from pipeline.errors import InputError
-from pipeline.logs.loop_tracker import LoopTrackerConfig, advance, initial_state, track
+from pipeline.logs.loop_tracker import LoopTrackerConfig, advance, initial_state
+from pipeline.logs.tracked_velocities import track
 
 positions = hnp.arrays(
     np.float64,
@@ -13,6 +14,12 @@ positions = hnp.arrays(
     elements=st.floats(-10, 10, allow_subnormal=False),
 )
 gains = st.builds(LoopTrackerConfig, st.floats(0.1, 30), st.floats(0.1, 300))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """Before Hypothesis looks at the time that an example takes."""
+    track(np.zeros((2, 1)), 0.05, LoopTrackerConfig(10.0, 60.0))
 
 
 def contract(q, dt, kp, ki):

@@ -1,0 +1,66 @@
+"""The loop tracker over whole trajectories, compiled (`loop_tracker.py` says what it computes).
+
+Apart from it, as every stage's configuration names the gains and few stages read logs: importing the compiler takes a
+second.
+"""
+
+import numba
+import numpy as np
+
+from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state
+
+
+def track(q: np.ndarray, dt_s: float, config: LoopTrackerConfig) -> np.ndarray:
+    """Estimate the velocities of a whole trajectory; bit for bit what `advance` gives sample by sample.
+
+    Args:
+        q: Measured positions at the time step, shape (T, n_joint), rad or m; at least one row.
+        dt_s: Time step.
+        config: Gains.
+
+    Returns:
+        Velocity estimates, shape (T, n_joint), float64, rad/s or m/s.
+    """
+    q = np.asarray(q, dtype=np.float64)
+    return track_on(initial_state(q[0]), q, dt_s, config)[1] if len(q) else np.empty_like(q)
+
+
+def track_on(
+    state: LoopTrackerState, q: np.ndarray, dt_s: float, config: LoopTrackerConfig
+) -> tuple[LoopTrackerState, np.ndarray]:
+    """Take in the next samples of a trajectory; arguments as of `track`, from the state before them.
+
+    Returns:
+        The state after the last sample, and the velocity estimates, shape (T, n_joint).
+    """
+    q_estimate, integral = state.q_estimate.copy(), state.integral.copy()
+    velocity = np.empty(q.shape)
+    _track(
+        q_estimate,
+        integral,
+        np.ascontiguousarray(q, np.float64),
+        dt_s,
+        config.proportional_gain,
+        config.integral_gain,
+        velocity,
+    )
+    return LoopTrackerState(q_estimate, integral), velocity
+
+
+@numba.njit(cache=True)
+def _track(
+    q_estimate: np.ndarray,
+    integral: np.ndarray,
+    q: np.ndarray,
+    dt_s: float,
+    proportional_gain: float,
+    integral_gain: float,
+    velocity: np.ndarray,
+) -> None:
+    """`advance` sample by sample, in place: the same IEEE double operations in the same order."""
+    for row in range(q.shape[0]):
+        for joint in range(q.shape[1]):
+            error = q[row, joint] - q_estimate[joint]
+            integral[joint] += integral_gain * error * dt_s
+            q_estimate[joint] += dt_s * (proportional_gain * error + integral[joint])
+            velocity[row, joint] = integral[joint]
