@@ -64,6 +64,22 @@ class Deployment:
     safety: Mapping[str, Any]
 
 
+def files_of(
+    artifacts: Path, controllers: Sequence[ControllerResult], deployments: Sequence[Deployment]
+) -> list[Path]:
+    """What evaluations and deployments are read from, as their stages wrote it; what is not there is left out."""
+    evaluated = [controller.evaluation / "traces.npz" for controller in controllers]
+    deployed = [
+        path
+        for deployment in deployments
+        for path in (
+            artifacts / "sim2sim" / deployment.name / "traces.npz",
+            artifacts / "sim2real" / deployment.name,
+        )
+    ]
+    return [path for path in evaluated + deployed if path.exists()]
+
+
 def read_deployments(artifacts: Path, controllers: Sequence[ControllerResult]) -> list[Deployment]:
     """Read every deployment that there is, in the order of the paper's tables; others after them.
 

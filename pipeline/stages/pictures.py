@@ -9,7 +9,7 @@ from omegaconf import MISSING
 from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, stage
 from pipeline.errors import InputError
 from pipeline.reporting.controllers import controllers_of, read_controllers
-from pipeline.reporting.deployments import read_deployments
+from pipeline.reporting.deployments import files_of, read_deployments
 from pipeline.reporting.pictures import draw_pictures, save_pictures
 from pipeline.tracking import StageRun
 
@@ -43,6 +43,8 @@ def main(configuration: PicturesStage, run: StageRun) -> None:
     cells = yaml.safe_load(Path(configuration.cells).read_text(encoding="utf-8"))
     artifacts = Path(configuration.artifacts)
     controllers = read_controllers(artifacts, controllers_of(cells))
+    deployments = read_deployments(artifacts, controllers)
+    run.inputs(*files_of(artifacts, controllers, deployments))
     pictures = draw_pictures(
         configuration.machine,
         MACHINE_DIRECTORY,
@@ -50,7 +52,7 @@ def main(configuration: PicturesStage, run: StageRun) -> None:
         configuration.episode,
         configuration.paths,
         configuration.frames_per_second,
-        read_deployments(artifacts, controllers),
+        deployments,
     )
     output = Path(configuration.output)
     save_pictures(output, pictures)

@@ -10,6 +10,7 @@ from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, sta
 from pipeline.logs.tuples import read_tuples
 from pipeline.machine.kinematics import load_arm
 from pipeline.reporting.controllers import controllers_of
+from pipeline.reporting.deployments import files_of
 from pipeline.reporting.paper import origin_of
 from pipeline.reporting.pictures import load_pictures
 from pipeline.reporting.report import build_report, write_report
@@ -42,12 +43,21 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     output = Path(configuration.output)
     cells = yaml.safe_load(Path(configuration.cells).read_text(encoding="utf-8"))
     kinds = [f"{model}_{target}" for model in cells["models"] for target in cells["targets"]]
+    results = read_results(artifacts, kinds, controllers_of(cells))
+    run.inputs(
+        configuration.sessions,
+        *(artifacts / "identify" / kind / "parameters.msgpack" for kind in kinds),
+        *(artifacts / "judge" / kind / "comparisons.json" for kind in kinds),
+        *files_of(artifacts, results.controllers, results.deployments),
+        *(artifacts / "close_loop" / name for name in ("closed_loop.json", "judgement.json")),
+        artifacts / "pictures",
+    )
     hashes = {f"dvc.{path}": digest for path, digest in dvc_hashes(DATA).items()}
     report = build_report(
         machine,
         load_arm(machine, MACHINE_DIRECTORY) if machine.arm is not None else None,
         read_tuples(Path(configuration.sessions), machine),
-        read_results(artifacts, kinds, controllers_of(cells)),
+        results,
         load_pictures(artifacts / "pictures"),
         origin_of(cells["logs"]),
         configuration.profile,

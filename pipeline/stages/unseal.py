@@ -38,6 +38,7 @@ def main(configuration: UnsealStage, run: StageRun) -> None:
     elif "verdict" not in document:
         content = {"note": "the loop was not closed: there is nothing to judge"}
     else:
+        run.inputs(configuration.closed_loop, seal)
         content = asdict(judge_verdict(open_seal(seal), document))
         run.metrics({key: float(value) for key, value in content.items() if isinstance(value, bool)})
     write_whole(Path(configuration.output), (json.dumps(content, indent=1) + "\n").encode())

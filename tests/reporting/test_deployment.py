@@ -17,7 +17,7 @@ from pipeline.reporting.deployment_chapter import (
     deployment_tables,
 )
 from pipeline.reporting.deployment_tables import transfers
-from pipeline.reporting.deployments import Where, read_deployments
+from pipeline.reporting.deployments import Where, files_of, read_deployments
 from pipeline.reporting.paper import SIM2REAL, SIM2SIM, SIMULATED
 from tests.reporting.made_up import N_EPISODES, random_traces, write_controller
 
@@ -192,3 +192,17 @@ def test_what_is_deployed_is_named_after_its_model_and_is_among_those_that_are_m
 
 def test_artifacts_without_deployments_have_none(tmp_path) -> None:
     assert read_deployments(tmp_path, []) == []
+
+
+def test_what_was_read_is_named_where_it_is(tmp_path) -> None:
+    write_controller(tmp_path, PPO, 0, random_traces(0), {"steps": 1})
+    write_deployment(tmp_path, PPO, random_traces(1), first(random_traces(2), N_TARGETS))
+    write_deployment(tmp_path, ICEM, first(random_traces(5), N_PLANNED), None)
+    controllers = read_controllers(tmp_path, {PPO: [0]})
+    named = files_of(tmp_path, controllers, read_deployments(tmp_path, controllers))
+    assert {path.relative_to(tmp_path).as_posix() for path in named} == {
+        f"evaluate_brax/{PPO}/seed_0/traces.npz",
+        f"sim2sim/{PPO}/traces.npz",
+        f"sim2real/{PPO}",
+        f"sim2sim/{ICEM}/traces.npz",
+    }
