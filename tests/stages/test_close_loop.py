@@ -24,6 +24,7 @@ from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.trajectories import LogTrajectories, load_logs
 from pipeline.logs.writer import write_bag
 from pipeline.stages.evaluate_logs import evaluate_model, predictor_of
+from tests.stages.command import run_stage
 
 ROOT = Path(__file__).parents[2]
 PRACTICE = ROOT.parent / "shared/practice"
@@ -118,25 +119,6 @@ def given(overrides: list[str]) -> list[str]:
     return [*overrides, *(f"{key}=logs" for key in ("nominal", "measured") if key not in named)]
 
 
-# Most of such a run is start-up, so they are run one after the other in one process.
-ONE_AFTER_THE_OTHER = """
-import contextlib, io, json, sys
-from pipeline.stages.close_loop import main
-ends = []
-for overrides in json.loads(sys.argv[1]):
-    sys.argv[1:] = overrides
-    errors = io.StringIO()
-    with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(io.StringIO()):
-        try:
-            main()
-            status = 0
-        except SystemExit as end:
-            status = end.code
-    ends.append((status, errors.getvalue()))
-print(json.dumps(ends))
-"""
-
-
 @pytest.fixture(scope="module")
 def mistakes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str]]:
     """Exit status and standard error of every mistake."""
@@ -146,14 +128,11 @@ def mistakes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, s
     (folder / "empty").mkdir()
     write_model(folder / "other_machine", ["swing", "boom", "stick", "bucket"])
     write_model(folder / "this_machine", JOINTS)
-    runs = [[*given(overrides), "output=out", "tracking=none"] for overrides, _ in MISTAKES.values()]
-    command = [sys.executable, "-c", ONE_AFTER_THE_OTHER, json.dumps(runs)]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    result = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=True
-    )
-    ends = json.loads(result.stdout.splitlines()[-1])
-    return {name: tuple(end) for name, end in zip(MISTAKES, ends, strict=True)}
+    ends = {
+        name: run_stage("close_loop", *given(overrides), "output=out", folder=folder)
+        for name, (overrides, _) in MISTAKES.items()
+    }
+    return {name: (end.returncode, end.stderr) for name, end in ends.items()}
 
 
 def test_a_command_with_a_mistake_ends_with_one_line_and_status_2(tmp_path: Path) -> None:
@@ -177,11 +156,9 @@ def test_without_measured_logs_a_note_is_written_and_the_model_stays(tmp_path: P
     """As `dvc repro` runs it for a user who has logs of his machine, but no later ones."""
     write_model(tmp_path / "model", JOINTS)
     (tmp_path / "measured").mkdir()
-    process = start(
-        tmp_path, "nominal=logs", "measured=measured", "model=model", "output=out", "allow_empty=true"
-    )
-    _, errors = process.communicate(timeout=200)
-    assert process.returncode == 0, errors
+    overrides = ("nominal=logs", "measured=measured", "model=model", "output=out", "allow_empty=true")
+    result = run_stage("close_loop", *overrides, folder=tmp_path)
+    assert result.returncode == 0, result.stderr
     document = json.loads((tmp_path / "out/closed_loop.json").read_text())
     assert set(document) == {"note"} and document["note"].startswith("measured holds no logs")
     assert document["note"] in (tmp_path / "out/report.html").read_text()

@@ -16,6 +16,7 @@ from omegaconf import OmegaConf, open_dict
 
 from pipeline.configuration import load_machine
 from pipeline.logs.writer import write_bag
+from tests.stages.command import run_stage
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +25,8 @@ STAGES = sorted(path.stem for path in (ROOT / "pipeline/stages").glob("[a-z]*.py
 PROFILES = sorted(path.stem for path in (ROOT / "conf/profile").glob("*.yaml"))
 
 
-def run(stage: str, *overrides: str, folder: Path) -> subprocess.CompletedProcess[str]:
+def start(stage: str, *overrides: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """As `run_stage`, as a process of its own."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", f"pipeline.stages.{stage}", *overrides, "tracking=none"]
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
@@ -67,7 +69,7 @@ def test_every_stage_takes_every_profile(stage: str, profile: str) -> None:
 
 
 def test_paths_are_relative_to_the_callers_folder(logs: Path, tmp_path: Path) -> None:
-    result = run("ingest", f"logs={os.path.relpath(logs, tmp_path)}", "output=tuples", folder=tmp_path)
+    result = start("ingest", f"logs={os.path.relpath(logs, tmp_path)}", "output=tuples", folder=tmp_path)
     assert result.returncode == 0, result.stderr
     tuples = polars.read_parquet(tmp_path / "tuples/morning.parquet")
     assert set(tuples["split"]) == {"train", "validation"}
@@ -75,13 +77,13 @@ def test_paths_are_relative_to_the_callers_folder(logs: Path, tmp_path: Path) ->
 
 
 def test_a_mistake_is_one_line_and_status_2(tmp_path: Path) -> None:
-    result = run("ingest", "logs=nowhere", "output=tuples", folder=tmp_path)
+    result = start("ingest", "logs=nowhere", "output=tuples", folder=tmp_path)
     assert result.returncode == 2
     assert result.stderr.splitlines() == ["error: ingest: nowhere: no such folder; name a folder of logs"]
 
 
 def test_a_missing_key_is_named(tmp_path: Path) -> None:
-    result = run("ingest", "output=tuples", folder=tmp_path)
+    result = run_stage("ingest", "output=tuples", folder=tmp_path)
     assert result.returncode == 2
     assert result.stderr.splitlines() == ["error: ingest: `logs` is missing; add logs=VALUE to the command"]
 
@@ -95,21 +97,21 @@ def test_a_missing_key_is_named(tmp_path: Path) -> None:
     ],
 )
 def test_a_bad_override_gets_hydras_own_message(override: str, said: str, tmp_path: Path) -> None:
-    result = run("ingest", "logs=x", "output=y", override, folder=tmp_path)
+    result = run_stage("ingest", "logs=x", "output=y", override, folder=tmp_path)
     assert result.returncode == 1
     assert said in result.stderr
     assert "Traceback" not in result.stderr
 
 
 def test_a_value_out_of_range_is_refused_before_work_starts(logs: Path, tmp_path: Path) -> None:
-    result = run("ingest", f"logs={logs}", "output=tuples", "ingest.maximum_gap_s=-1", folder=tmp_path)
+    result = run_stage("ingest", f"logs={logs}", "output=tuples", "ingest.maximum_gap_s=-1", folder=tmp_path)
     assert result.returncode == 2
     assert "ingest.maximum_gap_s is -1.0; it must be positive" in result.stderr
     assert not (tmp_path / "tuples").exists()
 
 
 def test_own_logs_take_the_place_of_recorded_ones(logs: Path, tmp_path: Path) -> None:
-    result = run("record", f"logs={logs}", "output=raw", "profile=smoke", folder=tmp_path)
+    result = run_stage("record", f"logs={logs}", "output=raw", "profile=smoke", folder=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "nothing is recorded" in result.stdout
     assert not list(tmp_path.rglob("*.mcap"))
@@ -117,7 +119,7 @@ def test_own_logs_take_the_place_of_recorded_ones(logs: Path, tmp_path: Path) ->
 
 def test_a_sweep_runs_every_value(logs: Path, tmp_path: Path) -> None:
     overrides = ["-m", f"logs={logs}", "ingest.validation_fraction=0.1,0.2"]
-    result = run("ingest", *overrides, "output=out_${ingest.validation_fraction}", folder=tmp_path)
+    result = start("ingest", *overrides, "output=out_${ingest.validation_fraction}", folder=tmp_path)
     assert result.returncode == 0, result.stderr
     shares = [
         polars.read_parquet(tmp_path / f"out_{fraction}/morning.parquet")["split"].eq("validation").mean()
@@ -127,6 +129,6 @@ def test_a_sweep_runs_every_value(logs: Path, tmp_path: Path) -> None:
 
 
 def test_a_missing_model_is_named(tmp_path: Path) -> None:
-    result = run("ppo", "model=nowhere", "seed=0", "output=policy", folder=tmp_path)
+    result = run_stage("ppo", "model=nowhere", "seed=0", "output=policy", folder=tmp_path)
     assert result.returncode == 2
     assert len(result.stderr.splitlines()) >= 1 and "nowhere" in result.stderr.splitlines()[-1]

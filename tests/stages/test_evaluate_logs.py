@@ -1,9 +1,7 @@
 """Stage `evaluate_logs` as a user runs it, against the contract's definitions worked out by hand in float64."""
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import jax
@@ -23,16 +21,14 @@ from tests.dynamics import reference
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session
 from tests.reaching.test_logged_trials import chisel, tip
+from tests.stages.command import run_stage
 
-ROOT = Path(__file__).parents[2]
 START_NS = 1_700_000_000_000_000_000
 LAGS = 3
 
 
 def evaluate(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "pipeline.stages.evaluate_logs", *overrides, "tracking=none"]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
+    return run_stage("evaluate_logs", *overrides, folder=folder)
 
 
 def recording(n_rows: int, seed: int, targets: TargetPoses | None = None) -> Session:

@@ -2,9 +2,6 @@
 
 import csv
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import jax
@@ -20,10 +17,10 @@ from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, read_tuples, write_tuples
 from pipeline.machine.specification import JointSpecification, MachineSpecification
 from pipeline.stages.judge import load_models
+from tests.stages.command import run_stage
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
 SMALL = [
     "judge.long_prediction_steps=150",
     "judge.narx.command_lags=[1,2,3]",
@@ -53,12 +50,6 @@ def log(machine: MachineSpecification, name: str, seed: int, n_rows: int, day: i
     return Trajectory(name, t_s, stamp_ns, q, v, a, np.arange(n_rows) >= 0.9 * n_rows)
 
 
-def judge(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "pipeline.stages.judge", *SMALL, *overrides, "tracking=none"]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Tuples to learn from and to judge on, and an untrained model."""
@@ -85,13 +76,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def judged(folder: Path) -> Path:
-    result = judge(
-        folder,
+    result = run_stage(
+        "judge",
+        *SMALL,
         "models=[mlp_dqdot]",
         "tuples=sessions",
         "held_out=held_out",
         "output=out",
         "machine=rc_excavator",
+        folder=folder,
     )
     assert result.returncode == 0, result.stderr
     assert "errors: A reference is better than every model on 8 of these 8 figures." in result.stdout

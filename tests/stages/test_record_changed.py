@@ -1,8 +1,6 @@
 """Stage `record_changed`: the same machine and operator, other sessions, one sealed effect that nobody is told of."""
 
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,17 +12,16 @@ from omegaconf import OmegaConf
 from pipeline.plant.seal import open_seal
 from pipeline.stages import close_loop  # noqa: F401  its schema
 from pipeline.stages.record import operator_and_sessions
+from tests.stages.command import run_stage
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
-SHORT = ("record_changed.session_minutes=[0.1,0.1]", "profile=smoke", "output=raw/changed", "tracking=none")
+SHORT = ("record_changed.session_minutes=[0.1,0.1]", "profile=smoke", "output=raw/changed")
 
 
 def record_changed(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "pipeline.stages.record_changed", *SHORT, *overrides]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
+    return run_stage("record_changed", *SHORT, *overrides, folder=folder)
 
 
 def bags(folder: Path) -> dict[str, bytes]:

@@ -1,9 +1,7 @@
 """Stage `unseal` and its judgement, beside the benchmark's own scoring of the same cases."""
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +13,7 @@ from pipeline.plant import effects
 from pipeline.plant.seal import contents, write_seal
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.verdict_judgement import judge_verdict
-
-ROOT = Path(__file__).parents[2]
+from tests.stages.command import run_stage
 
 
 def true(family: str, joint: str, depends_on: str, onset_s: float | None = None) -> dict[str, Any]:
@@ -150,9 +147,7 @@ def test_the_truth_among_what_cannot_be_told_apart() -> None:
 
 
 def unseal(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "pipeline.stages.unseal", *overrides, "tracking=none"]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
+    return run_stage("unseal", *overrides, folder=folder)
 
 
 @pytest.fixture(scope="module")
