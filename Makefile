@@ -5,6 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 DOCS_VENV := .venv-docs
 export PYTHONUNBUFFERED := 1
+# Containers often forbid Python to keep compiled code; each of some hundred processes would compile every library anew.
+unexport PYTHONDONTWRITEBYTECODE
 STORE ?= sqlite:///mlflow.db
 ARTIFACTS ?= mlartifacts
 HOST ?= 127.0.0.1
