@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.common_speed import common_speed_candidates, common_speed_p
@@ -23,10 +23,12 @@ from pipeline.discrepancy.gate import can_be_shifted, lower_bound, placebo_p, po
 from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
 from pipeline.discrepancy.misfit import misfit_covariance
+from pipeline.discrepancy.plausibility import OSCILLATION
 from pipeline.discrepancy.refine import parameter_covariance
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.residual_network import fit_residual_network
 from pipeline.discrepancy.result import ClosedLoop
+from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.sampling_phase import sampling_phases
 from pipeline.discrepancy.screen import Rows, averaged
 from pipeline.discrepancy.search import Search, null_gains
@@ -199,6 +201,7 @@ class Loop:
             self.config.search,
             self.config.exclude,
             self._encoders(),
+            self.joints,
             self.say,
         )
         found = self.search.run()
@@ -261,7 +264,7 @@ class Loop:
                 is_confirmed = bound > gate.smallest_improvement and share > 0.0
             if effect.candidate.deviation is not None:
                 # Seen at the stops; speeds, which may hardly depend on the place, must not speak against it.
-                p = float(min(1.0, norm.sf(self.search.encoders[joint].z) * len(self.joints)))
+                p = float(min(1.0, ndtr(-self.search.encoders[joint].z) * len(self.joints)))
                 is_confirmed = share > -gate.smallest_improvement
             name = f"{effect.candidate.family} on {self.joints[joint]}"
             removed = f"on confirmation rows it removes {share:.0%} (at least {bound:.0%}) of the squares, p = {p:.1g}"
@@ -393,12 +396,21 @@ class Loop:
         for number, effect in enumerate(effects):
             reduction = self.error_reduction(effect, before)
             share = max(self.shares[id(member)] for member in effect.members)
-            shows = number == 0 and (effect.family == SUPPLY or share > self.config.gate.smallest_share)
+            shows = number == 0 and (
+                effect.family == SUPPLY or share > self.config.gate.smallest_share or self._rings(effect)
+            )
             if reduction < self.config.gate.smallest_error_reduction and not shows:
                 self.say(f"{effect.family} is not named: it removes {reduction:.0%} of the open-loop error.")
             else:
                 kept.append(effect)
         return kept
+
+    def _rings(self, effect: Effect) -> bool:
+        """Whether it is a resonance that stops show: of one whose phase is soon lost, no prediction removes much."""
+        if effect.family != OSCILLATION:
+            return False
+        joint, used = effect.joints[0], self.rows.is_used
+        return ring_down(self.sequences, used, joint, self.machine.dt_s, self.config.seed) is not None
 
     def _nominal_floor(self, before: Predictor, horizon: int) -> np.ndarray:
         parts = [validation_part(t) for t in self.nominal]

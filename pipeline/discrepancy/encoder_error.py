@@ -20,6 +20,7 @@ def encoder_errors(
     encoders: Mapping[int, Encoder],
     excluded: Sequence[str],
     smallest_t: float,
+    joints: Sequence[str],
     say: Callable[[str], None],
 ) -> list[Found]:
     """Where stops have moved, the encoder's error is known before anything else is looked for.
@@ -30,6 +31,7 @@ def encoder_errors(
         encoders: What the stops say, by joint.
         excluded: Families that are not tried.
         smallest_t: Of the loss by blocks that speaks against an encoder's error.
+        joints: Their names.
         say: Called with a sentence per joint whose stops have moved.
     """
     found = []
@@ -46,11 +48,13 @@ def encoder_errors(
             simulation, rows, BACKLASH, joint, width, encoder.onset, 2.0 * encoder.errors[0].deviation
         )
         if BACKLASH not in excluded and encoder.inward > 0.0 and play.gain > candidate.gain:
-            say(f"the stops of joint {joint} are read further in: by play rather than by its encoder")
+            say(f"the stops of {joints[joint]} are read further in: by play rather than by its encoder")
         elif t_statistic(candidate.gain_by_block) < -smallest_t:
-            say(f"the stops of joint {joint} have moved, but its speeds speak against its encoder")
+            say(f"the stops of {joints[joint]} have moved, but its speeds speak against its encoder")
         else:
-            say(f"the stops of joint {joint} have moved by {encoder.z:.0f} standard deviations: its encoder")
+            say(
+                f"the stops of {joints[joint]} have moved by {encoder.z:.0f} standard deviations: its encoder"
+            )
             found.append(Found(candidate))
     return found
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, wilcoxon
+from scipy.special import ndtr
 
 from pipeline.discrepancy.screen import Rows
 from pipeline.errors import InputError
@@ -114,7 +114,7 @@ def shifted_p(root_gain: Callable[[int], float], n_rows: int, seed: int) -> floa
     """
     shifts = np.random.default_rng(seed).integers(n_rows // 20, n_rows - n_rows // 20, PLACEBOS)
     placebos = np.array([root_gain(int(shift)) for shift in shifts])
-    return float(norm.sf((root_gain(0) - placebos.mean()) / max(float(placebos.std()), 1e-12)))
+    return float(ndtr(-(root_gain(0) - placebos.mean()) / max(float(placebos.std()), 1e-12)))
 
 
 def can_be_shifted(change: np.ndarray) -> bool:
@@ -140,6 +140,8 @@ def rank_p(gain_by_block: np.ndarray, n_tests: int) -> float:
         gain_by_block: (n_blocks,) on confirmation rows.
         n_tests: Effects that are confirmed on these rows, for which the result is corrected.
     """
+    from scipy.stats import wilcoxon  # takes a second to import, and few runs need it
+
     if not np.any(gain_by_block):
         return 1.0
     return float(min(1.0, wilcoxon(gain_by_block, alternative="greater").pvalue * n_tests))

@@ -9,7 +9,7 @@ from pipeline.discrepancy.screen import Candidate
 from pipeline.effects.effect import Effect
 
 THERMAL_DRIFT, FLOW_COUPLING, LOAD = "thermal_drift", "flow_coupling", "load"
-SENSOR_BIAS, BACKLASH, DELAY = "sensor_bias", "backlash", "delay"
+SENSOR_BIAS, BACKLASH, DELAY, OSCILLATION = "sensor_bias", "backlash", "delay", "oscillation"
 APART = 0.8  # of the larger change: by so much the two directions differ under a load
 AT_BOUND = 0.01  # of the range between the bounds
 

@@ -109,11 +109,13 @@ class Search:
         config: SearchConfig,
         excluded: Sequence[str],
         encoders: Mapping[int, Encoder],
+        joints: Sequence[str],
         say: Callable[[str], None],
     ) -> None:
         self.simulation, self.rows, self.null, self.config = simulation, rows, null, config
         self.excluded = tuple(excluded)
         self.encoders = encoders
+        self.joints = joints
         self.found: list[Found] = []
         self._closed: set[int] = set()  # joints on which nothing plausible is left
         self.first: list[Candidate] = []  # of the first screen, for the ranking
@@ -154,7 +156,13 @@ class Search:
     def run(self) -> list[Found]:
         """Find effects until none is left that passes."""
         self.found = encoder_errors(
-            self.simulation, self.rows, self.encoders, self.excluded, self.config.smallest_t, self._say
+            self.simulation,
+            self.rows,
+            self.encoders,
+            self.excluded,
+            self.config.smallest_t,
+            self.joints,
+            self._say,
         )
         self.simulation.onsets = onsets_of(self.found)
         for _ in range(self.config.maximum_effects):
@@ -330,9 +338,13 @@ class Search:
                 return [Found(c) for c in common]
         rivals = sorted((c for c in passing if c.joint == best.joint), key=self.net, reverse=True)
         rivals = self._refined(rivals[:REFINED]) + rivals[REFINED:]
-        rivals = [c for c in rivals if not is_at_bound(self.simulation.effects, c)]
+        beyond = [is_at_bound(self.simulation.effects, rival) for rival in rivals]
+        at_bound = [rival for rival, is_beyond in zip(rivals, beyond, strict=True) if is_beyond]
+        rivals = [rival for rival, is_beyond in zip(rivals, beyond, strict=True) if not is_beyond]
         if not rivals:
-            self._say(f"joint {best.joint}: what explains most is {best.family} beyond any plausible value")
+            self._say(
+                f"{self.joints[best.joint]}: what explains most is {best.family} beyond any plausible value"
+            )
             self._closed.add(best.joint)
             return []
         best = max(rivals, key=self.net)
@@ -346,11 +358,13 @@ class Search:
             and not say_the_same(c, chosen)
         ]
         equivalents += [c for c in as_good if self._raises_doubt(c, chosen)]
+        # What explains clearly more, if only with a value that is not plausible, says that the name chosen is not it.
+        equivalents += [c for c in at_bound if self.net(c) > DOUBT_FACTOR * self.net(chosen)]
         better = self._better_dependence(chosen, as_good)
         if better is not None:  # a wrong name is worse than none
             chosen, equivalents = better, [chosen, *(c for c in equivalents if c is not better)]
         self._say(
-            f"{chosen.family} on joint {chosen.joint}: removes {chosen.share:.0%} of the squared residual there"
+            f"{chosen.family} on {self.joints[chosen.joint]}: removes {chosen.share:.0%} of the squared residual there"
             + (f"; as good: {', '.join(c.family for c in equivalents)}" if equivalents else "")
         )
         losers = []
@@ -446,7 +460,7 @@ class Search:
             ):
                 kept.remove(found)
                 self._say(
-                    f"{found.candidate.family} on joint {found.candidate.joint} is superfluous beside the others"
+                    f"{found.candidate.family} on {self.joints[found.candidate.joint]} is superfluous beside the others"
                 )
         if len(kept) != len(self.found):
             self.found = kept

@@ -38,7 +38,8 @@ class Lag(VelocityEffect):
                 2.0,
                 grid=(-0.3, -0.2, -0.12, -0.06, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9),
             ),
-            Parameter("fall_share", "1", 1.0, 0.0, 2.0, grid=(1.0, 0.2)),
+            # What is late at starts alone is no slow response: it sticks, or has play.
+            Parameter("fall_share", "1", 1.0, 0.15, 2.0, grid=(1.0, 0.25)),
         ),
     )
 

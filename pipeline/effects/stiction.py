@@ -38,7 +38,7 @@ class Stiction(CommandEffect):
         scope=Scope.joint,
         parameters=(
             Parameter("mean_extra_time", "s", 0.0, 0.0, 1.5, grid=(0.05, 0.1, 0.2, 0.3, 0.45, 0.65)),
-            Parameter("rest_threshold", "s", 0.5, 0.15, 10.0, grid=(0.2, 0.6, 1.5, 3.0)),
+            Parameter("rest_threshold", "s", 0.5, 0.15, 10.0, grid=(0.2, 0.6, 1.5, 3.0), natural_bounds=True),
         ),
     )
 

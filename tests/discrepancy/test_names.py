@@ -17,7 +17,10 @@ from pipeline.effects.effect import Setting
 from pipeline.effects.store import KNOWN
 
 SETTING = Setting(0.05, -np.ones(3), np.ones(3), np.ones(3))
-EFFECTS = {family: KNOWN[family](SETTING) for family in ("gain", "oscillation", "load", "end_cushion")}
+EFFECTS = {
+    family: KNOWN[family](SETTING)
+    for family in ("gain", "lag", "oscillation", "load", "end_cushion", "stiction")
+}
 
 
 def candidate(family: str, joint: int, gain: float, coefficients=(), point=None, freed=()) -> Candidate:
@@ -75,6 +78,10 @@ def test_a_value_at_its_bound_is_no_name() -> None:
     overdamped = {"frequency": 2.0, "damping_ratio": 0.9}
     assert is_at_bound(EFFECTS, candidate("oscillation", 0, 1.0, (1.0,), overdamped, share))
     assert not is_at_bound(EFFECTS, candidate("other:position", 0, 1.0, (2.0,)))
+    late_at_starts_only = {"added_time_constant": 0.2, "fall_share": 0.15}
+    assert is_at_bound(EFFECTS, candidate("lag", 0, 1.0, (), late_at_starts_only))
+    any_rest = {"mean_extra_time": 0.2, "rest_threshold": 0.15}
+    assert not is_at_bound(EFFECTS, candidate("stiction", 0, 1.0, (), any_rest))
     standstill = candidate("end_cushion", 0, 1.0, (0.95,), {"zone_share": 0.2}, ((("loss_upper", None),),))
     assert not is_at_bound(EFFECTS, standstill)  # no speed at all is a limit of nature
 
@@ -84,7 +91,7 @@ def search(folds: Folds) -> Search:
     rows = Rows(np.ones((1, 2 * len(folds.fold)), bool), folds, np.ones(1), np.ones((len(folds.fold), 1)))
     simulation = SimpleNamespace(effects=EFFECTS, onsets={})
     settings = load_section("close_loop", CloseLoopConfig, "paper").search
-    return Search(simulation, rows, {}, settings, (), {}, lambda _: None)
+    return Search(simulation, rows, {}, settings, (), {}, ("lift", "turn"), lambda _: None)
 
 
 def test_what_is_rare_but_reproduced_by_both_halves_of_the_rows_counts() -> None:
@@ -111,3 +118,15 @@ def test_a_dependence_that_explains_more_than_the_name_takes_its_certainty() -> 
     assert not looking._raises_doubt(candidate("other:warmth", 0, 100.5), gain)
     assert not looking._raises_doubt(candidate("load", 0, 104.0), gain)
     assert not looking._raises_doubt(candidate("other:warmth", 0, 104.0), candidate("other:travel", 0, 100.0))
+
+
+def test_what_explains_clearly_more_with_an_implausible_value_takes_a_names_certainty() -> None:
+    looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
+    looking._refined = list  # nothing moves off its grid
+    gain = candidate("gain", 0, 100.0, (-0.2,), {}, ((("ratio_positive", None),),))
+    late = {"added_time_constant": 0.2, "fall_share": 0.15}
+    for of_lag, expected in ((130.0, ["lag"]), (105.0, [])):
+        lag = candidate("lag", 0, of_lag, (), late)
+        (found,) = looking._choose([gain, lag], [gain, lag])
+        assert found.candidate is gain
+        assert [c.family for c in found.equivalents] == expected
