@@ -50,6 +50,7 @@ from pipeline.logs.tuples import Trajectory, validation_part
 from pipeline.machine.specification import MachineSpecification
 
 LEVELS = (1, 80, 1000)
+TRAINED = ("finetune", "blackbox_residual")  # of the baselines
 NULL_BLOCK_ROWS = 1200
 FOLD_ROWS = 200
 TOLD_STEPS = 0.1
@@ -353,11 +354,14 @@ class Loop:
             horizon: (of_before[horizon], self.errors(after, horizon) if effects else of_before[horizon])
             for horizon in LEVELS
         }
-        floor = {h: self._nominal_floor(before, h) for h in LEVELS}
+        floor = {h: self._on_nominal(before, h) for h in LEVELS}
         self.lap("errors before and after")
-        baselines = self._baselines(effects)
+        rivals = self._baselines(effects)
+        baselines = {name: {h: self.errors(of, h).rmse for h in LEVELS} for name, of in rivals.items()}
+        on_nominal = {"effects": self._on_nominal(after, 80) if effects else floor[80]}
+        on_nominal |= {name: self._on_nominal(rivals[name], 80) for name in TRAINED}
         self.lap("baselines")
-        document = document_of(self, effects, errors, floor, baselines)
+        document = document_of(self, effects, errors, floor, baselines, on_nominal)
         evidence = evidence_of(self, effects, errors, floor, baselines)
         self.lap("evidence")
         return ClosedLoop(document, self._active(effects), evidence)
@@ -412,11 +416,12 @@ class Loop:
         joint, used = effect.joints[0], self.rows.is_used
         return ring_down(self.sequences, used, joint, self.machine.dt_s, self.config.seed) is not None
 
-    def _nominal_floor(self, before: Predictor, horizon: int) -> np.ndarray:
+    def _on_nominal(self, of: Predictor, horizon: int) -> np.ndarray:
+        """(n_joint,) error on the nominal logs' validation parts: what a correction costs the machine as it was."""
         parts = [validation_part(t) for t in self.nominal]
-        return window_errors(before, parts, [np.ones(len(p), bool) for p in parts], horizon).rmse
+        return window_errors(of, parts, [np.ones(len(p), bool) for p in parts], horizon).rmse
 
-    def _baselines(self, effects: Sequence[Effect]) -> dict[str, dict[int, np.ndarray]]:
+    def _baselines(self, effects: Sequence[Effect]) -> dict[str, Predictor]:
         pieces = list(self._pieces())
         arguments = (
             self.model,
@@ -433,7 +438,7 @@ class Loop:
         wrong = self._wrong_effect(effects)
         if wrong is not None:
             predictors["wrong_effect"] = self.predictor([wrong])
-        return {name: {h: self.errors(p, h).rmse for h in LEVELS} for name, p in predictors.items()}
+        return predictors
 
     def _pieces(self):  # type: ignore[no-untyped-def]
         """Stretches of rows for fitting and for selection, as trajectories that mark the latter as validation."""

@@ -29,8 +29,9 @@ def document_of(
     errors: Mapping[int, tuple[WindowErrors, WindowErrors]],
     floor: Mapping[int, np.ndarray],
     baselines: Mapping[str, Mapping[int, np.ndarray]],
+    on_nominal: Mapping[str, np.ndarray],
 ) -> dict[str, Any]:
-    """Write it down."""
+    """Write it down; `on_nominal` are errors over 80 steps on nominal logs, of what corrects the model."""
     entries = [_entry(loop, effect, errors[80][0]) for effect in effects]
     unexplained = _unexplained(loop) if not effects else []
     alternatives = _alternatives(loop, effects)
@@ -69,6 +70,10 @@ def document_of(
         "baselines": {
             **{name: {"open_loop_rmse_80": _by_joint(loop, of[80])} for name, of in baselines.items()},
             "nominal_floor": {"open_loop_rmse_80": _by_joint(loop, floor[80])},
+            **{
+                f"{name}_on_nominal": {"open_loop_rmse_80": _by_joint(loop, of)}
+                for name, of in on_nominal.items()
+            },
         },
         "held_out": {
             "rule": loop.rule,

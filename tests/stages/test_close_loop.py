@@ -219,7 +219,8 @@ def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
     for errors in document["error"].values():
         assert set(errors) == {"before", "after"}
         assert all(is_error_by_joint(by_joint) for by_joint in errors.values())
-    assert set(document["baselines"]) >= {"finetune", "blackbox_residual", "nominal_floor"}
+    on_nominal = {f"{name}_on_nominal" for name in ("effects", "finetune", "blackbox_residual")}
+    assert set(document["baselines"]) >= {"finetune", "blackbox_residual", "nominal_floor", *on_nominal}
     assert all(is_error_by_joint(errors["open_loop_rmse_80"]) for errors in document["baselines"].values())
     held_out = document["held_out"]
     assert set(held_out) == {"rule", "n_steps", "trajectories"}
