@@ -1,7 +1,8 @@
-"""What all tests share: a program that one process compiled, no other test, worker or stage compiles again."""
+"""What all tests share, so that it is made once: compiled programs, and the tables of MLflow's database."""
 
 import os
 import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -18,3 +19,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files that hold slow tests begin first, so that no worker is left alone with one of them at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.fixture(scope="session")
+def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """MLflow's database with its tables, which take seconds to make, and no runs: to be copied."""
+    from pipeline.tracking import TrackingConfiguration
+    from pipeline.tracking.store import open_store
+
+    path = tmp_path_factory.mktemp("store") / "mlflow.db"
+    open_store(TrackingConfiguration(True, f"sqlite:///{path}", None, None))
+    return path

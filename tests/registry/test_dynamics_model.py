@@ -1,5 +1,6 @@
 """A model from the registry says what the model folder says, also where nothing of this repository is installed."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -24,11 +25,12 @@ N_MEASURED, HORIZON = LAGS + 5, 12
 
 
 @pytest.fixture(scope="module")
-def published(tmp_path_factory):
+def published(empty_store, tmp_path_factory):
     """Tracking store with one registered KAN; the model and its parameters."""
     folder = tmp_path_factory.mktemp("registry")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        shutil.copy(empty_store, folder / "mlflow.db")
         uri = f"sqlite:///{folder}/mlflow.db"
         configuration = TrackingConfiguration(True, uri, str(folder / "mlruns"), "dynamics")
         model = DynamicsModel(make_specification("kan", "dqdot"))
@@ -123,8 +125,9 @@ def test_loads_in_a_fresh_environment(published, asked, tmp_path):
     np.testing.assert_allclose(predicted, expected(published, trajectory), rtol=0, atol=1e-6)
 
 
-def test_before_and_after_stand_side_by_side(tmp_path, monkeypatch):
+def test_before_and_after_stand_side_by_side(empty_store, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    shutil.copy(empty_store, tmp_path / "mlflow.db")
     uri = f"sqlite:///{tmp_path}/mlflow.db"
     model = DynamicsModel(make_specification("mlp", "dqdot"))
     parameters, trajectory = model.initialise(jax.random.key(5)), random_trajectory(3, 60)

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -37,6 +38,7 @@ from pipeline.study.worker import DivergedError, Study
 from ..dynamics.conftest import lag_trajectory, make_identify, make_training
 from ..postgresql import postgresql_server
 from ..study_worker import settings as study_settings
+from .command import run_stage
 
 ROOT = Path(__file__).parents[2]
 START_UP_TIMEOUT_S = 120
@@ -108,10 +110,9 @@ def start(
 
 
 def run(stage: str, *overrides: str, folder: Path) -> str:
-    process = start(stage, *overrides, folder=folder)
-    output, errors = process.communicate(timeout=300)
-    assert process.returncode == 0, errors[-1000:]
-    return output
+    end = run_stage(stage, *overrides, folder=folder)
+    assert end.returncode == 0, end.stderr[-1000:]
+    return end.stdout
 
 
 def table(path: Path) -> list[dict[str, str]]:
@@ -143,9 +144,10 @@ def is_training(attempt: optuna.trial.FrozenTrial, worker: subprocess.Popen) -> 
 
 
 @pytest.fixture(scope="module")
-def resumed(tuples: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def resumed(empty_store: Path, tuples: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a search that was killed within its third trial and started again, and one that was not."""
     folder = tmp_path_factory.mktemp("resumed")
+    shutil.copy(empty_store, folder / "mlflow.db")
     (folder / "tuples").symlink_to(tuples)
     run("search", *SMALL, "n_trials=4", "storage=whole.journal", "output=whole", folder=folder)
     store = (
@@ -165,7 +167,9 @@ def resumed(tuples: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     worker.kill()
     worker.communicate()
     (folder / "before.journal").write_bytes((folder / "killed.journal").read_bytes())
-    run("search", *killed, folder=folder)
+    again = start("search", *killed, folder=folder)
+    _, errors = again.communicate(timeout=300)
+    assert again.returncode == 0, errors[-1000:]
     return folder
 
 
@@ -275,10 +279,9 @@ def test_a_password_goes_nowhere(folder: Path) -> None:
 
 
 def test_nothing_to_select_from_is_one_line(folder: Path) -> None:
-    process = start("select", "profile=smoke", "searched=nowhere", folder=folder)
-    _, errors = process.communicate(timeout=120)
-    assert process.returncode == 2
-    (line,) = errors.splitlines()
+    end = run_stage("select", "profile=smoke", "searched=nowhere", folder=folder)
+    assert end.returncode == 2
+    (line,) = end.stderr.splitlines()
     assert line.startswith("error: select: searched=nowhere: no folder KIND/trials.csv")
 
 

@@ -21,14 +21,6 @@ ROOT = Path(__file__).parents[2]
 RESOLVED = {"profile": "smoke", "machine": {"name": "bobcat_e10", "rate_hz": 20.0}, "seed": 3}
 
 
-@pytest.fixture(scope="module")
-def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A database with MLflow's tables, which take seconds to make."""
-    path = tmp_path_factory.mktemp("store") / "mlflow.db"
-    MlflowClient(tracking_uri=f"sqlite:///{path}").search_experiments()
-    return path
-
-
 @pytest.fixture
 def configuration(
     empty_store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
