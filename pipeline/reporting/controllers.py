@@ -100,18 +100,19 @@ def read_controllers(artifacts: Path, required: Mapping[str, Sequence[int]]) -> 
 
     Args:
         artifacts: the folder that the stages write into.
-        required: names and seeds that must be there; no other seed of these is read, it would be of an earlier run.
+        required: names and seeds that must be there; no other seed of these is read, it would be of an earlier run. Of
+            other names, metrics without traces are what an earlier run left under git.
 
     Raises:
         InputError: a file is missing or damaged.
     """
     folder = artifacts / "evaluate_brax"
-    found = {path.name for path in folder.glob("*/") if any(path.glob("seed_*/metrics.json"))}
+    found = {path.name for path in folder.glob("*/") if any(path.glob("seed_*/traces.npz"))}
     controllers = [
         _read(artifacts, name, f"seed_{seed}") for name, seeds in required.items() for seed in seeds
     ]
     for name in sorted(found - set(required)):
-        finished = sorted(path.parent.name for path in (folder / name).glob("seed_*/metrics.json"))
+        finished = sorted(path.parent.name for path in (folder / name).glob("seed_*/traces.npz"))
         controllers += [_read(artifacts, name, seed) for seed in finished]
     return controllers
 

@@ -83,6 +83,8 @@ def files_of(
 def read_deployments(artifacts: Path, controllers: Sequence[ControllerResult]) -> list[Deployment]:
     """Read every deployment that there is, in the order of the paper's tables; others after them.
 
+    Metrics without traces are what an earlier run left under git: the graph no longer makes them.
+
     Args:
         artifacts: the folder that the stages write into.
         controllers: evaluated in Brax; the lowest seed of each is the one that is deployed.
@@ -90,7 +92,7 @@ def read_deployments(artifacts: Path, controllers: Sequence[ControllerResult]) -
     Raises:
         InputError: a file is missing or damaged.
     """
-    names = sorted(path.parent.name for path in (artifacts / "sim2sim").glob("*/metrics.json"))
+    names = sorted(path.parent.name for path in (artifacts / "sim2sim").glob("*/traces.npz"))
     ordered = [name for name in DEPLOYED if name in names] + [name for name in names if name not in DEPLOYED]
     evaluated: dict[str, ControllerResult] = {}
     for controller in sorted(controllers, key=lambda controller: controller.seed):

@@ -194,6 +194,14 @@ def test_artifacts_without_deployments_have_none(tmp_path) -> None:
     assert read_deployments(tmp_path, []) == []
 
 
+def test_metrics_that_an_earlier_run_left_under_git_are_no_deployment(tmp_path) -> None:
+    write_deployment(tmp_path, PPO, random_traces(1), None)
+    (tmp_path / "sim2sim" / PPO / "traces.npz").unlink()
+    write_controller(tmp_path, PPO, 0, random_traces(0), {"steps": 1})
+    (tmp_path / "evaluate_brax" / PPO / "seed_0" / "traces.npz").unlink()
+    assert read_deployments(tmp_path, []) == [] == read_controllers(tmp_path, {})
+
+
 def test_what_was_read_is_named_where_it_is(tmp_path) -> None:
     write_controller(tmp_path, PPO, 0, random_traces(0), {"steps": 1})
     write_deployment(tmp_path, PPO, random_traces(1), first(random_traces(2), N_TARGETS))
