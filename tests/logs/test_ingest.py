@@ -195,11 +195,11 @@ print(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc to read peak memory")
 def test_memory_does_not_grow_with_the_bag(tmp_path, machine):
-    """Four times the bag takes no more memory, but for a few megabytes (it would be 50 for the added hour)."""
+    """Four times the bag takes no more memory, but for what an allocator keeps (the added hour is 50 MiB)."""
     peak_mebibytes = []
     for minutes in (20, 80):
         bag = make_session(machine, seconds=60 * minutes).write(tmp_path / f"bag{minutes}", machine)
         command = [sys.executable, "-c", PEAK_OF_INGEST, bag, tmp_path / f"out{minutes}"]
         found = subprocess.run(command, cwd=REPOSITORY, check=True, capture_output=True, text=True)
         peak_mebibytes.append(int(found.stdout) / 1024)
-    assert peak_mebibytes[1] - peak_mebibytes[0] < 10, peak_mebibytes
+    assert peak_mebibytes[1] - peak_mebibytes[0] < 20, peak_mebibytes
