@@ -5,6 +5,11 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# How fast a busy machine is, is measured in benchmarks; here it would only fail tests now and then.
+settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("untimed")
 
 # Set before JAX is imported anywhere; workers and the processes that tests start inherit it.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
