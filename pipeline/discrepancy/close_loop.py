@@ -24,7 +24,7 @@ from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
 from pipeline.discrepancy.misfit import misfit_covariance
 from pipeline.discrepancy.plausibility import OSCILLATION
-from pipeline.discrepancy.refine import parameter_covariance
+from pipeline.discrepancy.refine import parameter_covariance, refine
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.residual_network import fit_residual_network
 from pipeline.discrepancy.result import ClosedLoop
@@ -38,7 +38,7 @@ from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
 from pipeline.discrepancy.stops import Encoder, encoders_of
 from pipeline.discrepancy.verdict import MERGED, Effect, effects_of
-from pipeline.discrepancy.whole_machine import OF_ONE_CAUSE
+from pipeline.discrepancy.whole_machine import of_one_cause
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
@@ -47,7 +47,7 @@ from pipeline.effects.effect import Setting
 from pipeline.effects.store import KNOWN, ActiveEffects, predictor
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, validation_part
-from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.specification import CommandKind, MachineSpecification
 
 LEVELS = (1, 80, 1000)
 TRAINED = ("finetune", "blackbox_residual")  # of the baselines
@@ -127,7 +127,12 @@ class Loop:
         lower, upper = machine.lower, machine.upper
         diagnosis = train_diagnosis_model(rows, lower, upper, machine.dt_s, config.diagnosis, config.seed)
         self.setting = Setting(machine.dt_s, lower, upper, diagnosis.scales.speed)
-        effects = [effect for family, effect in KNOWN.items() if family not in config.exclude]
+        is_discrete = machine.command_kind is CommandKind.discrete
+        effects = [
+            effect
+            for family, effect in KNOWN.items()
+            if family not in config.exclude and not (is_discrete and effect.needs_proportional_commands)
+        ]
         self.lap("diagnosis model")
         # More nominal rows than this make the null no better known, but the search on them slow.
         n_rows = max(1, config.search.nominal_rows // len(rows.is_row))
@@ -276,8 +281,20 @@ class Loop:
                 self.say(f"{name} is confirmed: {removed}.")
             else:
                 self.say(f"{name} is not confirmed: {removed}.")
+        passed = self._refitted(passed, found)
         self.lap("gate")
         return effects_of(passed, self.excited, "timing" not in self.config.exclude)
+
+    def _refitted(self, passed: list[Found], found: Sequence[Found]) -> list[Found]:
+        """What was confirmed, with values that no longer make room for what was not; fitted on the rows for fitting."""
+        if len(passed) in (0, len(found)):
+            return passed
+        refitted = refine(self.simulation, self.rows, passed)
+        for record in (self.p_values, self.shares):
+            record.update({id(new): record[id(old)] for new, old in zip(refitted, passed, strict=True)})
+        self._gated = [*found, *passed]  # keeps the identities under which the records stand
+        self.search.found = refitted
+        return refitted
 
     def _may_set_in(self, found: Found) -> np.ndarray:
         """(N,) confirmation rows of which the rows for fitting cannot say whether the effect has set in by then."""
@@ -293,10 +310,10 @@ class Loop:
     def _together(self, found: Sequence[Found], everything: np.ndarray) -> dict[str, float]:
         """Lower bound of what a cause removes on all its joints together, for causes that several joints have."""
         bounds = {}
-        for family in OF_ONE_CAUSE:
-            members = [f for f in found if f.candidate.family == family]
-            if len(members) < 2 or family == SUPPLY:
+        for family in of_one_cause([f.candidate for f in found], len(self.joints)):
+            if family == SUPPLY:
                 continue
+            members = [f for f in found if f.candidate.family == family]
             joints = [f.candidate.joint for f in members]
             without = self.residual(self.confirm, [f for f in found if f not in members])
             before, after = (pooled(residual, joints, self.floor) for residual in (without, everything))

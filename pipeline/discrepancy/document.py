@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.common_speed import common_speed_parameters
+from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.load_over_poses import mean_speed_ratios
 from pipeline.discrepancy.next_experiment import next_experiment
@@ -14,7 +15,6 @@ from pipeline.discrepancy.parameters import Quantity, describe, quantity, spread
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.splits import Purpose
 from pipeline.discrepancy.verdict import Effect, depends_on
-from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.store import KNOWN
 
 if TYPE_CHECKING:
@@ -217,13 +217,11 @@ def _unexplained(loop: "Loop") -> list[dict]:
     entries: list[dict[str, Any]] = []
     for joint in np.flatnonzero(ratio > UNEXPLAINED_RATIO):
         best = next((c for c in loop.search.first if c.joint == joint and c.family.startswith("other")), None)
-        source = None if best is None else best.joint if best.source is None else best.source
-        variable = [] if best is None else [f"{DEPENDENCES[best.family].variable}:{loop.joints[source]}"]  # type: ignore[index]
         entries.append(
             {
                 "family": "other",
                 "joints": [loop.joints[joint]],
-                "depends_on": variable,
+                "depends_on": [] if best is None else depends_on(Effect("other", [Found(best)]), loop.joints),
                 "parameters": {},
                 "onset": None,
                 "certain": False,

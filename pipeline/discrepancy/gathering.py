@@ -5,17 +5,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.discrepancy.command_coverage import uncovered_share
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.evidence import Evidence, LevelErrors, Ranked, ResidualTrack, Signature
 from pipeline.discrepancy.found import Found, velocity_of
 from pipeline.discrepancy.held_out_errors import WindowErrors
+from pipeline.discrepancy.plausibility import DEAD_BAND
 from pipeline.discrepancy.sequences import Sequences
 from pipeline.discrepancy.verdict import Effect
+from pipeline.machine.specification import CommandKind
 
 if TYPE_CHECKING:
     from pipeline.discrepancy.close_loop import Loop
 
 TRACK_S = 15.0
+LARGEST_UNCOVERED = 0.2  # of a joint's commands, without a warning
 
 
 def evidence_of(
@@ -47,6 +51,8 @@ def evidence_of(
         "unseen."
         for name in idle
     ]
+    if loop.machine.command_kind is not CommandKind.discrete:
+        warnings += _extrapolations(loop)
     return Evidence(
         joints=loop.joints,
         units=loop.units,
@@ -62,6 +68,18 @@ def evidence_of(
         steps=loop.steps,
         seconds=dict(loop.seconds),
     )
+
+
+def _extrapolations(loop: "Loop") -> list[str]:
+    nominal, measured = (
+        np.concatenate([trajectory.a for trajectory in logs]) for logs in (loop.nominal, loop.measured)
+    )
+    return [
+        f"{share:.0%} of the commands that {joint} gets in the measured logs lie where nominal logs hardly hold any: "
+        "that the machine responds otherwise there, and that the model never learned how, look alike."
+        for joint, share in zip(loop.joints, uncovered_share(nominal, measured), strict=True)
+        if share > LARGEST_UNCOVERED
+    ]
 
 
 def _tracks(loop: "Loop", found: Sequence[Found]) -> list[ResidualTrack]:
@@ -199,6 +217,8 @@ def _abscissa(  # type: ignore[no-untyped-def]
         return "joints commanded besides this one", np.sum(np.abs(command), axis=-1) - np.abs(
             command[..., joint]
         )
+    if family == DEAD_BAND:
+        return f"command of {joints[joint]}", command[..., joint]
     if family == "other:command":
         return f"command of {joints[source]}", command[..., source]
     if family in (

@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.screen import Candidate, Rows, averaged, screen, with_candidate
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
+from pipeline.effects.dependence import DEPENDENCES
 
 TRIED_PER_JOINT = 4  # named families, by gain
 SMALLEST_PART = 0.08  # of the squared velocity: less before or after the moment tells nothing
@@ -93,7 +94,7 @@ def since(
             share=c.gain * rows.floor[c.joint] / squares[c.joint],
         )
         for c in screen(simulation, active, after, excluded)
-        if c.family in SETS_IN or c.family.startswith("other")
+        if c.family in SETS_IN or c.family in DEPENDENCES
     ]
 
 

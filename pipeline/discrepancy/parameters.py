@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.discrepancy.refine import Coordinate
 from pipeline.discrepancy.screen import Candidate
+from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Effect
 
 Quantity = dict[str, object]
@@ -92,7 +93,7 @@ def describe(
             "offset": of(point.get("offset", 0.0), unit, "offset"),
             "scale": of(point.get("scale", 1.0), "1", "scale"),
         }
-    if family.startswith("other:"):
+    if family in DEPENDENCES:
         return {}
     if family == "lag":
         # The mean of starts and stops: what the response is late by in the mean.

@@ -9,6 +9,7 @@ from pipeline.discrepancy.screen import Candidate
 from pipeline.effects.effect import Effect
 
 THERMAL_DRIFT, FLOW_COUPLING, LOAD = "thermal_drift", "flow_coupling", "load"
+DEAD_BAND = "other:dead_band"
 SENSOR_BIAS, BACKLASH, DELAY, OSCILLATION = "sensor_bias", "backlash", "delay", "oscillation"
 APART = 0.8  # of the larger change: by so much the two directions differ under a load
 AT_BOUND = 0.01  # of the range between the bounds
@@ -26,6 +27,7 @@ COMPLEXITY = {
     "flow_coupling": 2.5,
     "oscillation": 2.5,
     "thermal_drift": 2.5,
+    DEAD_BAND: 2.5,
     "load": 3.0,
     SUPPLY: 4.0,
 }

@@ -1,10 +1,11 @@
 """All parameters of all effects found, at once: Gauss-Newton on the velocities' squared residual, joint by joint.
 
 Derivatives are finite differences of the compiled simulation; parameters of different joints are moved at the same
-time, as an effect on one joint changes the others' velocities by next to nothing.
+time, as most effects on one joint change the others' velocities by next to nothing.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,35 +108,51 @@ def residual_and_jacobian(
     simulation: Simulation, rows: Rows, found: list[Found], coordinates: dict[int, list[Coordinate]]
 ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
     """Residual (N, n_joint), and per joint the derivatives (N, k) of its velocity by its coordinates."""
-    most = max(len(of_joint) for of_joint in coordinates.values())
-    hypotheses, steps = [values_of(simulation, found)], []
-    for place in range(most):
-        moved, taken = list(found), {}
-        for joint, of_joint in coordinates.items():
-            if place < len(of_joint):
-                coordinate = of_joint[place]
-                value = _value(found, coordinate)
-                step = max(RELATIVE_STEP * abs(value), SMALLEST_STEP)
-                step = -step if value + step > coordinate.upper else step
-                moved = _with_value(moved, coordinate, value + step)
-                taken[joint] = step
+    together = _moved_together(simulation, found, coordinates)
+    hypotheses = [values_of(simulation, found)]
+    for moves in together:
+        moved = list(found)
+        for coordinate in moves.values():
+            moved = _with_value(moved, coordinate, _value(found, coordinate) + _step(found, coordinate))
         hypotheses.append(values_of(simulation, moved))
-        steps.append(taken)
     with onsets_in(simulation, found):
         velocities = [rows.weight * rows.averaged(v) for v in simulation.velocities(hypotheses)]
     residual = rows.weight * rows.averaged(simulation.sequences.velocity) - velocities[0]
+    columns: dict[Coordinate, np.ndarray] = {}
+    for moves, velocity in zip(together, velocities[1:], strict=True):
+        for joint, coordinate in moves.items():
+            columns[coordinate] = (velocity - velocities[0])[:, joint] / _step(found, coordinate)
     jacobian = {
-        joint: np.stack(
-            [
-                (velocities[1 + place][:, joint] - velocities[0][:, joint]) / steps[place][joint]
-                for place in range(len(of_joint))
-            ],
-            axis=1,
-        )
+        joint: np.stack([columns[coordinate] for coordinate in of_joint], axis=1)
         for joint, of_joint in coordinates.items()
         if of_joint
     }
     return residual, jacobian
+
+
+def _moved_together(
+    simulation: Simulation, found: Sequence[Found], coordinates: Mapping[int, Sequence[Coordinate]]
+) -> list[dict[int, Coordinate]]:
+    """Coordinates by joint that are moved at the same time; by themselves, where other joints would feel it."""
+    alone, queues = [], []
+    for joint, of_joint in coordinates.items():
+        queue = []
+        for coordinate in of_joint:
+            effect = simulation.effects[found[coordinate.effect].candidate.family]
+            if effect.reaches_other_joints:
+                alone.append({joint: coordinate})
+            else:
+                queue.append((joint, coordinate))
+        queues.append(queue)
+    return alone + [
+        dict(place for place in places if place is not None) for places in itertools.zip_longest(*queues)
+    ]
+
+
+def _step(found: Sequence[Found], coordinate: Coordinate) -> float:
+    value = _value(found, coordinate)
+    step = max(RELATIVE_STEP * abs(value), SMALLEST_STEP)
+    return -step if value + step > coordinate.upper else step
 
 
 def coordinates_of(simulation: Simulation, found: Sequence[Found]) -> dict[int, list[Coordinate]]:

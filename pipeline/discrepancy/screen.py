@@ -201,6 +201,8 @@ class _Screen:
         shared = self.before if is_velocity else None
         if points == [{}]:
             residuals = self.reference[None]
+        elif effect.reaches_other_joints:
+            residuals = self._one_joint_at_a_time(family, effect, points, free)
         elif not effect.variants()[0] or shared is None:
             residuals = np.stack([self._residual(v) for v in self.simulation.velocities(hypotheses, shared)])
         else:
@@ -237,6 +239,17 @@ class _Screen:
                         lower,
                         upper,
                     )
+
+    def _one_joint_at_a_time(
+        self, family: str, effect: Effect, points: Sequence[Mapping[str, float]], joints: Sequence[int]
+    ) -> np.ndarray:
+        """(n_points, N, n_joint) residual of each joint while the effect acts on it alone."""
+        residuals = np.zeros((len(points), *self.reference.shape))
+        for joint in joints:
+            hypotheses = [self._at(family, effect, point, [joint], alone=False) for point in points]
+            for index, velocity in enumerate(self.simulation.velocities(hypotheses)):
+                residuals[index, :, joint] = self._residual(velocity)[:, joint]
+        return residuals
 
     def _dependence(self, family: str, effect: Dependence) -> None:
         sources = range(self.n_joint) if effect.per_source else [0]

@@ -33,10 +33,11 @@ from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
 from pipeline.discrepancy.whole_machine import (
     COMMON_CAUSES,
-    OF_ONE_CAUSE,
     ON_SEVERAL_JOINTS,
     WHOLE_MACHINE,
+    are_equal_delays,
     common_cause,
+    of_one_cause,
 )
 from pipeline.errors import InputError
 
@@ -146,11 +147,13 @@ class Search:
         """
         if candidate.share <= 0.0 or candidate.onset is not None:
             return False
+        return self._is_in_both_halves(candidate.gain_by_block, candidate.gain / candidate.share)
+
+    def _is_in_both_halves(self, gain_by_block: np.ndarray, squares: float) -> bool:
         folds = self.rows.folds
-        squares = candidate.gain / candidate.share
         fold_of_block = np.zeros(folds.n_blocks, int)
         fold_of_block[folds.block] = folds.fold
-        by_fold = np.bincount(fold_of_block, candidate.gain_by_block, minlength=2)
+        by_fold = np.bincount(fold_of_block, gain_by_block, minlength=2)
         return bool(by_fold.min() > 0.5 * REPRODUCED_SHARE * squares)
 
     def run(self) -> list[Found]:
@@ -382,7 +385,25 @@ class Search:
                 and c.source == chosen.source
                 and self._shows(c)
             ]
+        if chosen.family == DELAY and chosen.onset is None:
+            found += [Found(c) for c in self._late_elsewhere(chosen, candidates)]
         return found
+
+    def _late_elsewhere(self, chosen: Candidate, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Delays of the other joints, where each of them shows one that is as large: one channel that is late."""
+        known = [f.candidate for f in self.found if f.candidate.family == DELAY]
+        delays = []
+        for joint in set(range(self.simulation.setting.n_joint)) - {c.joint for c in (chosen, *known)}:
+            of_joint = [c for c in candidates if c.joint == joint]
+            delay = next((c for c in of_joint if c.family == DELAY and c.onset is None), None)
+            if delay is None or not self._shows(delay) or self._is_worse(delay, max(of_joint, key=self.net)):
+                return []
+            delays.append(delay)
+        delays = self._refined(delays)
+        if not delays or not are_equal_delays([chosen, *known, *delays]):
+            return []
+        self._say("all other joints are as late: the channel is")
+        return delays
 
     def _better_dependence(self, chosen: Candidate, as_good: Sequence[Candidate]) -> Candidate | None:
         """The dependence, if any, that explains clearly more than the name chosen."""
@@ -403,11 +424,9 @@ class Search:
         )
 
     def _refined(self, candidates: list[Candidate]) -> list[Candidate]:
-        """Candidates moved off their grids; dependences are linear and stay."""
+        """Candidates moved off their grids; those that are linear stay."""
         return [
-            c
-            if c.family.startswith("other") or c.family == SUPPLY
-            else refine_alone(self.simulation, self.rows, self.found, c)
+            c if c.family == SUPPLY else refine_alone(self.simulation, self.rows, self.found, c)
             for c in candidates
         ]
 
@@ -420,6 +439,8 @@ class Search:
         )
 
     def _is_worse(self, candidate: Candidate, best: Candidate) -> bool:
+        if self.net(candidate) < LEAST_OF_BEST * self.net(best):
+            return True  # whatever the scatter: few blocks may hold all there is to see of a rare effect
         difference = best.gain_by_block - candidate.gain_by_block
         allowance = self.null.get((best.family, best.joint, best.source), 0.0) * len(self.rows.folds.fold)
         significant = t_statistic(difference) > self.config.equivalent_t
@@ -445,19 +466,18 @@ class Search:
 
     def _look_back(self) -> None:
         """Drop what the others made superfluous."""
-        kept = list(self.found)
+        kept, n_joint = list(self.found), self.simulation.setting.n_joint
         for found in sorted(kept, key=lambda f: -complexity(f.candidate)):
             if len(kept) == 1 or found.candidate.family == SUPPLY or found.candidate.deviation is not None:
                 continue
-            family = found.candidate.family
-            if family in OF_ONE_CAUSE and sum(f.candidate.family == family for f in kept) > 1:
+            if found.candidate.family in of_one_cause([f.candidate for f in kept], n_joint):
                 continue  # one cause, which the gate judges as one
             by_block = gain_without(self.simulation, self.rows, kept, found)
             squares = found.candidate.gain / max(found.candidate.share, 1e-9)
-            if (
-                by_block.sum() < 0.4 * self.config.smallest_share * squares
-                or t_statistic(by_block) < self.config.smallest_t
-            ):
+            is_sure = t_statistic(by_block) >= self.config.smallest_t or self._is_in_both_halves(
+                by_block, squares
+            )
+            if by_block.sum() < 0.4 * self.config.smallest_share * squares or not is_sure:
                 kept.remove(found)
                 self._say(
                     f"{found.candidate.family} on {self.joints[found.candidate.joint]} is superfluous beside the others"
@@ -470,6 +490,7 @@ class Search:
 LATER_S, LATER_SHARE = 0.02, 0.1  # than the other joints, of a joint that has another effect besides
 PRESENT_SHARE, PRESENT_T = 0.1, 2.5  # of an effect that the nominal logs have, too
 REPRODUCED_SHARE = 0.2
+LEAST_OF_BEST = 0.5  # of what the best explains, for a candidate to be as good
 REFINED = 3  # of a joint's candidates
 ONSET_FACTOR = 1.2  # times the gain without onset
 SHOWS_T = 1.5

@@ -3,15 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.found import Found
-from pipeline.effects.catalogue import CATALOGUE
+from pipeline.discrepancy.plausibility import DEAD_BAND
+from pipeline.discrepancy.whole_machine import are_equal_delays
 from pipeline.effects.dependence import DEPENDENCES
+from pipeline.effects.store import KNOWN
 
-MERGED = ("thermal_drift", SUPPLY, "flow_coupling", "load", "other:activity")
-EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE = 0.03, 0.25
+MERGED = ("thermal_drift", SUPPLY, "flow_coupling", "load", DEAD_BAND, "other:activity")
 
 
 @dataclass(frozen=True)
@@ -60,11 +59,10 @@ def effects_of(found: Sequence[Found], excited: Sequence[int], allow_timing: boo
     effects = []
     delays = [f for f in left if f.candidate.family == "delay"]
     is_one = len({f.candidate.onset for f in delays}) == 1
-    if allow_timing and is_one and len(delays) >= 2 and {f.candidate.joint for f in delays} >= set(excited):
-        values = np.array([f.candidate.point["added_delay"] for f in delays])
-        if np.ptp(values) <= max(2 * EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE * float(np.median(values))):
-            effects.append(Effect("timing", delays))
-            left = [f for f in left if f not in delays]
+    is_everywhere = len(delays) >= 2 and {f.candidate.joint for f in delays} >= set(excited)
+    if allow_timing and is_one and is_everywhere and are_equal_delays([f.candidate for f in delays]):
+        effects.append(Effect("timing", delays))
+        left = [f for f in left if f not in delays]
     for family in MERGED:
         members = [f for f in left if f.candidate.family == family]
         if members:
@@ -102,6 +100,6 @@ def depends_on(effect: Effect, joints: Sequence[str]) -> list[str]:
         else:
             entries += [
                 entry.format(joint=joints[candidate.joint])
-                for entry in CATALOGUE[candidate.family].card.depends_on
+                for entry in KNOWN[candidate.family].card.depends_on
             ]
     return list(dict.fromkeys(entries))

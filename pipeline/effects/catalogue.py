@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from pipeline.effects.backlash import Backlash
+from pipeline.effects.dead_band import DeadBand
 from pipeline.effects.delay import Delay
 from pipeline.effects.effect import Effect
 from pipeline.effects.end_cushion import EndCushion
@@ -35,6 +36,9 @@ CATALOGUE: dict[str, type[Effect]] = {
         Oscillation,
     )
 }
+
+# Effects with an equation of their own of which the contract has no family: reported as `other`.
+BEYOND_THE_CONTRACT: dict[str, type[Effect]] = {DeadBand.card.family: DeadBand}
 
 
 def families(excluded: Sequence[str] = ()) -> list[str]:

@@ -138,10 +138,17 @@ class Signals(NamedTuple):
 
 
 class Effect(ABC):
-    """A family's wrapper. Arrays of parameters have shape (n_joint,), or (n_joint, n_joint) per source."""
+    """A family's wrapper. Arrays of parameters have shape (n_joint,), or (n_joint, n_joint) per source.
+
+    Attributes:
+        needs_proportional_commands: Whether it is the identity on commands in {-1, 0, 1}.
+        reaches_other_joints: Whether, acting on one joint, it changes others' speeds by more than next to nothing.
+    """
 
     card: ClassVar[Card]
     place: ClassVar[Place]
+    needs_proportional_commands: ClassVar[bool] = False
+    reaches_other_joints: ClassVar[bool] = False
 
     def __init__(self, setting: Setting) -> None:
         self.setting = setting

@@ -113,6 +113,12 @@ def _lag(s: Subject) -> str:
 
 
 def _other(s: Subject) -> str:
+    bands = [s.value(name) for name in s.effect.get("parameters") or {} if name.startswith("dead_band")]
+    if bands:
+        return (
+            f"{s.verb('leave')} small commands unanswered that move the model, as behind a dead band of up to "
+            f"{percent(max(bands))} of full command"
+        )
     return (
         f"{s.verb('differ')} from the model in a way that no known effect describes, depending on "
         f"{dependences(s.effect)}"

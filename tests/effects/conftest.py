@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification
+from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import CommandEffect, Setting, Signals
 from pipeline.effects.store import KNOWN
 from pipeline.logs.tuples import Trajectory
@@ -40,6 +41,7 @@ VALUES = {
     "sensor_bias": {"offset": [0.05, -0.01], "scale": [1.1, 0.9]},
     "timing": {"latency": [0.08, 0.08]},
     "oscillation": {"share": [1.0, 0.4], "frequency": [1.3, 2.1], "damping_ratio": [0.1, 0.3]},
+    "other:dead_band": {"dead_band_negative": [0.3, 0.15], "dead_band_positive": [0.2, 0.4]},
 }
 
 
@@ -48,7 +50,7 @@ def _coefficients(family: str) -> dict:
     return {"coefficients": np.random.default_rng(5).uniform(-0.15, 0.15, shape)}
 
 
-VALUES |= {family: _coefficients(family) for family in KNOWN if family.startswith("other:")}
+VALUES |= {family: _coefficients(family) for family in DEPENDENCES}
 VALUES = {  # what is not named is neutral
     family: KNOWN[family](SETTING).neutral() | {name: np.array(value) for name, value in of.items()}
     for family, of in VALUES.items()

@@ -1,0 +1,25 @@
+"""Which commands of measured logs the nominal logs hold."""
+
+import numpy as np
+import pytest
+
+from pipeline.discrepancy.command_coverage import uncovered_share
+
+
+def test_commands_between_those_of_nominal_logs_are_not_covered():
+    random = np.random.default_rng(1)
+    small, full = random.uniform(0.0, 0.3, (500, 2)), np.ones((500, 2))
+    nominal = random.choice([-1.0, 1.0], (1000, 1)) * np.concatenate([small, full])
+    between = np.stack([np.full(400, 0.6), np.full(400, 0.15)], axis=1)
+    at_rest = np.zeros((300, 2))
+    covered = np.concatenate([np.ones((100, 2)), at_rest])
+    shares = uncovered_share(nominal, np.concatenate([between, covered]))
+    assert shares == pytest.approx([0.8, 0.0])
+
+
+def test_a_joint_that_is_never_commanded_asks_for_nothing():
+    assert uncovered_share(np.ones((10, 1)), np.zeros((10, 1))) == pytest.approx([0.0])
+
+
+def test_where_nominal_logs_command_nothing_all_is_uncovered():
+    assert uncovered_share(np.zeros((10, 1)), np.ones((10, 1))) == pytest.approx([1.0])
