@@ -2,7 +2,9 @@
 
 import os
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 
 from omegaconf import MISSING
@@ -65,8 +67,15 @@ def measured_run(configuration: MeasureDelaysStage) -> Measured:
     for key in REPLACED:
         value = getattr(configuration, key)
         overrides.append(f"{key}={'null' if value is None else value}")
-    run_targets(configuration, overrides)
+    # rospy joins one graph in a process's life
+    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as process:
+        process.submit(drive, configuration, overrides).result()
     return load_measured(Path(configuration.output) / "nodes")
+
+
+def drive(configuration: MeasureDelaysStage, overrides: list[str]) -> None:
+    """Run the graph over the targets; all that is wanted of it are the files that its nodes write."""
+    run_targets(configuration, overrides)
 
 
 if __name__ == "__main__":
