@@ -264,7 +264,8 @@ class Loop:
                     folds = self.confirm.folds
                     p = rank_p(np.bincount(folds.block, gain, minlength=folds.n_blocks), len(found))
             is_confirmed = bound > gate.smallest_improvement
-            if effect.candidate.family in together:
+            is_pooled = effect.candidate.family in together
+            if is_pooled:
                 # One cause is confirmed on its joints together, and left off those on which it is no help.
                 bound = together[effect.candidate.family]
                 is_confirmed = bound > gate.smallest_improvement and share > 0.0
@@ -273,11 +274,12 @@ class Loop:
                 p = float(min(1.0, ndtr(-self.search.encoders[joint].z) * len(self.joints)))
                 is_confirmed = share > -gate.smallest_improvement
             name = f"{effect.candidate.family} on {self.joints[joint]}"
-            removed = f"on confirmation rows it removes {share:.0%} (at least {bound:.0%}) of the squares, p = {p:.1g}"
-            self.shares[id(effect)] = share
+            least = f"with its other joints at least {bound:.0%}" if is_pooled else f"at least {bound:.0%}"
+            removed = f"on confirmation rows it removes {share:.0%} ({least}) of the squares, p = {p:.1g}"
+            self.shares[effect.candidate.key] = share
             if is_confirmed and p < largest_p:
                 passed.append(effect)
-                self.p_values[id(effect)] = p
+                self.p_values[effect.candidate.key] = p
                 self.say(f"{name} is confirmed: {removed}.")
             else:
                 self.say(f"{name} is not confirmed: {removed}.")
@@ -289,12 +291,8 @@ class Loop:
         """What was confirmed, with values that no longer make room for what was not; fitted on the rows for fitting."""
         if len(passed) in (0, len(found)):
             return passed
-        refitted = refine(self.simulation, self.rows, passed)
-        for record in (self.p_values, self.shares):
-            record.update({id(new): record[id(old)] for new, old in zip(refitted, passed, strict=True)})
-        self._gated = [*found, *passed]  # keeps the identities under which the records stand
-        self.search.found = refitted
-        return refitted
+        self.search.found = refine(self.simulation, self.rows, passed)
+        return self.search.found
 
     def _may_set_in(self, found: Found) -> np.ndarray:
         """(N,) confirmation rows of which the rows for fitting cannot say whether the effect has set in by then."""
@@ -387,20 +385,39 @@ class Loop:
         """Drop the weakest effect of a joint whose open-loop error rises beyond the margin, until none does."""
         limit = before.rmse * (1.0 + self.config.gate.worse_margin)
         while effects:
-            worse = np.flatnonzero(self.errors(self.predictor(effects), 80).rmse > limit)
-            guilty = [e for e in effects if set(e.joints) & set(worse.tolist()) and e.family != SUPPLY]
-            if not guilty:
+            worse = set(np.flatnonzero(self.errors(self.predictor(effects), 80).rmse > limit).tolist())
+            suspects = [e for e in reversed(effects) if e.family != SUPPLY and self._may_harm(e, worse)]
+            if not worse or not suspects:
                 break
-            spared = [m for m in guilty[-1].members if m.candidate.joint not in worse]
-            shared = [Effect(guilty[-1].family, spared)] if guilty[-1].family in MERGED and spared else []
-            place = effects.index(guilty[-1])
-            effects = [*effects[:place], *shared, *effects[place + 1 :]]
+            # The weakest whose absence restores the joints; where none does by itself, the weakest.
+            cured = [s for s in suspects if len(suspects) > 1 and self._is_cured(effects, s, worse, limit)]
+            guilty = (cured or suspects)[0]
+            rest = self._spared(guilty, worse)
+            place = effects.index(guilty)
+            effects = [*effects[:place], *rest, *effects[place + 1 :]]
             self.say(
-                f"{guilty[-1].family} is dropped"
-                + (" on some joints" if shared else "")
+                f"{guilty.family} is dropped"
+                + (" on some joints" if rest else "")
                 + ": it makes the open-loop error of a joint larger."
             )
         return effects
+
+    def _may_harm(self, effect: Effect, joints: set[int]) -> bool:
+        reaches = any(KNOWN[m.candidate.family].reaches_other_joints for m in effect.members)
+        return reaches or bool(set(effect.joints) & joints)
+
+    def _spared(self, guilty: Effect, worse: set[int]) -> list[Effect]:
+        """What stays of an effect: its part on the joints that are not worse, where it is one cause of several."""
+        spared = [m for m in guilty.members if m.candidate.joint not in worse]
+        is_merged = guilty.members[0].candidate.family in MERGED
+        return [Effect(guilty.family, spared)] if is_merged and 0 < len(spared) < len(guilty.members) else []
+
+    def _is_cured(
+        self, effects: Sequence[Effect], without: Effect, worse: set[int], limit: np.ndarray
+    ) -> bool:
+        rest = [part for e in effects for part in (self._spared(e, worse) if e is without else [e])]
+        rmse = self.errors(self.predictor(rest), 80).rmse
+        return all(rmse[joint] <= limit[joint] for joint in worse)
 
     def error_reduction(self, effect: Effect, before: WindowErrors) -> float:
         """Share of the squared error over 80 steps that an effect removes by itself, its joints scaled alike."""
@@ -416,7 +433,7 @@ class Loop:
         kept = []
         for number, effect in enumerate(effects):
             reduction = self.error_reduction(effect, before)
-            share = max(self.shares[id(member)] for member in effect.members)
+            share = max(self.shares[member.candidate.key] for member in effect.members)
             shows = number == 0 and (
                 effect.family == SUPPLY or share > self.config.gate.smallest_share or self._rings(effect)
             )

@@ -50,7 +50,7 @@ def document_of(
         verdict = "unexcited" if is_idle else "none"
     held_out = [p == Purpose.confirm for p in loop.purposes]
     first = entries[0] if entries else None
-    families = [effects[0].family, *(e.family for e in effects[0].equivalents)] if effects else []
+    families = [effects[0].card, *(e.family for e in effects[0].equivalents)] if effects else []
     idle = [name for index, name in enumerate(loop.joints) if index not in loop.excited]
     return {
         "detected": None if verdict == "unexcited" else bool(entries),
@@ -104,7 +104,7 @@ def _entry(loop: "Loop", effect: Effect, before: WindowErrors) -> dict:
         "parameters": _parameters(loop, effect),
         "onset": onset,
         "certain": not effect.equivalents,
-        "p_value": float(min(loop.p_values[id(m)] for m in effect.members)),
+        "p_value": float(min(loop.p_values[m.candidate.key] for m in effect.members)),
         "error_reduction": loop.error_reduction(effect, before),
     }
     return {**entry, "of": family} if onset is not None else entry

@@ -1,6 +1,6 @@
 """The shortest manoeuvre that would tell two effects apart, or show one that these logs cannot show."""
 
-from pipeline.effects.catalogue import CATALOGUE
+from pipeline.effects.catalogue import BEYOND_THE_CONTRACT, CATALOGUE
 
 PAIRS = {
     frozenset(
@@ -40,7 +40,7 @@ def next_experiment(verdict: str, families: list[str], joint: str | None, idle: 
 
     Args:
         verdict: As in the contract.
-        families: The effect first, then its equivalents.
+        families: Keys of the cards: the effect first, then its equivalents.
         joint: Where.
         idle: Joints that hardly move in the logs.
     """
@@ -56,6 +56,8 @@ def next_experiment(verdict: str, families: list[str], joint: str | None, idle: 
             )
         return sentence.format(joint=joint).capitalize() + "."
     if verdict == "outside_catalogue":
+        if families and families[0] in BEYOND_THE_CONTRACT:
+            return f"To narrow the interval: {BEYOND_THE_CONTRACT[families[0]].card.excitation}."
         return (
             f"Repeat the same move of {joint} while only what it depends on changes, in five steps of its "
             "range."

@@ -6,10 +6,11 @@ import numpy as np
 
 from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.screen import Candidate
+from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Effect
 
 THERMAL_DRIFT, FLOW_COUPLING, LOAD = "thermal_drift", "flow_coupling", "load"
-DEAD_BAND = "other:dead_band"
+DEAD_BAND, TIMING = "other:dead_band", "timing"
 SENSOR_BIAS, BACKLASH, DELAY, OSCILLATION = "sensor_bias", "backlash", "delay", "oscillation"
 APART = 0.8  # of the larger change: by so much the two directions differ under a load
 AT_BOUND = 0.01  # of the range between the bounds
@@ -60,7 +61,7 @@ def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
 
 def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:
     """Whether a named effect fits only with a value at the edge of what is plausible: then it is another."""
-    if candidate.family.startswith("other") or candidate.family == SUPPLY:
+    if candidate.family in DEPENDENCES or candidate.family == SUPPLY:
         return False
     by_name = {p.name: p for p in effects[candidate.family].card.parameters}
     values = list(candidate.point.items())

@@ -53,6 +53,11 @@ class Candidate:
     deviation: float | None = None
 
     @property
+    def key(self) -> tuple[str, int, int | None]:
+        """What tells it from the others of a screen, and from the other effects found."""
+        return self.family, self.joint, self.source
+
+    @property
     def n_parameters(self) -> int:
         """How many values it has that can be chosen."""
         return len(self.point) + len(self.coefficients)

@@ -21,6 +21,7 @@ from pipeline.discrepancy.plausibility import (
     DELAY,
     SENSOR_BIAS,
     THERMAL_DRIFT,
+    TIMING,
     complexity,
     is_at_bound,
     is_plausible,
@@ -87,7 +88,7 @@ def null_gains(
     """Gain per used row that each candidate has on nominal logs."""
     candidates = screen(simulation, {}, rows, excluded) + common_speed_candidates(simulation, {}, rows)
     n = len(rows.folds.fold)
-    gains = {(c.family, c.joint, c.source): max(0.0, c.gain) / n for c in candidates}
+    gains = {c.key: max(0.0, c.gain) / n for c in candidates}
     warming = [
         c
         for c in candidates
@@ -124,7 +125,7 @@ class Search:
 
     def net(self, candidate: Candidate) -> float:
         """Gain beyond what the candidate gains on nominal logs."""
-        null = self.null.get((candidate.family, candidate.joint, candidate.source), 0.0)
+        null = self.null.get(candidate.key, 0.0)
         return candidate.gain - self.config.null_factor * null * len(self.rows.folds.fold)
 
     def passes(self, candidate: Candidate) -> bool:
@@ -253,12 +254,8 @@ class Search:
         candidates = screen(self.simulation, active, self.rows, self.excluded)
         if SUPPLY not in self.excluded and not any(f.candidate.family == SUPPLY for f in self.found):
             candidates += common_speed_candidates(self.simulation, active, self.rows)
-        taken = {(f.candidate.family, f.candidate.joint, f.candidate.source) for f in self.found}
-        candidates = [
-            c
-            for c in candidates
-            if (c.family, c.joint, c.source) not in taken and not self._is_refuted_by_stops(c)
-        ]
+        taken = {f.candidate.key for f in self.found}
+        candidates = [c for c in candidates if c.key not in taken and not self._is_refuted_by_stops(c)]
         # What sets in at the same moment as an effect found before is one event.
         moments = list(onsets_of(self.found).values())
         candidates = self._since_its_onset(
@@ -273,11 +270,10 @@ class Search:
         best = max(candidates, key=self.net)
         if best.onset is None or t_statistic(best.gain_by_block) < SHOWS_T:
             return candidates
-        known = {(c.family, c.joint, c.source): c for c in candidates}
+        known = {c.key: c for c in candidates}
         for candidate in since(self.simulation, active, self.rows, best, self.excluded):
-            key = (candidate.family, candidate.joint, candidate.source)
-            if key in known and candidate.gain > ONSET_FACTOR * known[key].gain:
-                known[key] = candidate
+            if candidate.key in known and candidate.gain > ONSET_FACTOR * known[candidate.key].gain:
+                known[candidate.key] = candidate
         return list(known.values())
 
     def _is_refuted_by_stops(self, candidate: Candidate) -> bool:
@@ -314,7 +310,10 @@ class Search:
             rivals = [
                 c
                 for c in self.first
-                if c.joint == first.joint and c.family.startswith("other") and self.passes(c)
+                if c.joint == first.joint
+                and c.family.startswith("other")
+                and c.key not in {f.candidate.key for f in self.found}
+                and self.passes(c)
             ]
             better = max(rivals, key=self.net, default=None)
             if (
@@ -385,7 +384,7 @@ class Search:
                 and c.source == chosen.source
                 and self._shows(c)
             ]
-        if chosen.family == DELAY and chosen.onset is None:
+        if chosen.family == DELAY and chosen.onset is None and TIMING not in self.excluded:
             found += [Found(c) for c in self._late_elsewhere(chosen, candidates)]
         return found
 
@@ -442,7 +441,7 @@ class Search:
         if self.net(candidate) < LEAST_OF_BEST * self.net(best):
             return True  # whatever the scatter: few blocks may hold all there is to see of a rare effect
         difference = best.gain_by_block - candidate.gain_by_block
-        allowance = self.null.get((best.family, best.joint, best.source), 0.0) * len(self.rows.folds.fold)
+        allowance = self.null.get(best.key, 0.0) * len(self.rows.folds.fold)
         significant = t_statistic(difference) > self.config.equivalent_t
         return bool(significant and difference.sum() > max(allowance, NEGLIGIBLE * best.gain))
 

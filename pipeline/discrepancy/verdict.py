@@ -26,6 +26,11 @@ class Effect:
     members: list[Found]
 
     @property
+    def card(self) -> str:
+        """Key of its card: of a dependence that of its form."""
+        return self.members[0].candidate.family if self.family == "other" else self.family
+
+    @property
     def joints(self) -> list[int]:
         """Indices of its joints."""
         return sorted({member.candidate.joint for member in self.members})

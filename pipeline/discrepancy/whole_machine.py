@@ -24,6 +24,7 @@ COMMON_FACTOR = 1.3  # times what the best effect on one joint explains
 MOST_ON_ONE = 0.4  # of that, at least, on one of the joints
 RIVAL_SHARE = 0.7  # of what the best explains on its joint
 EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE = 0.03, 0.25
+SMALLEST_DELAY_SHARE = 0.5  # of the largest
 # A cause with an equation comes before a dependence, and both before one that nobody can observe.
 COMMON_PENALTY = {"other:activity": 1.1, SUPPLY: 1.25}
 
@@ -31,7 +32,9 @@ COMMON_PENALTY = {"other:activity": 1.1, SUPPLY: 1.25}
 def are_equal_delays(delays: Sequence[Candidate]) -> bool:
     """Whether they are as equal as those of one late channel, whose joints respond differently after it."""
     values = np.array([delay.point["added_delay"] for delay in delays])
-    return bool(np.ptp(values) <= max(2 * EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE * float(np.median(values))))
+    usual = float(np.median(values))
+    is_near = np.ptp(values) <= max(2 * EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE * usual)
+    return bool(is_near and values.min() >= SMALLEST_DELAY_SHARE * values.max())
 
 
 def of_one_cause(candidates: Sequence[Candidate], n_joint: int) -> list[str]:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, CommandEffect, Parameter, Scope, State, Values
+from pipeline.effects.effect import Card, CommandEffect, Parameter, Place, Scope, State, Values
 
 GRID = (0.0, 0.15, 0.3, 0.45, 0.6)
 WIDEST = 0.9
@@ -20,6 +20,7 @@ class DeadBand(CommandEffect):
 
     needs_proportional_commands: ClassVar[bool] = True
     reaches_other_joints: ClassVar[bool] = True
+    place = Place.command_size
     card = Card(
         family="other:dead_band",
         equation="a' = sign(a) max(0, (|a| − d) / (1 − d)), d = d₋ for a < 0, d₊ for a > 0",

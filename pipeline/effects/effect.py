@@ -33,12 +33,13 @@ Variant = tuple[Freed, ...]
 class Place(enum.IntEnum):
     """Where in the chain an effect acts; effects of equal place act in the order of their families' names."""
 
-    command = 0
-    speed = 1
-    response = 2
-    drift = 3
-    play = 4
-    sensor = 5
+    command_size = 0  # before delays, which interpolate between commands
+    command = 1
+    speed = 2
+    response = 3
+    drift = 4
+    play = 5
+    sensor = 6
 
 
 class Scope(enum.StrEnum):

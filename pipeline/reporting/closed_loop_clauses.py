@@ -116,8 +116,8 @@ def _other(s: Subject) -> str:
     bands = [s.value(name) for name in s.effect.get("parameters") or {} if name.startswith("dead_band")]
     if bands:
         return (
-            f"{s.verb('leave')} small commands unanswered that move the model, as behind a dead band of up to "
-            f"{percent(max(bands))} of full command"
+            f"{s.verb('leave')} small commands unanswered that move the model, as behind dead bands of "
+            f"{percent(min(bands))} to {percent(max(bands))} of full command"
         )
     return (
         f"{s.verb('differ')} from the model in a way that no known effect describes, depending on "

@@ -23,10 +23,13 @@ MACHINE = MachineSpecification(
 DT_S = 0.05
 SPEEDS, CONSTANTS_S = np.array([0.4, 0.6]), np.array([0.2, 0.3])
 OWN_BAND = 0.1  # of the valves themselves
+DRAWN = 0.4  # of the first joint's speed, by the second at full command
 
 
-def record(name: str, seed: int, n_rows: int, band: float = 0.0, late_rows: int = 0) -> Trajectory:
-    """Random holds of proportional commands; a further dead band on the second joint, both late by so many rows."""
+def record(
+    name: str, seed: int, n_rows: int, band: float = 0.0, late_rows: tuple[int, int] = (0, 0)
+) -> Trajectory:
+    """Random holds of proportional commands; a further dead band on the second joint, each late by so many rows."""
     random = np.random.default_rng(seed)
     a, q, velocity = np.zeros((n_rows, 2)), np.zeros((n_rows, 2)), np.zeros(2)
     command, left = np.zeros(2), np.zeros(2)
@@ -39,12 +42,13 @@ def record(name: str, seed: int, n_rows: int, band: float = 0.0, late_rows: int 
             if abs(q[row, joint]) > 0.8 * (1.0, 2.0)[joint]:
                 command[joint] = -np.sign(q[row, joint]) * abs(command[joint])
         a[row] = command
-        reaching = a[row - late_rows] if row >= late_rows else np.zeros(2)
+        reaching = np.array([a[max(row - late, 0), joint] for joint, late in enumerate(late_rows)])
         for width, joints in ((band, [1]), (OWN_BAND, [0, 1])):
             left_over = np.maximum(np.abs(reaching[joints]) - width, 0.0) / (1.0 - width)
             reaching = reaching.copy()
             reaching[joints] = np.sign(reaching[joints]) * left_over
-        velocity = velocity + (1.0 - np.exp(-DT_S / CONSTANTS_S)) * (SPEEDS * reaching - velocity)
+        target = SPEEDS * reaching * (1.0 - DRAWN * np.array([abs(reaching[1]), 0.0]))
+        velocity = velocity + (1.0 - np.exp(-DT_S / CONSTANTS_S)) * (target - velocity)
         q[row + 1] = q[row] + DT_S * velocity
     q = q + 5e-4 * random.standard_normal(q.shape)
     t_s = DT_S * np.arange(n_rows)
@@ -54,20 +58,25 @@ def record(name: str, seed: int, n_rows: int, band: float = 0.0, late_rows: int 
     )
 
 
-def searched(measured: list[Trajectory]) -> Loop:
+@pytest.fixture(scope="module")
+def nominal() -> list[Trajectory]:
+    """Two logs of the machine as it was."""
+    return [record("nominal_1", 1, 5000), record("nominal_2", 2, 5000)]
+
+
+def searched(nominal: list[Trajectory], measured: list[Trajectory]) -> Loop:
     """The loop up to its search, on a smaller budget."""
     config = load_section("close_loop", CloseLoopConfig, "paper")
     config = replace(config, diagnosis=replace(config.diagnosis, updates=800))
-    nominal = [record("nominal_1", 1, 5000), record("nominal_2", 2, 5000)]
     loop = Loop(nominal, measured, MACHINE, None, None, config, lambda _: None)
     loop._diagnose()
     loop._search()
     return loop
 
 
-def test_a_dead_band_and_a_late_channel_are_told_apart() -> None:
-    logs = [record(f"measured_{seed}", seed, 4000, band=0.35, late_rows=3) for seed in (11, 12)]
-    loop = searched(logs)
+def test_a_dead_band_and_a_late_channel_are_told_apart(nominal) -> None:  # type: ignore[no-untyped-def]
+    logs = [record(f"measured_{seed}", seed, 4000, band=0.35, late_rows=(3, 3)) for seed in (11, 12)]
+    loop = searched(nominal, logs)
     effects = {effect.family: effect for effect in effects_of(loop.search.found, loop.excited)}
     assert set(effects) == {"other", "timing"}
     (member,) = effects["other"].members
@@ -76,6 +85,18 @@ def test_a_dead_band_and_a_late_channel_are_told_apart() -> None:
     assert member.candidate.point["dead_band_negative"] == pytest.approx(0.35, abs=0.06)
     for delay in effects["timing"].members:
         assert delay.candidate.point["added_delay"] == pytest.approx(3 * DT_S, abs=0.02)
+
+
+def test_one_late_joint_is_no_late_channel_and_its_dead_band_no_effect_on_the_other(nominal) -> None:  # type: ignore[no-untyped-def]
+    logs = [record(f"measured_{seed}", seed, 4000, band=0.35, late_rows=(0, 4)) for seed in (13, 14)]
+    loop = searched(nominal, logs)
+    found = {(f.candidate.family, loop.joints[f.candidate.joint]): f.candidate for f in loop.search.found}
+    assert set(found) == {("other:dead_band", "turn"), ("delay", "turn")}
+    assert found["delay", "turn"].point["added_delay"] == pytest.approx(4 * DT_S, abs=0.03)
+
+
+def test_nothing_is_found_where_nothing_changed(nominal) -> None:  # type: ignore[no-untyped-def]
+    assert searched(nominal, [record(f"measured_{seed}", seed, 4000) for seed in (15, 16)]).search.found == []
 
 
 def test_discrete_commands_are_not_searched_for_a_dead_band() -> None:

@@ -68,7 +68,7 @@ def float64():
     vars(SETTING).update(used)
 
 
-def rows(seed: int, n_rows: int, batch: tuple = ()) -> tuple[np.ndarray, Signals]:
+def rows(seed: int, n_rows: int, batch: tuple = (), proportional: bool = False) -> tuple[np.ndarray, Signals]:
     """Velocities and signals of random holds and rests, (T, ..., 2), as NumPy arrays in float32."""
     random = np.random.default_rng(seed)
     shape = (n_rows, *batch, 2)
@@ -76,6 +76,8 @@ def rows(seed: int, n_rows: int, batch: tuple = ()) -> tuple[np.ndarray, Signals
     for t in range(1, n_rows):
         change = random.random((*batch, 2)) < 0.2
         command[t] = np.where(change, random.integers(-1, 2, (*batch, 2)), command[t - 1])
+    if proportional:
+        command *= random.uniform(0.3, 1.0, shape)
     u = SPEED * (0.9 * command + random.uniform(0.02, 0.08, shape) * random.choice([-1, 1], shape))
     q = LOWER + (UPPER - LOWER) * random.random(shape)
     time_s = np.broadcast_to((DT_S * np.arange(n_rows)).reshape(-1, *([1] * len(batch))), shape[:-1])

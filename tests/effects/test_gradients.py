@@ -17,7 +17,11 @@ STEP = 1e-5
 def response(family):
     """A weighted sum of a log's outputs as a function of the values."""
     chain = Chain([KNOWN[family]], SETTING)
-    u, signals = jax.tree.map(lambda array: jnp.asarray(array, jnp.float64), rows(31, 40))
+    proportional = KNOWN[family].needs_proportional_commands
+    u, signals = jax.tree.map(
+        lambda array: jnp.asarray(array, jnp.float64),
+        rows(31, 40, proportional=proportional),
+    )
     weights = np.random.default_rng(1).normal(size=(40, 2))
 
     def total(values: dict) -> jax.Array:

@@ -24,7 +24,7 @@ STARTS = np.array([10, 17, 40])
 def test_a_wrapper_is_the_identity(family):
     effect = KNOWN[family](SETTING)
     values = jax.tree.map(lambda value: jnp.asarray(value, jnp.float32), effect.neutral())
-    u, signals = rows(11, 25)
+    u, signals = rows(11, 25, proportional=KNOWN[family].needs_proportional_commands)
     if isinstance(effect, SensorEffect):
         for step in (effect.measured, effect.true):
             np.testing.assert_array_equal(step(values, jnp.asarray(signals.q)), signals.q)
