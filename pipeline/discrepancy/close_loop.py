@@ -23,7 +23,7 @@ from pipeline.discrepancy.gate import can_be_shifted, lower_bound, placebo_p, po
 from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
 from pipeline.discrepancy.misfit import misfit_covariance
-from pipeline.discrepancy.plausibility import OSCILLATION
+from pipeline.discrepancy.plausibility import OSCILLATION, is_dependence
 from pipeline.discrepancy.refine import parameter_covariance, refine
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.residual_network import fit_residual_network
@@ -500,7 +500,7 @@ class Loop:
             for c in self.search.first
             if c.joint == first.joint
             and c.family not in (first.family, SUPPLY)
-            and not c.family.startswith("other")
+            and not is_dependence(c)
             and c.gain > 0
         ]
         named = sorted(others, key=lambda c: -c.gain)

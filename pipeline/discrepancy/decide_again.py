@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pipeline.discrepancy.found import Found, residual_of
+from pipeline.discrepancy.plausibility import is_dependence
 from pipeline.discrepancy.refine import refine
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.screen import Rows
@@ -33,7 +34,7 @@ def decide_again(
         first = found[place]
         joint = first.candidate.joint
         beside = {f.candidate.family for f in found if f is not first and f.candidate.joint == joint}
-        named = [c for c in first.equivalents if not c.family.startswith("other") and c.family not in beside]
+        named = [c for c in first.equivalents if not is_dependence(c) and c.family not in beside]
         if not named or not beside:
             continue
         trials = [found]

@@ -12,6 +12,7 @@ from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.load_over_poses import mean_speed_ratios
 from pipeline.discrepancy.next_experiment import next_experiment
 from pipeline.discrepancy.parameters import Quantity, describe, quantity, spreads, weighted_mean
+from pipeline.discrepancy.plausibility import is_dependence
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.splits import Purpose
 from pipeline.discrepancy.verdict import Effect, depends_on
@@ -199,7 +200,7 @@ def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:
             rivals = [(c, None) for c in member.equivalents] if effect.equivalents else []
             for candidate, why in [*rivals, *member.losers]:
                 entry = {
-                    "family": "other" if candidate.family.startswith("other") else candidate.family,
+                    "family": "other" if is_dependence(candidate) else candidate.family,
                     "joints": [loop.joints[candidate.joint]],
                     "error_reduction": float(candidate.share),
                     "why_not": why or f"these logs cannot tell it from {name}",
@@ -216,7 +217,7 @@ def _unexplained(loop: "Loop") -> list[dict]:
     ratio = np.mean(residual**2, axis=0) / loop.floor
     entries: list[dict[str, Any]] = []
     for joint in np.flatnonzero(ratio > UNEXPLAINED_RATIO):
-        best = next((c for c in loop.search.first if c.joint == joint and c.family.startswith("other")), None)
+        best = next((c for c in loop.search.first if c.joint == joint and is_dependence(c)), None)
         entries.append(
             {
                 "family": "other",

@@ -41,6 +41,11 @@ def complexity(candidate: Candidate) -> float:
     return COMPLEXITY.get(candidate.family, OTHER_COMPLEXITY) + two_ways + 0.6 * (candidate.onset is not None)
 
 
+def is_dependence(candidate: Candidate) -> bool:
+    """Whether it names no cause: the contract's family `other`."""
+    return candidate.family.startswith("other")
+
+
 def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
     """Whether the signs are those of the cause on most joints.
 

@@ -24,6 +24,7 @@ from pipeline.discrepancy.plausibility import (
     TIMING,
     complexity,
     is_at_bound,
+    is_dependence,
     is_plausible,
     say_the_same,
 )
@@ -311,14 +312,14 @@ class Search:
                 c
                 for c in self.first
                 if c.joint == first.joint
-                and c.family.startswith("other")
+                and is_dependence(c)
                 and c.key not in {f.candidate.key for f in self.found}
                 and self.passes(c)
             ]
             better = max(rivals, key=self.net, default=None)
             if (
                 better is not None
-                and not first.family.startswith("other")
+                and not is_dependence(first)
                 and self.net(better) > (1.0 + NEGLIGIBLE) * self.net(first)
             ):
                 self._say(f"{better.family} explains more than {first.family} and what is left beside it")
@@ -350,7 +351,7 @@ class Search:
             self._closed.add(best.joint)
             return []
         best = max(rivals, key=self.net)
-        as_good = [c for c in rivals if not self._is_worse(c, best)]
+        as_good = self._as_good_as(best, rivals)
         chosen = min(as_good, key=lambda c: (complexity(c), -self.net(c)))
         equivalents = [
             c
@@ -404,11 +405,20 @@ class Search:
         self._say("all other joints are as late: the channel is")
         return delays
 
+    def _as_good_as(self, best: Candidate, rivals: Sequence[Candidate]) -> list[Candidate]:
+        """Those that are not worse than the best of all, nor a name worse than the best of names."""
+        as_good = [c for c in rivals if not self._is_worse(c, best)]
+        names = [c for c in as_good if not is_dependence(c)]
+        if not names:
+            return as_good
+        best_name = max(names, key=self.net)
+        return [c for c in as_good if is_dependence(c) or not self._is_worse(c, best_name)]
+
     def _better_dependence(self, chosen: Candidate, as_good: Sequence[Candidate]) -> Candidate | None:
         """The dependence, if any, that explains clearly more than the name chosen."""
-        if chosen.family.startswith("other"):
+        if is_dependence(chosen):
             return None
-        others = [c for c in as_good if c.family.startswith("other")]
+        others = [c for c in as_good if is_dependence(c)]
         best = max(others, key=self.net, default=None)
         if best is None or self.net(best) < DOUBT_FACTOR * self.net(chosen):
             return None
@@ -417,8 +427,8 @@ class Search:
     def _raises_doubt(self, candidate: Candidate, chosen: Candidate) -> bool:
         """Whether it is a dependence, of more freedom, that explains more than the name chosen."""
         return (
-            candidate.family.startswith("other")
-            and not chosen.family.startswith("other")
+            is_dependence(candidate)
+            and not is_dependence(chosen)
             and self.net(candidate) > (1.0 + NEGLIGIBLE) * self.net(chosen)
         )
 
@@ -440,6 +450,13 @@ class Search:
     def _is_worse(self, candidate: Candidate, best: Candidate) -> bool:
         if self.net(candidate) < LEAST_OF_BEST * self.net(best):
             return True  # whatever the scatter: few blocks may hold all there is to see of a rare effect
+        if is_dependence(best) and not is_dependence(candidate):
+            # Flexible as it is, it mends what any name idealises: it comes first only if it explains clearly more.
+            is_clear = self.net(best) > DOUBT_FACTOR * self.net(candidate)
+            return is_clear and self._is_surely_worse(candidate, best)
+        return self._is_surely_worse(candidate, best)
+
+    def _is_surely_worse(self, candidate: Candidate, best: Candidate) -> bool:
         difference = best.gain_by_block - candidate.gain_by_block
         allowance = self.null.get(best.key, 0.0) * len(self.rows.folds.fold)
         significant = t_statistic(difference) > self.config.equivalent_t
