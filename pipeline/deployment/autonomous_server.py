@@ -119,6 +119,21 @@ class AutonomousServer(ComputingComponent):
         self._waiting: ReachGoal | None = None
         self._is_stopped = False
 
+    def rehearse(self, state: ControllerState, position: np.ndarray, quaternion: np.ndarray) -> None:
+        """Go through all that a goal needs, so that nothing is compiled once the machine moves.
+
+        Args:
+            state: any state of the machine.
+            position: of any target pose in {B}, m (3,).
+            quaternion: of the same, (4,).
+        """
+        self._solve_goal(position, quaternion, state.q)
+        watch = self._conditions.begin(position, quaternion)
+        for _ in range(2):  # the second decision starts from what the first one left
+            watch.check(state.q, self._idle, 0)
+            self._controller.decide(state)
+        self._controller.begin(0)
+
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
         """Joint states are kept; goals wait for the next tick; an emergency ends the goal for good."""
         if isinstance(message, JointState):

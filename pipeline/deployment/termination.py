@@ -3,7 +3,6 @@
 from collections import deque
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from pipeline.deployment.component import nanoseconds
@@ -50,20 +49,21 @@ class TerminalConditions:
         self.n_joint = machine.n_joint
         self.arm = arm
 
-        def locate(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+        def locate(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
             position = arm.forward(q).position
-            return position, contains(workspace, position, arm.yaw(q))
+            return position, arm.pitch(q), contains(workspace, position, arm.yaw(q))
 
         self._locate = jax.jit(locate)
+        self._pitch_of = jax.jit(lambda quaternion: yaw_pitch(quaternion)[1])
 
     def begin(self, position: np.ndarray, quaternion: np.ndarray) -> "GoalWatch":
         """Conditions of a goal: target position, m (3,), and quaternion (4,) in {B}."""
-        return GoalWatch(self, position, float(yaw_pitch(jnp.asarray(quaternion))[1]))
+        return GoalWatch(self, position, float(self._pitch_of(np.asarray(quaternion))))
 
-    def locate(self, q: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Position of the tip, m (3,), and whether the pose lies in W+."""
-        position, inside = self._locate(np.asarray(q, np.float32))
-        return np.asarray(position), bool(inside)
+    def locate(self, q: np.ndarray) -> tuple[np.ndarray, float, bool]:
+        """Position of the tip, m (3,), its pitch, rad, and whether the pose lies in W+."""
+        position, pitch_rad, inside = self._locate(np.asarray(q, np.float32))
+        return np.asarray(position), float(pitch_rad), bool(inside)
 
 
 class GoalWatch:
@@ -86,8 +86,8 @@ class GoalWatch:
             return Outcome.oscillated
         if not (config.at_goal or config.outside_workspace):
             return None
-        position, inside = self._conditions.locate(q)
-        turn = float(self._conditions.arm.pitch(q)) - self._pitch_rad
+        position, pitch_rad, inside = self._conditions.locate(q)
+        turn = pitch_rad - self._pitch_rad
         turn = (turn + np.pi) % (2 * np.pi) - np.pi
         distance = float(np.linalg.norm(position - self._position))
         if (

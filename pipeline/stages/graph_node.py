@@ -143,10 +143,10 @@ def _server(configuration: GraphStage) -> Node:
     start = fixed_episodes(configuration).starts[0]
     history = parts.task.dynamics.initial_history(jnp.asarray(start))
     state = ControllerState(np.asarray(history.motion), np.asarray(history.commands), start, start)
-    parts.controller.decide(state)
     pose = parts.task.arm.forward(jnp.asarray(start))
-    parts.solve_goal(np.asarray(pose.position), np.asarray(pose.quaternion), start)
-    return Node(parts.server(), machine, goal_errors(parts.task.arm))
+    server = parts.server()
+    server.rehearse(state, np.asarray(pose.position), np.asarray(pose.quaternion))
+    return Node(server, machine, goal_errors(parts.task.arm))
 
 
 def operate(

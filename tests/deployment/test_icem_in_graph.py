@@ -12,10 +12,12 @@ from pipeline.control.evaluate import controller_evaluation
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_controller
 from pipeline.control.icem.variant import RewardVariant, variant_reward
-from pipeline.deployment.component import nanoseconds
+from pipeline.deployment.autonomous_server import DecisionRequest
+from pipeline.deployment.component import Computation, nanoseconds
 from pipeline.deployment.controllers import ControllerKind, ControllerState, IcemController
 from pipeline.deployment.goals import goal_solver
 from pipeline.deployment.machine import LearnedStep
+from pipeline.deployment.messages import JointState, ReachGoal, Topic
 from pipeline.deployment.simulated_time.delays import (
     PLANNING,
     Distribution,
@@ -137,3 +139,28 @@ def test_a_planner_s_decisions_take_their_own_time(tmp_path) -> None:
     save_delays(tmp_path / "delays.json", measured | {PLANNING: Distribution.constant(0.2)}, {})
     planner, is_measured = delays_of(load_delays(tmp_path / "delays.json"), ControllerKind.icem, 0.05)
     assert is_measured and planner["inference"].quantiles_s[0] == 0.2
+
+
+def test_nothing_is_compiled_once_a_server_has_rehearsed(parts: GraphParts) -> None:
+    server, q = parts.server(), EPISODES.starts[0]
+    pose = jax.device_get(parts.task.arm.forward(EPISODES.targets[0]))
+    history = jax.device_get(parts.task.dynamics.initial_history(q))
+    server.rehearse(ControllerState(history.motion, history.commands, q, q), *pose)
+    compiled: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, duration, **_: compiled.append(event) if "backend_compile" in event else None
+    )
+    try:
+        server.on_message(Topic.joint_states, JointState(0, q, np.zeros_like(q)), 0)
+        server.on_message(Topic.goal, ReachGoal(7, *pose), 0)
+        decisions = 0
+        for tick in range(1, 3 * REPEATS):
+            now_ns = tick * nanoseconds(parts.task.machine.dt_s)
+            for output in server.on_timer(now_ns):
+                if isinstance(output, Computation):
+                    decisions += isinstance(output.request, DecisionRequest)
+                    server.on_computed(server.compute(output.request), now_ns)
+    finally:
+        jax.monitoring.clear_event_listeners()
+    assert decisions > 1
+    assert compiled == []

@@ -109,6 +109,8 @@ class Node:
             if wait_ns > 0:
                 time.sleep(wait_ns / NANOSECONDS)
             woken_ns = self.now_ns()
+            if self._rospy.is_shutdown():
+                break  # what shutting down holds up is no tick that was missed
             with self._lock:
                 self._carry_out(self._component.on_timer(woken_ns))
             self._measure("timer", woken_ns - due_ns)
