@@ -5,52 +5,48 @@ for fitting and selection; then, once, the confirmation rows: the gate, the erro
 """
 
 import functools
-import itertools
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtr
 
-from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
-from pipeline.discrepancy.common_speed import common_speed_candidates, common_speed_p
+from pipeline.discrepancy.baselines import trained_baselines, wrong_effect
+from pipeline.discrepancy.confirmation import Confirmation, in_words
 from pipeline.discrepancy.diagnosis_model import is_known, train_diagnosis_model
 from pipeline.discrepancy.document import document_of
-from pipeline.discrepancy.finetuning import fine_tune
 from pipeline.discrepancy.found import Found, residual_of, values_of
-from pipeline.discrepancy.gate import can_be_shifted, lower_bound, placebo_p, pooled, rank_p
 from pipeline.discrepancy.gathering import evidence_of
+from pipeline.discrepancy.grouping import Effect, effects_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
-from pipeline.discrepancy.misfit import misfit_covariance
-from pipeline.discrepancy.plausibility import OSCILLATION, is_dependence
+from pipeline.discrepancy.null_gains import null_gains
+from pipeline.discrepancy.open_loop_gate import OpenLoopGate
+from pipeline.discrepancy.parameter_misfit import misfit_covariance
+from pipeline.discrepancy.plausibility import OSCILLATION, TIMING
 from pipeline.discrepancy.refine import parameter_covariance, refine
 from pipeline.discrepancy.regression import Folds
-from pipeline.discrepancy.residual_network import fit_residual_network
 from pipeline.discrepancy.result import ClosedLoop
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.sampling_phase import sampling_phases
 from pipeline.discrepancy.screen import Rows, averaged
-from pipeline.discrepancy.search import Search, null_gains
+from pipeline.discrepancy.search import Search
 from pipeline.discrepancy.sequences import Sequences, side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
 from pipeline.discrepancy.stops import Encoder, encoders_of
-from pipeline.discrepancy.verdict import MERGED, Effect, effects_of
-from pipeline.discrepancy.whole_machine import of_one_cause
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
 from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Setting
-from pipeline.effects.store import KNOWN, ActiveEffects, predictor
+from pipeline.effects.store import ActiveEffects, predictor
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, validation_part
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
 LEVELS = (1, 80, 1000)
-TRAINED = ("finetune", "blackbox_residual")  # of the baselines
 NULL_BLOCK_ROWS = 1200
 FOLD_ROWS = 200
 TOLD_STEPS = 0.1
@@ -208,6 +204,7 @@ class Loop:
             self.config.exclude,
             self._encoders(),
             self.joints,
+            self.excited,
             self.say,
         )
         found = self.search.run()
@@ -228,97 +225,33 @@ class Loop:
 
     def _gate(self, found: list[Found]) -> list[Effect]:
         """Open the confirmation rows."""
-        gate, seed = self.config.gate, self.config.seed
-        passed, self.p_values, self.shares = [], {}, {}
-        everything, fitted = self.residual(self.confirm, found), self.residual(self.rows, found)
-        widths_s = {
-            f.candidate.joint: f.candidate.point["width"] for f in found if f.candidate.family == SUPPLY
-        }
-        if widths_s:
-            active = values_of(self.simulation, found)
-            confirmed = {c.joint: c for c in common_speed_candidates(self.simulation, active, self.confirm)}
-            p_of_common = common_speed_p(self.simulation, active, self.rows, widths_s, seed)
-        together = self._together(found, everything)
-        for effect in found:
-            joint, largest_p = effect.candidate.joint, gate.largest_p
-            if effect.candidate.family == SUPPLY:
-                share = bound = confirmed[joint].share
-                p = min(p_of_common * self.n_hypotheses, 1.0)
-            else:
-                others = [f for f in found if f is not effect]
-                known = ~self._may_set_in(effect)
-                without = known * self.residual(self.confirm, others)[:, joint]
-                after = known * everything[:, joint]
-                share, bound = lower_bound(without, after, self.confirm, gate.resamples, seed)
-                fitted_without = self.residual(self.rows, others)[:, joint]
-                change = fitted_without - fitted[:, joint]
-                acting = np.flatnonzero(
-                    change
-                )  # what sets in mid-way is compared with itself, not with nothing
-                since = acting[0] if len(acting) else 0
-                if can_be_shifted(change[since:]):
-                    p = placebo_p(fitted_without[since:], change[since:], self.n_hypotheses, seed)
-                else:
-                    largest_p = gate.largest_rank_p
-                    gain = without**2 - after**2
-                    folds = self.confirm.folds
-                    p = rank_p(np.bincount(folds.block, gain, minlength=folds.n_blocks), len(found))
-            is_confirmed = bound > gate.smallest_improvement
-            is_pooled = effect.candidate.family in together
-            if is_pooled:
-                # One cause is confirmed on its joints together, and left off those on which it is no help.
-                bound = together[effect.candidate.family]
-                is_confirmed = bound > gate.smallest_improvement and share > 0.0
-            if effect.candidate.deviation is not None:
-                # Seen at the stops; speeds, which may hardly depend on the place, must not speak against it.
-                p = float(min(1.0, ndtr(-self.search.encoders[joint].z) * len(self.joints)))
-                is_confirmed = share > -gate.smallest_improvement
-            name = f"{effect.candidate.family} on {self.joints[joint]}"
-            least = f"with its other joints at least {bound:.0%}" if is_pooled else f"at least {bound:.0%}"
-            removed = f"on confirmation rows it removes {share:.0%} ({least}) of the squares, p = {p:.1g}"
-            self.shares[effect.candidate.key] = share
-            if is_confirmed and p < largest_p:
-                passed.append(effect)
-                self.p_values[effect.candidate.key] = p
-                self.say(f"{name} is confirmed: {removed}.")
-            else:
-                self.say(f"{name} is not confirmed: {removed}.")
-        passed = self._refitted(passed, found)
-        self.lap("gate")
-        return effects_of(passed, self.excited, "timing" not in self.config.exclude)
-
-    def _refitted(self, passed: list[Found], found: Sequence[Found]) -> list[Found]:
-        """What was confirmed, with values that no longer make room for what was not; fitted on the rows for fitting."""
-        if len(passed) in (0, len(found)):
-            return passed
-        self.search.found = refine(self.simulation, self.rows, passed)
-        return self.search.found
-
-    def _may_set_in(self, found: Found) -> np.ndarray:
-        """(N,) confirmation rows of which the rows for fitting cannot say whether the effect has set in by then."""
-        between = found.candidate.onset_between
-        if between is None:
-            return np.zeros(len(self.confirm.folds.fold), bool)
-        stamps = self.sequences.stamp_ns
-        return (
-            averaged(((stamps >= between[0]) & (stamps < between[1])).astype(float), self.confirm.is_used)
-            > 0.0
+        confirmation = Confirmation(
+            self.simulation,
+            self.rows,
+            self.confirm,
+            self.search.encoders,
+            self.config.gate,
+            self.n_hypotheses,
+            self.excited,
+            len(self.joints),
+            self.config.seed,
         )
+        judgements = confirmation.judge(found)
+        for effect, judgement in zip(found, judgements, strict=True):
+            self.say(in_words(effect, judgement, self.joints[effect.candidate.joint]))
+        self.judgements = {f.candidate.key: j for f, j in zip(found, judgements, strict=True)}
+        passed = [f for f, j in zip(found, judgements, strict=True) if j.is_confirmed]
+        effects = self._refitted(passed) if 0 < len(passed) < len(found) else self._grouped(passed)
+        self.lap("gate")
+        return effects
 
-    def _together(self, found: Sequence[Found], everything: np.ndarray) -> dict[str, float]:
-        """Lower bound of what a cause removes on all its joints together, for causes that several joints have."""
-        bounds = {}
-        for family in of_one_cause([f.candidate for f in found], len(self.joints)):
-            if family == SUPPLY:
-                continue
-            members = [f for f in found if f.candidate.family == family]
-            joints = [f.candidate.joint for f in members]
-            without = self.residual(self.confirm, [f for f in found if f not in members])
-            before, after = (pooled(residual, joints, self.floor) for residual in (without, everything))
-            bounds[family] = lower_bound(
-                before, after, self.confirm, self.config.gate.resamples, self.config.seed
-            )[1]
-        return bounds
+    def _grouped(self, found: Sequence[Found]) -> list[Effect]:
+        return effects_of(found, self.excited, TIMING not in self.config.exclude)
+
+    def _refitted(self, found: list[Found]) -> list[Effect]:
+        """Effects with values that no longer make room for what was dropped; fitted on the rows for fitting."""
+        self.search.found = refine(self.simulation, self.rows, found)
+        return self._grouped(self.search.found)
 
     @functools.cached_property
     def covariance(self) -> dict:
@@ -363,7 +296,14 @@ class Loop:
     def _confirm(self, effects: list[Effect]) -> ClosedLoop:
         before = LearnedPredictor(self.model, self.parameters)
         of_before = {horizon: self.errors(before, horizon) for horizon in LEVELS}
-        effects = self._worth_a_name(self._without_harm(effects, of_before[80]), of_before[80])
+        self.open_loop = OpenLoopGate(
+            before=of_before[80],
+            errors=lambda of: self.errors(self.predictor(of), 80),
+            refit=lambda of: self._refitted([member for effect in of for member in effect.members]),
+            config=self.config.gate,
+            say=self.say,
+        )
+        effects = self.open_loop.worth_a_name(self.open_loop.without_harm(effects), self._shows)
         after = self.predictor(effects)
         errors = {
             horizon: (of_before[horizon], self.errors(after, horizon) if effects else of_before[horizon])
@@ -371,77 +311,32 @@ class Loop:
         }
         floor = {h: self._on_nominal(before, h) for h in LEVELS}
         self.lap("errors before and after")
-        rivals = self._baselines(effects)
+        trained = trained_baselines(
+            self.model,
+            self.parameters,
+            self.measured,
+            self.purposes,
+            self.machine,
+            self.config.baselines,
+            self.config.seed,
+        )
+        wrong = wrong_effect(effects, self.search.first)
+        rivals = trained if wrong is None else {**trained, "wrong_effect": self.predictor([wrong])}
         baselines = {name: {h: self.errors(of, h).rmse for h in LEVELS} for name, of in rivals.items()}
         on_nominal = {"effects": self._on_nominal(after, 80) if effects else floor[80]}
-        on_nominal |= {name: self._on_nominal(rivals[name], 80) for name in TRAINED}
+        on_nominal |= {name: self._on_nominal(of, 80) for name, of in trained.items()}
         self.lap("baselines")
         document = document_of(self, effects, errors, floor, baselines, on_nominal)
         evidence = evidence_of(self, effects, errors, floor, baselines)
         self.lap("evidence")
         return ClosedLoop(document, self._active(effects), evidence)
 
-    def _without_harm(self, effects: list[Effect], before: WindowErrors) -> list[Effect]:
-        """Drop the weakest effect of a joint whose open-loop error rises beyond the margin, until none does."""
-        limit = before.rmse * (1.0 + self.config.gate.worse_margin)
-        while effects:
-            worse = set(np.flatnonzero(self.errors(self.predictor(effects), 80).rmse > limit).tolist())
-            suspects = [e for e in reversed(effects) if e.family != SUPPLY and self._may_harm(e, worse)]
-            if not worse or not suspects:
-                break
-            # The weakest whose absence restores the joints; where none does by itself, the weakest.
-            cured = [s for s in suspects if len(suspects) > 1 and self._is_cured(effects, s, worse, limit)]
-            guilty = (cured or suspects)[0]
-            rest = self._spared(guilty, worse)
-            place = effects.index(guilty)
-            effects = [*effects[:place], *rest, *effects[place + 1 :]]
-            self.say(
-                f"{guilty.family} is dropped"
-                + (" on some joints" if rest else "")
-                + ": it makes the open-loop error of a joint larger."
-            )
-        return effects
-
-    def _may_harm(self, effect: Effect, joints: set[int]) -> bool:
-        reaches = any(KNOWN[m.candidate.family].reaches_other_joints for m in effect.members)
-        return reaches or bool(set(effect.joints) & joints)
-
-    def _spared(self, guilty: Effect, worse: set[int]) -> list[Effect]:
-        """What stays of an effect: its part on the joints that are not worse, where it is one cause of several."""
-        spared = [m for m in guilty.members if m.candidate.joint not in worse]
-        is_merged = guilty.members[0].candidate.family in MERGED
-        return [Effect(guilty.family, spared)] if is_merged and 0 < len(spared) < len(guilty.members) else []
-
-    def _is_cured(
-        self, effects: Sequence[Effect], without: Effect, worse: set[int], limit: np.ndarray
-    ) -> bool:
-        rest = [part for e in effects for part in (self._spared(e, worse) if e is without else [e])]
-        rmse = self.errors(self.predictor(rest), 80).rmse
-        return all(rmse[joint] <= limit[joint] for joint in worse)
-
-    def error_reduction(self, effect: Effect, before: WindowErrors) -> float:
-        """Share of the squared error over 80 steps that an effect removes by itself, its joints scaled alike."""
-        joints = effect.joints
-        alone = self.errors(self.predictor([effect]), 80)
-        if not len(alone.squares) or not len(before.squares):
-            return 0.0
-        scale = np.maximum(before.squares.mean(axis=0)[joints], 1e-18)
-        return 1.0 - float(np.sum(alone.squares.mean(axis=0)[joints] / scale) / len(joints))
-
-    def _worth_a_name(self, effects: list[Effect], before: WindowErrors) -> list[Effect]:
-        """Effects that show: in the prediction or, the first, in a good part of the residual of the speeds."""
-        kept = []
-        for number, effect in enumerate(effects):
-            reduction = self.error_reduction(effect, before)
-            share = max(self.shares[member.candidate.key] for member in effect.members)
-            shows = number == 0 and (
-                effect.family == SUPPLY or share > self.config.gate.smallest_share or self._rings(effect)
-            )
-            if reduction < self.config.gate.smallest_error_reduction and not shows:
-                self.say(f"{effect.family} is not named: it removes {reduction:.0%} of the open-loop error.")
-            else:
-                kept.append(effect)
-        return kept
+    def _shows(self, effect: Effect) -> bool:
+        """Whether an effect that removes little of the open-loop error shows in a good part of the speeds' residual."""
+        if effect.family == SUPPLY:
+            return True
+        share = max(self.judgements[member.candidate.key].share for member in effect.members)
+        return share > self.config.gate.smallest_share or self._rings(effect)
 
     def _rings(self, effect: Effect) -> bool:
         """Whether it is a resonance that stops show: of one whose phase is soon lost, no prediction removes much."""
@@ -454,57 +349,3 @@ class Loop:
         """(n_joint,) error on the nominal logs' validation parts: what a correction costs the machine as it was."""
         parts = [validation_part(t) for t in self.nominal]
         return window_errors(of, parts, [np.ones(len(p), bool) for p in parts], horizon).rmse
-
-    def _baselines(self, effects: Sequence[Effect]) -> dict[str, Predictor]:
-        pieces = list(self._pieces())
-        arguments = (
-            self.model,
-            self.parameters,
-            pieces,
-            self.machine,
-            self.config.baselines,
-            self.config.seed,
-        )
-        predictors: dict[str, Predictor] = {
-            "finetune": LearnedPredictor(self.model, fine_tune(*arguments)),
-            "blackbox_residual": fit_residual_network(*arguments),
-        }
-        wrong = self._wrong_effect(effects)
-        if wrong is not None:
-            predictors["wrong_effect"] = self.predictor([wrong])
-        return predictors
-
-    def _pieces(self):  # type: ignore[no-untyped-def]
-        """Stretches of rows for fitting and for selection, as trajectories that mark the latter as validation."""
-        for trajectory, purpose in zip(self.measured, self.purposes, strict=True):
-            edges = [0, *(np.flatnonzero(np.diff(purpose)) + 1).tolist(), len(purpose)]
-            for begin, end in itertools.pairwise(edges):
-                if purpose[begin] in (Purpose.fit, Purpose.select):
-                    rows = slice(begin, end)
-                    yield replace(
-                        trajectory,
-                        **{
-                            name: getattr(trajectory, name)[rows]
-                            for name in ("t_s", "stamp_ns", "q", "qd", "a")
-                        },
-                        is_validation=np.full(end - begin, purpose[begin] == Purpose.select),
-                    )
-
-    def _wrong_effect(self, effects: Sequence[Effect]) -> Effect | None:
-        """A middling fit of another family than was found, on the same joint."""
-        if not effects or effects[0].members[0].candidate.family == SUPPLY:
-            return None
-        first = effects[0].members[0].candidate
-        others = [
-            c
-            for c in self.search.first
-            if c.joint == first.joint
-            and c.family not in (first.family, SUPPLY)
-            and not is_dependence(c)
-            and c.gain > 0
-        ]
-        named = sorted(others, key=lambda c: -c.gain)
-        if not named:
-            return None
-        middling = named[len(named) // 2]
-        return Effect(middling.family, [Found(middling)])

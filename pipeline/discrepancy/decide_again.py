@@ -4,14 +4,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pipeline.discrepancy.comparison import NEGLIGIBLE
 from pipeline.discrepancy.found import Found, residual_of
 from pipeline.discrepancy.plausibility import is_dependence
 from pipeline.discrepancy.refine import refine
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.screen import Rows
 from pipeline.discrepancy.simulation import Simulation
-
-NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
 
 
 def decide_again(

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from pipeline.discrepancy.coverage import is_often
 from pipeline.discrepancy.sequences import Sequences
 from pipeline.errors import InputError
 
@@ -307,14 +308,12 @@ def is_known(nominal: Sequences, sequences: Sequences, scales: Scales) -> np.nda
 
     Elsewhere the diagnosis model extrapolates, and what it is off there is no sign of an effect.
     """
-    n_joint = nominal.q.shape[-1]
     result = np.zeros(sequences.q.shape, bool)
-    for joint in range(n_joint):
-        edges = np.linspace(scales.lower[joint], scales.upper[joint], PARTS_OF_RANGE + 1)[1:-1]
+    for joint in range(nominal.q.shape[-1]):
+        edges = np.linspace(scales.lower[joint], scales.upper[joint], PARTS_OF_RANGE + 1)
         moving = nominal.is_row & (
             np.abs(nominal.velocity[..., joint]) > STANDING_SHARE * scales.speed[joint]
         )
-        visits = np.bincount(np.digitize(nominal.q[..., joint][moving], edges), minlength=PARTS_OF_RANGE)
-        often = visits >= SMALLEST_VISITS_SHARE * max(int(moving.sum()), 1)
-        result[..., joint] = often[np.digitize(sequences.q[..., joint], edges)]
+        asked = sequences.q[..., joint]
+        result[..., joint] = is_often(nominal.q[..., joint][moving], asked, edges, SMALLEST_VISITS_SHARE)
     return result

@@ -5,18 +5,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
-from pipeline.discrepancy.common_speed import common_speed_parameters
+from pipeline.discrepancy.contract_parameters import Quantity, describe, quantity, spreads, weighted_mean
 from pipeline.discrepancy.found import Found
+from pipeline.discrepancy.grouping import OTHER, Effect, depends_on
 from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.load_over_poses import mean_speed_ratios
 from pipeline.discrepancy.next_experiment import next_experiment
-from pipeline.discrepancy.parameters import Quantity, describe, quantity, spreads, weighted_mean
-from pipeline.discrepancy.plausibility import is_dependence
+from pipeline.discrepancy.plausibility import LOAD, OSCILLATION, TIMING, is_dependence
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.splits import Purpose
-from pipeline.discrepancy.verdict import Effect, depends_on
-from pipeline.effects.store import KNOWN
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.supply_variation import supply_parameters
+from pipeline.effects.catalogue import KNOWN
 
 if TYPE_CHECKING:
     from pipeline.discrepancy.close_loop import Loop
@@ -33,14 +33,14 @@ def document_of(
     on_nominal: Mapping[str, np.ndarray],
 ) -> dict[str, Any]:
     """Write it down; `on_nominal` are errors over 80 steps on nominal logs, of what corrects the model."""
-    entries = [_entry(loop, effect, errors[80][0]) for effect in effects]
+    entries = [_entry(loop, effect) for effect in effects]
     unexplained = _unexplained(loop) if not effects else []
     alternatives = _alternatives(loop, effects)
     is_idle = len(loop.excited) * 2 < len(loop.joints)
     if entries:
         verdict = (
             "outside_catalogue"
-            if effects[0].family == "other"
+            if effects[0].family == OTHER
             else "ambiguous"
             if effects[0].equivalents
             else "named"
@@ -94,7 +94,7 @@ def _by_joint(loop: "Loop", values: np.ndarray) -> dict[str, float | None]:
     }
 
 
-def _entry(loop: "Loop", effect: Effect, before: WindowErrors) -> dict:
+def _entry(loop: "Loop", effect: Effect) -> dict:
     joints = effect.joints
     onset = _onset(loop, effect.onset)
     family = effect.family
@@ -105,8 +105,8 @@ def _entry(loop: "Loop", effect: Effect, before: WindowErrors) -> dict:
         "parameters": _parameters(loop, effect),
         "onset": onset,
         "certain": not effect.equivalents,
-        "p_value": float(min(loop.p_values[m.candidate.key] for m in effect.members)),
-        "error_reduction": loop.error_reduction(effect, before),
+        "p_value": float(min(loop.judgements[m.candidate.key].p_value for m in effect.members)),
+        "error_reduction": loop.open_loop.error_reduction(effect),
     }
     return {**entry, "of": family} if onset is not None else entry
 
@@ -123,9 +123,7 @@ def _onset(loop: "Loop", stamp_ns: int | None) -> dict | None:
 
 def _parameters(loop: "Loop", effect: Effect) -> dict:
     if effect.family == SUPPLY:
-        values = common_speed_parameters(
-            (loop.simulation, loop.rows), (loop.nominal_simulation, loop.nominal_rows)
-        )
+        values = supply_parameters((loop.simulation, loop.rows), (loop.nominal_simulation, loop.nominal_rows))
         return {
             "std_log_speed": quantity(values["std_log_speed"], "1", 0.15 * values["std_log_speed"]),
             "correlation_time": quantity(values["correlation_time"], "s", 0.4 * values["correlation_time"]),
@@ -139,7 +137,7 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
         spread = spreads(coordinates, covariance, number, member.candidate, loop.config.gate.model_error)
         wrapper = KNOWN[member.candidate.family](loop.setting)
         described.append(describe(member.candidate, wrapper, spread, loop.joints, loop.units[joint]))
-        if effect.family == "load":
+        if effect.family == LOAD:
             described[-1] |= mean_speed_ratios(
                 member.candidate,
                 number,
@@ -150,9 +148,9 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
                 loop.simulation.velocities([{}])[0][loop.rows.is_used][:, joint],
                 loop.config.gate.model_error,
             )
-        if effect.family == "oscillation":
+        if effect.family == OSCILLATION:
             described[-1] |= _as_it_rings_down(loop, joint)
-    if effect.family == "timing":
+    if effect.family == TIMING:
         described = [{"latency": of["added_delay"]} for of in described]
     if len(described) == 1:
         return described[0]
@@ -196,11 +194,11 @@ def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:
     entries: list[dict[str, Any]] = []
     for effect in effects:
         for member in effect.members:
-            name = effect.family if effect.family != "other" else member.candidate.family
+            name = effect.family if effect.family != OTHER else member.candidate.family
             rivals = [(c, None) for c in member.equivalents] if effect.equivalents else []
             for candidate, why in [*rivals, *member.losers]:
                 entry = {
-                    "family": "other" if is_dependence(candidate) else candidate.family,
+                    "family": OTHER if is_dependence(candidate) else candidate.family,
                     "joints": [loop.joints[candidate.joint]],
                     "error_reduction": float(candidate.share),
                     "why_not": why or f"these logs cannot tell it from {name}",
@@ -220,9 +218,9 @@ def _unexplained(loop: "Loop") -> list[dict]:
         best = next((c for c in loop.search.first if c.joint == joint and is_dependence(c)), None)
         entries.append(
             {
-                "family": "other",
+                "family": OTHER,
                 "joints": [loop.joints[joint]],
-                "depends_on": [] if best is None else depends_on(Effect("other", [Found(best)]), loop.joints),
+                "depends_on": [] if best is None else depends_on(Effect(OTHER, [Found(best)]), loop.joints),
                 "parameters": {},
                 "onset": None,
                 "certain": False,

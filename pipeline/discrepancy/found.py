@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.screen import Candidate, Rows, with_candidate
 from pipeline.discrepancy.simulation import Simulation
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 
 
 @dataclass(frozen=True)

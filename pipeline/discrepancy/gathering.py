@@ -5,20 +5,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.discrepancy.command_coverage import uncovered_share
-from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
+from pipeline.discrepancy.coverage import uncovered_share
 from pipeline.discrepancy.evidence import Evidence, LevelErrors, Ranked, ResidualTrack, Signature
 from pipeline.discrepancy.found import Found, velocity_of
+from pipeline.discrepancy.grouping import Effect
 from pipeline.discrepancy.held_out_errors import WindowErrors
-from pipeline.discrepancy.plausibility import DEAD_BAND
+from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.sequences import Sequences
-from pipeline.discrepancy.verdict import Effect
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.effect import Abscissa
 from pipeline.machine.specification import CommandKind
 
 if TYPE_CHECKING:
     from pipeline.discrepancy.close_loop import Loop
 
 TRACK_S = 15.0
+LONGEST_SINCE_S = 4.0
 LARGEST_UNCOVERED = 0.2  # of a joint's commands, without a warning
 
 
@@ -106,24 +109,13 @@ def _tracks(loop: "Loop", found: Sequence[Found]) -> list[ResidualTrack]:
 
 def _signatures(loop: "Loop", found: Sequence[Found]) -> list[Signature]:
     signatures = []
-    command = loop.sequences.command
     nominal = loop.simulation.velocities([{}])[0]
     residual = loop.residual(loop.confirm, found)
     for effect in found:
         joint = effect.candidate.joint
-        u = nominal[..., joint]
         others = [f for f in found if f is not effect]
         without, with_all = loop.residual(loop.confirm, others)[:, joint], residual[:, joint]
-        variable, x = _abscissa(
-            effect.candidate.family,
-            joint,
-            effect.candidate.source,
-            u,
-            command,
-            loop.sequences,
-            loop.joints,
-            loop.units,
-        )
+        variable, x = _abscissa(loop, effect.candidate, nominal[..., joint])
         x = loop.confirm.averaged(x)
         edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, 17)))
         if len(edges) < 3:
@@ -171,7 +163,7 @@ def _ranking(loop: "Loop", found: Sequence[Found]) -> list[Ranked]:
             else lost.get(key)
             or (
                 "too little beyond what it removes on nominal logs"
-                if not loop.search.passes(c)
+                if not loop.search.comparison.passes(c)
                 else "less than what was found on this joint"
             )
         )
@@ -204,38 +196,36 @@ def _autocorrelation_s(residual: np.ndarray, step_s: float) -> np.ndarray:
     return np.array(result)
 
 
-def _abscissa(  # type: ignore[no-untyped-def]
-    family, joint, source, u, command, sequences: Sequences, joints, units
-) -> tuple[str, np.ndarray]:
-    """What the residual is drawn over, for a family."""
-    if family in ("end_cushion", "load", "sensor_bias", "other:position"):
-        which = joint if source is None else source
-        return f"position of {joints[which]} ({units[which]})", sequences.q[..., which]
-    if family in ("thermal_drift", "other:travel", SUPPLY):
-        return "time since the log's start (s)", sequences.time_s
-    if family == "flow_coupling":
-        return "joints commanded besides this one", np.sum(np.abs(command), axis=-1) - np.abs(
-            command[..., joint]
-        )
-    if family == DEAD_BAND:
-        return f"command of {joints[joint]}", command[..., joint]
-    if family == "other:command":
-        return f"command of {joints[source]}", command[..., source]
-    if family in (
-        "delay",
-        "lag",
-        "stiction",
-        "oscillation",
-        "backlash",
-        "other:hold_time",
-        "other:warmth",
-        "other:reversal",
-        "other:rest_time",
-    ):
-        change = np.any(np.diff(np.sign(command[..., joint]), axis=1, prepend=0.0)[..., None] != 0.0, axis=-1)
-        since = np.zeros(u.shape)
-        step = float(np.median(np.diff(sequences.time_s[0][sequences.is_row[0]])))
-        for row in range(1, u.shape[1]):
-            since[:, row] = np.where(change[:, row], 0.0, since[:, row - 1] + step)
-        return f"time since the command of {joints[joint]} last changed (s)", np.minimum(since, 4.0)
-    return f"velocity that the model predicts for {joints[joint]} ({units[joint]}/s)", u
+def _abscissa(loop: "Loop", candidate: Candidate, u: np.ndarray) -> tuple[str, np.ndarray]:
+    """What an effect's signature is drawn over, in words, and its values (B, T)."""
+    joint, sequences = candidate.joint, loop.sequences
+    which = joint if candidate.source is None else candidate.source
+    command = sequences.command
+    # a change of speed that all joints have in common has no card, and varies in time
+    over = Abscissa.time if candidate.family == SUPPLY else KNOWN[candidate.family].card.drawn_over
+    match over:
+        case Abscissa.position:
+            return f"position of {loop.joints[which]} ({loop.units[which]})", sequences.q[..., which]
+        case Abscissa.time:
+            return "time since the log's start (s)", sequences.time_s
+        case Abscissa.other_commands:
+            size = np.abs(command)
+            return "joints commanded besides this one", size.sum(axis=-1) - size[..., joint]
+        case Abscissa.command:
+            return f"command of {loop.joints[which]}", command[..., which]
+        case Abscissa.since_command:
+            name = f"time since the command of {loop.joints[joint]} last changed (s)"
+            return name, _since_change_s(sequences, joint)
+        case Abscissa.velocity:
+            name = f"velocity that the model predicts for {loop.joints[joint]} ({loop.units[joint]}/s)"
+            return name, u
+
+
+def _since_change_s(sequences: Sequences, joint: int) -> np.ndarray:
+    """(B, T) time since the sign of a joint's command last changed, `LONGEST_SINCE_S` at most."""
+    is_changed = np.diff(np.sign(sequences.command[..., joint]), axis=1, prepend=0.0) != 0.0
+    step_s = float(np.median(np.diff(sequences.time_s[0][sequences.is_row[0]])))
+    since_s = np.zeros(is_changed.shape)
+    for row in range(1, is_changed.shape[1]):
+        since_s[:, row] = np.where(is_changed[:, row], 0.0, since_s[:, row - 1] + step_s)
+    return np.minimum(since_s, LONGEST_SINCE_S)

@@ -1,6 +1,6 @@
 """The shortest manoeuvre that would tell two effects apart, or show one that these logs cannot show."""
 
-from pipeline.effects.catalogue import BEYOND_THE_CONTRACT, CATALOGUE
+from pipeline.effects.catalogue import WITH_AN_EQUATION
 
 PAIRS = {
     frozenset(
@@ -51,24 +51,21 @@ def next_experiment(verdict: str, families: list[str], joint: str | None, idle: 
         sentence = PAIRS.get(frozenset(families[:2]))
         if sentence is None:
             sentence = (
-                " and ".join(CATALOGUE[f].card.excitation for f in families[:2] if f in CATALOGUE)
+                " and ".join(
+                    WITH_AN_EQUATION[f].card.excitation for f in families[:2] if f in WITH_AN_EQUATION
+                )
                 + " (on {joint})"
             )
         return sentence.format(joint=joint).capitalize() + "."
+    if verdict in ("named", "outside_catalogue") and families[:1] and families[0] in WITH_AN_EQUATION:
+        return f"To narrow the interval: {WITH_AN_EQUATION[families[0]].card.excitation}."
     if verdict == "outside_catalogue":
-        if families and families[0] in BEYOND_THE_CONTRACT:
-            return f"To narrow the interval: {BEYOND_THE_CONTRACT[families[0]].card.excitation}."
         return (
             f"Repeat the same move of {joint} while only what it depends on changes, in five steps of its "
             "range."
         )
     if verdict == "named":
-        card = CATALOGUE.get(families[0])
-        return (
-            f"To narrow the interval: {card.card.excitation}."
-            if card
-            else "To narrow the interval: longer logs."
-        )
+        return "To narrow the interval: longer logs."
     return (
         f"Nothing was found. For joints that hardly moved: {moves}."
         if moves

@@ -12,25 +12,13 @@ import numpy as np
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.screen import Candidate, Rows, averaged, screen, with_candidate
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 
 TRIED_PER_JOINT = 4  # named families, by gain
 SMALLEST_PART = 0.08  # of the squared velocity: less before or after the moment tells nothing
 SMALLEST_GAIN = 1.2  # of the gain without onset
 SMALLEST_T = 2.5  # of what the effect would do harm before its onset, by blocks
-SETS_IN = (
-    "gain",
-    "delay",
-    "lag",
-    "leakage",
-    "backlash",
-    "stiction",
-    "end_cushion",
-    "sensor_bias",
-    "oscillation",
-    "flow_coupling",
-    "load",
-)
 AS_GOOD = 20.0  # squares of the noise floor: some ten independent rows at one standard deviation
 ITERATIONS = 3
 WHOLE = 0.999
@@ -56,11 +44,7 @@ def with_onsets(
     count: dict[int, int] = {}
     for candidate in sorted(candidates, key=lambda c: -c.gain):
         count.setdefault(candidate.joint, 0)
-        if (
-            candidate.family in SETS_IN
-            and candidate.share > 0.02
-            and count[candidate.joint] < TRIED_PER_JOINT
-        ):
+        if _can_set_in(candidate) and candidate.share > 0.02 and count[candidate.joint] < TRIED_PER_JOINT:
             count[candidate.joint] += 1
             candidate = _with_onset(simulation, active, rows, candidate, known)
         result.append(candidate)
@@ -94,8 +78,12 @@ def since(
             share=c.gain * rows.floor[c.joint] / squares[c.joint],
         )
         for c in screen(simulation, active, after, excluded)
-        if c.family in SETS_IN or c.family in DEPENDENCES
+        if _can_set_in(c) or c.family in DEPENDENCES
     ]
+
+
+def _can_set_in(candidate: Candidate) -> bool:
+    return candidate.family in KNOWN and KNOWN[candidate.family].card.can_set_in
 
 
 def _squares(simulation: Simulation, active: Hypothesis, rows: Rows) -> np.ndarray:

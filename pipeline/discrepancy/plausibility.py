@@ -4,41 +4,28 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.screen import Candidate
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Effect
 
 THERMAL_DRIFT, FLOW_COUPLING, LOAD = "thermal_drift", "flow_coupling", "load"
-DEAD_BAND, TIMING = "other:dead_band", "timing"
+ACTIVITY, DEAD_BAND = "other:activity", "other:dead_band"
+GAIN, TIMING = "gain", "timing"
 SENSOR_BIAS, BACKLASH, DELAY, OSCILLATION = "sensor_bias", "backlash", "delay", "oscillation"
 APART = 0.8  # of the larger change: by so much the two directions differ under a load
 AT_BOUND = 0.01  # of the range between the bounds
 
-# From the simplest to the most general; a named family that says as much is preferred to one that says less.
-COMPLEXITY = {
-    "gain": 1.0,
-    "delay": 1.0,
-    "leakage": 1.0,
-    "backlash": 1.2,
-    "lag": 1.0,
-    "sensor_bias": 1.3,
-    "stiction": 1.5,
-    "end_cushion": 2.0,
-    "flow_coupling": 2.5,
-    "oscillation": 2.5,
-    "thermal_drift": 2.5,
-    DEAD_BAND: 2.5,
-    "load": 3.0,
-    SUPPLY: 4.0,
-}
-OTHER_COMPLEXITY = 5.0
+SUPPLY_COMPLEXITY = 4.0  # as if it stood on a card: it has no wrapper
+TWO_WAYS_COMPLEXITY, ONSET_COMPLEXITY = 2.8, 0.6  # more: of a gain that differs by direction, of an onset
 
 
 def complexity(candidate: Candidate) -> float:
     """How much a candidate can fit; an onset is one choice more."""
-    two_ways = 2.8 * (candidate.family == "gain" and len(candidate.freed) > 1)
-    return COMPLEXITY.get(candidate.family, OTHER_COMPLEXITY) + two_ways + 0.6 * (candidate.onset is not None)
+    of_card = SUPPLY_COMPLEXITY if candidate.family == SUPPLY else KNOWN[candidate.family].card.complexity
+    two_ways = TWO_WAYS_COMPLEXITY * (candidate.family == GAIN and len(candidate.freed) > 1)
+    return of_card + two_ways + ONSET_COMPLEXITY * (candidate.onset is not None)
 
 
 def is_dependence(candidate: Candidate) -> bool:
@@ -91,4 +78,4 @@ def say_the_same(one: Candidate, other: Candidate) -> bool:
     """
     families = {one.family, other.family}
     offset = any(c.family == SENSOR_BIAS and "offset" in c.point for c in (one, other))
-    return families == {"delay", "timing"} or (families == {"gain", SENSOR_BIAS} and offset)
+    return families == {DELAY, TIMING} or (families == {GAIN, SENSOR_BIAS} and offset)

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
 from pipeline.discrepancy.screen import Candidate, Rows
 from pipeline.discrepancy.simulation import Simulation
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 
 ITERATIONS = 5
 RELATIVE_STEP = 0.04

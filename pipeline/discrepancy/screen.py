@@ -16,6 +16,10 @@ from pipeline.discrepancy.simulation import Hypothesis, Simulation
 from pipeline.effects.dependence import N_DIRECTION, Dependence
 from pipeline.effects.effect import Effect, Variant, VelocityEffect
 
+PARSIMONY = 0.03  # of the gain, by which more parameters have to be better
+TAKEN_TOGETHER = (
+    "timing",
+)  # on one joint the same wrapper as `delay`: equal delays of all joints are merged into it
 ROWS_AVERAGED = 2  # velocities over one step carry the encoders' noise twice
 
 
@@ -182,7 +186,7 @@ class _Screen:
 
     def run(self) -> list[Candidate]:
         for family, effect in self.simulation.effects.items():
-            if family in self.excluded or family in MERGED:
+            if family in self.excluded or family in TAKEN_TOGETHER:
                 continue
             if isinstance(effect, Dependence):
                 self._dependence(family, effect)
@@ -337,9 +341,3 @@ class _Screen:
             np.array([parameter.lower - parameter.neutral for parameter in freed]),
             np.array([parameter.upper - parameter.neutral for parameter in freed]),
         )
-
-
-PARSIMONY = 0.03
-MERGED = (
-    "timing",
-)  # on one joint the same wrapper as `delay`; the verdict merges equal delays of all joints

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pipeline.discrepancy.continued_training import BaselinesConfig
 from pipeline.discrepancy.diagnosis_model import DiagnosisModelConfig
 from pipeline.discrepancy.gate import GateConfig
-from pipeline.discrepancy.search import SearchConfig
+from pipeline.discrepancy.search_thresholds import SearchConfig
 from pipeline.discrepancy.splits import SplitConfig
 from pipeline.dynamics.settings import TrainingConfig
 

@@ -1,53 +1,43 @@
 """Causes that several joints have in common: they compete as one, by what they explain on all joints together."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
-import numpy as np
-
-from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
+from pipeline.discrepancy.late_channel import is_late_channel
 from pipeline.discrepancy.plausibility import (
+    ACTIVITY,
     DEAD_BAND,
     DELAY,
     FLOW_COUPLING,
     LOAD,
     THERMAL_DRIFT,
+    TIMING,
     is_plausible,
 )
 from pipeline.discrepancy.screen import Candidate
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 
-COMMON_CAUSES = (THERMAL_DRIFT, SUPPLY, "other:activity")
-WHOLE_MACHINE = (THERMAL_DRIFT, "timing", SUPPLY, "other:activity", FLOW_COUPLING)
+COMMON_CAUSES = (THERMAL_DRIFT, SUPPLY, ACTIVITY)
+WHOLE_MACHINE = (THERMAL_DRIFT, TIMING, SUPPLY, ACTIVITY, FLOW_COUPLING)
 ON_SEVERAL_JOINTS = (FLOW_COUPLING, LOAD, DEAD_BAND)  # one pump, one payload, one controller of all valves
 OF_ONE_CAUSE = tuple(dict.fromkeys((*WHOLE_MACHINE, *ON_SEVERAL_JOINTS)))  # on however many joints they show
 COMMON_FACTOR = 1.3  # times what the best effect on one joint explains
 MOST_ON_ONE = 0.4  # of that, at least, on one of the joints
 RIVAL_SHARE = 0.7  # of what the best explains on its joint
-EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE = 0.03, 0.25
-SMALLEST_DELAY_SHARE = 0.5  # of the largest
 # A cause with an equation comes before a dependence, and both before one that nobody can observe.
-COMMON_PENALTY = {"other:activity": 1.1, SUPPLY: 1.25}
+COMMON_PENALTY = {ACTIVITY: 1.1, SUPPLY: 1.25}
 
 
-def are_equal_delays(delays: Sequence[Candidate]) -> bool:
-    """Whether they are as equal as those of one late channel, whose joints respond differently after it."""
-    values = np.array([delay.point["added_delay"] for delay in delays])
-    usual = float(np.median(values))
-    is_near = np.ptp(values) <= max(2 * EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE * usual)
-    return bool(is_near and values.min() >= SMALLEST_DELAY_SHARE * values.max())
-
-
-def of_one_cause(candidates: Sequence[Candidate], n_joint: int) -> list[str]:
+def of_one_cause(candidates: Sequence[Candidate], joints: Collection[int]) -> list[str]:
     """Families whose members on several joints are one cause, delays among them where the channel is late.
 
     Args:
         candidates: That were found.
-        n_joint: Number of joints.
+        joints: Joints that move enough to tell.
     """
     count = Counter(c.family for c in candidates)
     families = [family for family in OF_ONE_CAUSE if count[family] > 1]
-    delays = [c for c in candidates if c.family == DELAY and c.onset is None]
-    if len(delays) == n_joint > 1 and are_equal_delays(delays):
+    if is_late_channel([c for c in candidates if c.family == DELAY], joints):
         families.append(DELAY)
     return families
 

@@ -3,7 +3,17 @@
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, Parameter, Place, Scope, Signals, State, Values, VelocityEffect
+from pipeline.effects.effect import (
+    Abscissa,
+    Card,
+    Parameter,
+    Place,
+    Scope,
+    Signals,
+    State,
+    Values,
+    VelocityEffect,
+)
 
 
 class Backlash(VelocityEffect):
@@ -19,6 +29,8 @@ class Backlash(VelocityEffect):
         excitation="reversals, and repeated starts in the same direction",
         depends_on=("reversal:{joint}",),
         scope=Scope.joint,
+        complexity=1.2,
+        drawn_over=Abscissa.since_command,
         parameters=(
             Parameter(
                 "width",

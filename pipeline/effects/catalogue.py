@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pipeline.effects.backlash import Backlash
 from pipeline.effects.dead_band import DeadBand
 from pipeline.effects.delay import Delay
+from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Effect
 from pipeline.effects.end_cushion import EndCushion
 from pipeline.effects.flow_coupling import FlowCoupling
@@ -39,6 +40,9 @@ CATALOGUE: dict[str, type[Effect]] = {
 
 # Effects with an equation of their own of which the contract has no family: reported as `other`.
 BEYOND_THE_CONTRACT: dict[str, type[Effect]] = {DeadBand.card.family: DeadBand}
+
+WITH_AN_EQUATION: dict[str, type[Effect]] = {**CATALOGUE, **BEYOND_THE_CONTRACT}
+KNOWN: dict[str, type[Effect]] = {**WITH_AN_EQUATION, **DEPENDENCES}
 
 
 def families(excluded: Sequence[str] = ()) -> list[str]:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, CommandEffect, Parameter, Place, Scope, State, Values
+from pipeline.effects.effect import Abscissa, Card, CommandEffect, Parameter, Place, Scope, State, Values
 
 GRID = (0.0, 0.15, 0.3, 0.45, 0.6)
 WIDEST = 0.9
@@ -32,6 +32,9 @@ class DeadBand(CommandEffect):
         excitation="slow ramps of single joints' commands from zero to full and back, both ways",
         depends_on=("command:{joint}",),
         scope=Scope.joint,
+        complexity=2.5,
+        drawn_over=Abscissa.command,
+        can_set_in=False,
         parameters=(
             Parameter("dead_band_negative", "1", 0.0, 0.0, WIDEST, grid=GRID),
             Parameter("dead_band_positive", "1", 0.0, 0.0, WIDEST, grid=GRID),

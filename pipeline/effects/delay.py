@@ -3,7 +3,7 @@
 import jax
 
 from pipeline.effects.command_buffer import delayed, initial_buffer
-from pipeline.effects.effect import Card, CommandEffect, Parameter, Scope, State, Values
+from pipeline.effects.effect import Abscissa, Card, CommandEffect, Parameter, Scope, State, Values
 
 
 class Delay(CommandEffect):
@@ -18,6 +18,8 @@ class Delay(CommandEffect):
         excitation="starts and stops of single joints with holds of 1 s and more in between",
         depends_on=("command:{joint}",),
         scope=Scope.joint,
+        complexity=1.0,
+        drawn_over=Abscissa.since_command,
         parameters=(
             Parameter(
                 "added_delay",

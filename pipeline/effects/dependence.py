@@ -13,6 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.effects.effect import (
+    SMALLEST_COMMAND,
+    Abscissa,
     Card,
     RatioEffect,
     Scope,
@@ -24,7 +26,6 @@ from pipeline.effects.effect import (
 )
 
 N_DIRECTION = 2
-SMALLEST_COMMAND = 1e-3
 
 
 class Dependence(RatioEffect):
@@ -63,7 +64,12 @@ class Dependence(RatioEffect):
 
 
 def _card(
-    variable: str, equation: str, signature: str, scope: Scope = Scope.joint, form: str | None = None
+    variable: str,
+    equation: str,
+    signature: str,
+    drawn_over: Abscissa,
+    scope: Scope = Scope.joint,
+    form: str | None = None,
 ) -> Card:
     return Card(
         family=f"other:{form or variable}",
@@ -74,6 +80,9 @@ def _card(
         excitation="variation of the variable while everything else is repeated",
         depends_on=(variable,),
         scope=scope,
+        complexity=5.0,
+        drawn_over=drawn_over,
+        can_set_in=False,
         parameters=(),
     )
 
@@ -86,6 +95,7 @@ class OnCommand(Dependence):
         "command",
         "φ = 1[a_s < 0], 1[a_s > 0], s ≠ j",
         "residual only while another joint is commanded one way",
+        Abscissa.command,
     )
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
@@ -103,6 +113,7 @@ class OnPosition(Dependence):
         "position",
         "φ: hat functions at -1, -1/2, 1/2, 1 of the range; the middle is the reference",
         "residual follows one joint's position",
+        Abscissa.position,
     )
     knots = (-1.0, -0.5, 0.5, 1.0)
 
@@ -122,6 +133,7 @@ class OnHoldTime(Dependence):
         "hold_time",
         "φ_k = 1 − e^{−h/T_k}, h the time since the command's last change",
         "residual grows while a command is held",
+        Abscissa.since_command,
     )
     times_s = (0.7, 2.0, 5.0)
 
@@ -145,6 +157,7 @@ class OnWarmth(Dependence):
         "hold_time",
         "ẇ_k = (1[a = d] − w_k) / T_k, φ_k = w_k, d the direction of motion",
         "residual grows while a command is held, and is still there when it is given again soon",
+        Abscissa.since_command,
         form="warmth",
     )
     times_s = (1.5, 6.0)
@@ -169,6 +182,7 @@ class OnRestTime(Dependence):
         "rest_time",
         "φ_k = 1 − e^{−r/T_k}, r the rest before the present motion",
         "residual of a whole motion depends on the rest before it",
+        Abscissa.since_command,
     )
     times_s = (0.8, 4.0)
 
@@ -192,6 +206,7 @@ class OnReversal(Dependence):
         "reversal",
         "φ_k = e^{−x/T_k}, x the time since the last reversal",
         "residual after reversals only",
+        Abscissa.since_command,
     )
     times_s = (0.4, 1.5)
 
@@ -216,6 +231,7 @@ class OnVelocity(Dependence):
         "velocity",
         "φ = s, s², s the speed in units of the usual one, less one",
         "residual not proportional to speed",
+        Abscissa.velocity,
     )
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
@@ -233,6 +249,7 @@ class OnActivity(Dependence):
         "activity",
         "Ȧ_k = (Σ_i |u_i| / scale_i − A_k) / T_k, φ_k = A_k",
         "all joints slow down after busy spells",
+        Abscissa.velocity,
         Scope.machine,
     )
     times_s = (4.0, 10.0, 25.0, 60.0)
@@ -258,6 +275,7 @@ class OnTravel(Dependence):
         "travel",
         "φ = 1 − e^{−s/S}, s the joint's way since the start, S ten times its range",
         "residual grows with the joint's own way, not with time",
+        Abscissa.time,
     )
     ranges = 10.0
 

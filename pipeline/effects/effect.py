@@ -1,6 +1,6 @@
 """What an effect is: a card that a control engineer can read, and a differentiable wrapper around any f_θ.
 
-The augmented model (`augmented.py`) is a chain. Commands pass the command effects, the frozen f_θ turns them into
+The augmented model (`augmented_model.py`) is a chain. Commands pass the command effects, the frozen f_θ turns them into
 the velocity u that the nominal machine would have, velocity effects turn u into the machine's velocity v, and a
 sensor effect maps the true configuration to the measured one:
 
@@ -49,6 +49,17 @@ class Scope(enum.StrEnum):
     machine = "machine"  # several joints at once, with parameters in common
 
 
+class Abscissa(enum.StrEnum):
+    """What the residual is drawn over, for a reader to see an effect."""
+
+    position = "position"  # of the joint, or of the joint that it depends on
+    time = "time since the log's start"
+    other_commands = "joints commanded besides this one"
+    command = "command"  # of the joint, or of the joint that it depends on
+    since_command = "time since the command last changed"
+    velocity = "velocity"  # that the model predicts
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One parameter of an effect, an array with one value per joint.
@@ -88,7 +99,11 @@ class Card:
         excitation: The manoeuvre that shows it.
         depends_on: Variables (contract, section 4) that the residual depends on; `{joint}` is filled in.
         scope: Which joints it can act on.
+        complexity: How much it can fit, from 1 (a gain) to 5 (any dependence on a variable): of what explains the logs
+            equally well, the simplest is taken.
+        drawn_over: What its signature is drawn over.
         parameters: Of the wrapper.
+        can_set_in: Whether it is looked for from some moment on, too.
     """
 
     family: str
@@ -99,7 +114,10 @@ class Card:
     excitation: str
     depends_on: tuple[str, ...]
     scope: Scope
+    complexity: float
+    drawn_over: Abscissa
     parameters: tuple[Parameter, ...]
+    can_set_in: bool = True
 
 
 @dataclass(frozen=True)
@@ -256,6 +274,7 @@ class SensorEffect(Effect):
         """Measured to true configuration."""
 
 
+SMALLEST_COMMAND = 1e-3  # a smaller one is none
 SMALLEST_RATIO = 0.05  # slower than this, a measured velocity says nothing about the nominal machine's
 
 

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from pipeline.effects.effect import (
+    Abscissa,
     Card,
     Parameter,
     RatioEffect,
@@ -29,6 +30,8 @@ class EndCushion(RatioEffect):
         excitation="slow and fast approaches to both limits",
         depends_on=("position:{joint}",),
         scope=Scope.joint,
+        complexity=2.0,
+        drawn_over=Abscissa.position,
         parameters=(
             Parameter("loss_upper", "1", 0.0, -0.5, 0.95, natural_bounds=True),
             Parameter("loss_lower", "1", 0.0, -0.5, 0.95, natural_bounds=True),

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, Parameter, RatioEffect, Scope, Signals, State, Values
+from pipeline.effects.effect import Abscissa, Card, Parameter, RatioEffect, Scope, Signals, State, Values
 
 
 class FlowCoupling(RatioEffect):
@@ -19,6 +19,8 @@ class FlowCoupling(RatioEffect):
         excitation="each pair of joints at once, and each joint alone",
         depends_on=("command",),
         scope=Scope.machine,
+        complexity=2.5,
+        drawn_over=Abscissa.other_commands,
         parameters=(Parameter("loss_fraction", "1", 0.0, 0.0, 0.9, per_source=True),),
     )
 

@@ -3,6 +3,7 @@
 import jax
 
 from pipeline.effects.effect import (
+    Abscissa,
     Card,
     Parameter,
     Place,
@@ -29,6 +30,8 @@ class Gain(RatioEffect):
         excitation="long single-joint moves in both directions, in several poses, up to both stops",
         depends_on=("command:{joint}",),
         scope=Scope.joint,
+        complexity=1.0,
+        drawn_over=Abscissa.velocity,
         parameters=(
             Parameter("ratio_positive", "1", 1.0, 0.2, 2.5),
             Parameter("ratio_negative", "1", 1.0, 0.2, 2.5),

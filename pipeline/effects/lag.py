@@ -5,7 +5,17 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, Parameter, Place, Scope, Signals, State, Values, VelocityEffect
+from pipeline.effects.effect import (
+    Abscissa,
+    Card,
+    Parameter,
+    Place,
+    Scope,
+    Signals,
+    State,
+    Values,
+    VelocityEffect,
+)
 
 
 class Filter(NamedTuple):
@@ -29,6 +39,8 @@ class Lag(VelocityEffect):
         excitation="starts and stops of single joints with holds of 1 s and more in between",
         depends_on=("command:{joint}",),
         scope=Scope.joint,
+        complexity=1.0,
+        drawn_over=Abscissa.since_command,
         parameters=(
             Parameter(
                 "added_time_constant",

@@ -3,7 +3,18 @@
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, Parameter, Place, Scope, Signals, State, Values, VelocityEffect
+from pipeline.effects.effect import (
+    SMALLEST_COMMAND,
+    Abscissa,
+    Card,
+    Parameter,
+    Place,
+    Scope,
+    Signals,
+    State,
+    Values,
+    VelocityEffect,
+)
 
 
 class Leakage(VelocityEffect):
@@ -19,6 +30,8 @@ class Leakage(VelocityEffect):
         excitation="rests of several seconds in several poses",
         depends_on=("zero_command:{joint}",),
         scope=Scope.joint,
+        complexity=1.0,
+        drawn_over=Abscissa.velocity,
         parameters=(Parameter("sag_rate", "speed", 0.0, -1.0, 1.0),),
     )
 
@@ -32,6 +45,3 @@ class Leakage(VelocityEffect):
 
     def _creep(self, values: Values, signals: Signals) -> jax.Array:
         return jnp.where(jnp.abs(signals.command) < SMALLEST_COMMAND, values["sag_rate"], 0.0)
-
-
-SMALLEST_COMMAND = 1e-3

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from pipeline.effects.effect import (
+    Abscissa,
     Card,
     Parameter,
     RatioEffect,
@@ -27,6 +28,8 @@ class Load(RatioEffect):
         excitation="moves in both directions with the other joints stretched and folded",
         depends_on=("position",),
         scope=Scope.joint,
+        complexity=3.0,
+        drawn_over=Abscissa.position,
         parameters=(
             Parameter("mean_speed_ratio_up", "1", 1.0, 0.2, 2.0),
             Parameter("mean_speed_ratio_down", "1", 1.0, 0.2, 2.0),

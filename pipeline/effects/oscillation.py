@@ -5,7 +5,17 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, Parameter, Place, Scope, Signals, State, Values, VelocityEffect
+from pipeline.effects.effect import (
+    Abscissa,
+    Card,
+    Parameter,
+    Place,
+    Scope,
+    Signals,
+    State,
+    Values,
+    VelocityEffect,
+)
 
 
 class Mode(NamedTuple):
@@ -29,6 +39,8 @@ class Oscillation(VelocityEffect):
         excitation="hard stops from full speed, followed by rest",
         depends_on=("time_since_stop:{joint}",),
         scope=Scope.joint,
+        complexity=2.5,
+        drawn_over=Abscissa.since_command,
         parameters=(
             Parameter("share", "1", 0.0, 0.0, 1.5),
             Parameter(

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.dynamics.features import History
 from pipeline.dynamics.model import DynamicsModel, Target
 from pipeline.dynamics.network import Parameters
-from pipeline.effects.augmented import AugmentedHistory, AugmentedModel, AugmentedParameters
+from pipeline.effects.augmented_model import AugmentedHistory, AugmentedModel, AugmentedParameters
 from pipeline.effects.chain import Chain, ChainState, ChainValues, set_in
 from pipeline.effects.effect import Signals
 from pipeline.logs.tuples import Trajectory

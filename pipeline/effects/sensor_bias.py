@@ -2,7 +2,7 @@
 
 import jax
 
-from pipeline.effects.effect import Card, Parameter, Scope, SensorEffect, Values
+from pipeline.effects.effect import Abscissa, Card, Parameter, Scope, SensorEffect, Values
 
 
 class SensorBias(SensorEffect):
@@ -17,6 +17,8 @@ class SensorBias(SensorEffect):
         excitation="both stops of the joint",
         depends_on=("position:{joint}",),
         scope=Scope.joint,
+        complexity=1.3,
+        drawn_over=Abscissa.position,
         parameters=(
             Parameter(
                 "offset",

@@ -5,7 +5,16 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Card, CommandEffect, Parameter, Scope, State, Values
+from pipeline.effects.effect import (
+    SMALLEST_COMMAND,
+    Abscissa,
+    Card,
+    CommandEffect,
+    Parameter,
+    Scope,
+    State,
+    Values,
+)
 
 
 class Rest(NamedTuple):
@@ -36,6 +45,8 @@ class Stiction(CommandEffect):
         excitation="starts after rests of 0.2 s to 5 s, and starts without rest",
         depends_on=("rest_time:{joint}",),
         scope=Scope.joint,
+        complexity=1.5,
+        drawn_over=Abscissa.since_command,
         parameters=(
             Parameter("mean_extra_time", "s", 0.0, 0.0, 1.5, grid=(0.05, 0.1, 0.2, 0.3, 0.45, 0.65)),
             Parameter("rest_threshold", "s", 0.5, 0.15, 10.0, grid=(0.2, 0.6, 1.5, 3.0), natural_bounds=True),
@@ -62,4 +73,3 @@ class Stiction(CommandEffect):
 
 LONG_S = 60.0
 STEEPNESS = 3  # between a threshold proper and a lock that grows as 1 - exp(-r / T)
-SMALLEST_COMMAND = 1e-3

@@ -16,17 +16,15 @@ from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
 from pipeline.dynamics.predictor import LearnedPredictor
 from pipeline.dynamics.store import load_model, model_fingerprint
-from pipeline.effects.augmented import AugmentedModel, AugmentedParameters
-from pipeline.effects.catalogue import BEYOND_THE_CONTRACT, CATALOGUE
+from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain
-from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Setting
 from pipeline.effects.predictor import AugmentedPredictor
 from pipeline.errors import InputError
 
 SCHEMA_VERSION = 1
 FILE = "effects.json"
-KNOWN = {**CATALOGUE, **BEYOND_THE_CONTRACT, **DEPENDENCES}
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from pipeline.effects.effect import (
     SMALLEST_RATIO,
+    Abscissa,
     Card,
     Parameter,
     Place,
@@ -32,6 +33,9 @@ class ThermalDrift(VelocityEffect):
         excitation="ten minutes of ordinary work after a cold start",
         depends_on=("time_since_start",),
         scope=Scope.machine,
+        complexity=2.5,
+        drawn_over=Abscissa.time,
+        can_set_in=False,
         parameters=(
             Parameter("cold_speed_loss", "1", 0.0, -0.5, 0.8),
             Parameter("warm_gain", "1", 0.0, -0.5, 0.5),

@@ -3,7 +3,7 @@
 import jax
 
 from pipeline.effects.command_buffer import delayed, initial_buffer
-from pipeline.effects.effect import Card, CommandEffect, Parameter, Scope, State, Values
+from pipeline.effects.effect import Abscissa, Card, CommandEffect, Parameter, Scope, State, Values
 
 
 class Timing(CommandEffect):
@@ -22,6 +22,9 @@ class Timing(CommandEffect):
         excitation="starts and stops of every joint",
         depends_on=("clock",),
         scope=Scope.machine,
+        complexity=1.0,
+        drawn_over=Abscissa.since_command,
+        can_set_in=False,
         parameters=(
             Parameter(
                 "latency", "s", 0.0, 0.0, 0.8, grid=(0.025, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.dynamics.held_command import hold
 from pipeline.dynamics.model import DynamicsModel
-from pipeline.effects.augmented import AugmentedModel
+from pipeline.effects.augmented_model import AugmentedModel
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import Arm, Pose
 from pipeline.machine.poses import workspace_of

@@ -13,8 +13,8 @@ from pipeline.discrepancy.screen import Candidate, Rows
 from pipeline.discrepancy.search import Search
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.whole_machine import common_cause
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Setting
-from pipeline.effects.store import KNOWN
 
 SETTING = Setting(0.05, -np.ones(3), np.ones(3), np.ones(3))
 EFFECTS = {
@@ -91,7 +91,7 @@ def search(folds: Folds) -> Search:
     rows = Rows(np.ones((1, 2 * len(folds.fold)), bool), folds, np.ones(1), np.ones((len(folds.fold), 1)))
     simulation = SimpleNamespace(effects=EFFECTS, onsets={})
     settings = load_section("close_loop", CloseLoopConfig, "paper").search
-    return Search(simulation, rows, {}, settings, (), {}, ("lift", "turn"), lambda _: None)
+    return Search(simulation, rows, {}, settings, (), {}, ("lift", "turn"), (0, 1), lambda _: None)
 
 
 def test_what_is_rare_but_reproduced_by_both_halves_of_the_rows_counts() -> None:
@@ -114,10 +114,12 @@ def test_what_is_rare_but_reproduced_by_both_halves_of_the_rows_counts() -> None
 def test_a_dependence_that_explains_more_than_the_name_takes_its_certainty() -> None:
     looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
     gain = candidate("gain", 0, 100.0)
-    assert looking._raises_doubt(candidate("other:warmth", 0, 104.0), gain)
-    assert not looking._raises_doubt(candidate("other:warmth", 0, 100.5), gain)
-    assert not looking._raises_doubt(candidate("load", 0, 104.0), gain)
-    assert not looking._raises_doubt(candidate("other:warmth", 0, 104.0), candidate("other:travel", 0, 100.0))
+    assert looking.comparison.raises_doubt(candidate("other:warmth", 0, 104.0), gain)
+    assert not looking.comparison.raises_doubt(candidate("other:warmth", 0, 100.5), gain)
+    assert not looking.comparison.raises_doubt(candidate("load", 0, 104.0), gain)
+    assert not looking.comparison.raises_doubt(
+        candidate("other:warmth", 0, 104.0), candidate("other:travel", 0, 100.0)
+    )
 
 
 def test_what_explains_clearly_more_with_an_implausible_value_takes_a_names_certainty() -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from pipeline.configuration import load_section
 from pipeline.discrepancy.close_loop import Loop
+from pipeline.discrepancy.grouping import depends_on, effects_of
 from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.discrepancy.verdict import depends_on, effects_of
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import CommandKind, JointSpecification, MachineSpecification
 

@@ -1,10 +1,14 @@
 """Which effects on several joints are one cause."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.found import Found
+from pipeline.discrepancy.late_channel import are_equal_delays, shortened
 from pipeline.discrepancy.screen import Candidate
-from pipeline.discrepancy.whole_machine import are_equal_delays, of_one_cause
+from pipeline.discrepancy.whole_machine import of_one_cause
 
 
 def candidate(family: str, joint: int, **point: float) -> Candidate:
@@ -31,11 +35,24 @@ def test_delays_of_one_channel_are_about_equal(seconds, equal):
 
 
 def test_a_late_channel_is_one_cause_only_where_all_joints_are_late():
-    assert of_one_cause(delays(0.1, 0.1, 0.1), 3) == ["delay"]
-    assert of_one_cause(delays(0.1, 0.1), 3) == []
-    assert of_one_cause(delays(0.1), 1) == []
+    assert of_one_cause(delays(0.1, 0.1, 0.1), range(3)) == ["delay"]
+    assert of_one_cause(delays(0.1, 0.1), range(2)) == ["delay"]  # the third joint hardly moves
+    assert of_one_cause(delays(0.1, 0.1), range(3)) == []
+    assert of_one_cause(delays(0.1), range(1)) == []
+    later = [replace(delay, onset=joint) for joint, delay in enumerate(delays(0.1, 0.1))]
+    assert of_one_cause(later, range(2)) == []  # they did not become late at the same time
 
 
 def test_dead_bands_on_several_joints_are_one_cause_and_gains_are_not():
     found = [candidate(family, joint) for family in ("other:dead_band", "gain") for joint in (0, 1)]
-    assert of_one_cause(found, 3) == ["other:dead_band"]
+    assert of_one_cause(found, range(3)) == ["other:dead_band"]
+
+
+def test_the_one_joint_that_is_later_than_a_late_channel_has_a_common_part():
+    found = [Found(c) for c in delays(0.1, 0.11, 0.2)]
+    latest, shorter = shortened(found, 3)
+    assert latest is found[2]
+    assert (shorter.candidate.joint, shorter.candidate.point["added_delay"]) == (2, pytest.approx(0.11))
+    assert shortened([*found, Found(candidate("gain", 2))], 3) is None  # what it has more is known
+    assert shortened(found[1:], 3) is None  # one joint is not late at all
+    assert shortened([Found(c) for c in delays(0.1, 0.2, 0.2)], 3) is None

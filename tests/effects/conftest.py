@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import CommandEffect, Setting, Signals
-from pipeline.effects.store import KNOWN
 from pipeline.logs.tuples import Trajectory
 
 DT_S = 0.05

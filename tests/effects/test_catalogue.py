@@ -2,10 +2,9 @@
 
 import pytest
 
-from pipeline.effects.catalogue import BEYOND_THE_CONTRACT, CATALOGUE, families
+from pipeline.effects.catalogue import BEYOND_THE_CONTRACT, CATALOGUE, KNOWN, families
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Place, Scope
-from pipeline.effects.store import KNOWN
 
 from .conftest import SETTING
 

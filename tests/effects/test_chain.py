@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain, set_in
 from pipeline.effects.effect import Signals
-from pipeline.effects.store import KNOWN
 
 from .conftest import SETTING, VALUES, WRAPPED, rows
 

@@ -7,11 +7,12 @@ import pytest
 
 from pipeline.dynamics.errors import prediction_errors
 from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.effects.augmented import AugmentedModel, AugmentedParameters
+from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain
 from pipeline.effects.effect import SensorEffect, VelocityEffect
 from pipeline.effects.predictor import AugmentedPredictor
-from pipeline.effects.store import KNOWN, ActiveEffects, predictor
+from pipeline.effects.store import ActiveEffects, predictor
 
 from .conftest import SETTING, WRAPPED, make_model, random_trajectory, respond, rows
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain
 from pipeline.effects.effect import VelocityEffect
-from pipeline.effects.store import KNOWN
 
 from .conftest import SETTING, WRAPPED, respond, rows
 

@@ -4,9 +4,9 @@ import jax
 import numpy as np
 import pytest
 
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain
 from pipeline.effects.predictor import AugmentedPredictor
-from pipeline.effects.store import KNOWN
 
 from .conftest import SETTING, VALUES, make_model, random_trajectory
 from .linear_machine import commands, simulated

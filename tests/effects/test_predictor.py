@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain
 from pipeline.effects.predictor import AugmentedPredictor
-from pipeline.effects.store import KNOWN
 
 from .conftest import DT_S, LOWER, SETTING, SPEED, UPPER
 from .linear_machine import SHARE, commands, linear_model, simulated

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pipeline.dynamics.predictor import LearnedPredictor
 from pipeline.dynamics.store import model_fingerprint, save_model
-from pipeline.effects.augmented import AugmentedModel
+from pipeline.effects.augmented_model import AugmentedModel
 from pipeline.effects.effect import Setting
 from pipeline.effects.predictor import AugmentedPredictor
 from pipeline.effects.store import (

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pipeline.dynamics.model import DynamicsModel, Target
-from pipeline.effects.augmented import AugmentedModel, AugmentedParameters
+from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain
 from pipeline.effects.effect import Setting
-from pipeline.effects.store import KNOWN
 from pipeline.reaching.task import ReachingTask
 from tests.reaching.lag import lag_dynamics, model_specification
 

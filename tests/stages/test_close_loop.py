@@ -18,7 +18,8 @@ import pytest
 from pipeline.configuration import load_machine, load_section
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.store import save_model
-from pipeline.effects.store import KNOWN, load_effects
+from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.store import load_effects
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.trajectories import LogTrajectories, load_logs

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.command_coverage import uncovered_share
+from pipeline.discrepancy.coverage import uncovered_share
 
 
 def test_commands_between_those_of_nominal_logs_are_not_covered():

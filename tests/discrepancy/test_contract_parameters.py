@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from pipeline.discrepancy.contract_parameters import spreads, weighted_mean
 from pipeline.discrepancy.found import Found
-from pipeline.discrepancy.misfit import misfit_covariance
-from pipeline.discrepancy.parameters import spreads, weighted_mean
+from pipeline.discrepancy.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.refine import Coordinate
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.screen import Candidate, Rows, averaged

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pipeline.dynamics.model import Target
-from pipeline.effects.augmented import WARM_S, AugmentedModel, AugmentedParameters
+from pipeline.effects.augmented_model import WARM_S, AugmentedModel, AugmentedParameters
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain
 from pipeline.effects.predictor import AugmentedPredictor
-from pipeline.effects.store import KNOWN
 
 from .conftest import DT_S, SETTING, VALUES, make_model, make_trajectory
 from .linear_machine import FULL_SPEED, commands, linear_model

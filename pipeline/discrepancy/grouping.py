@@ -1,16 +1,19 @@
-"""From effects on joints to a verdict: what belongs together is one effect, and what it depends on gets its name."""
+"""From effects on joints to effects of the machine: what belongs together is one, and what it depends on has a name."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from pipeline.discrepancy.common_speed import FAMILY as SUPPLY
 from pipeline.discrepancy.found import Found
-from pipeline.discrepancy.plausibility import DEAD_BAND
-from pipeline.discrepancy.whole_machine import are_equal_delays
+from pipeline.discrepancy.late_channel import is_late_channel
+from pipeline.discrepancy.plausibility import DELAY, FLOW_COUPLING, LOAD, TIMING, is_dependence
+from pipeline.discrepancy.screen import Candidate
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.whole_machine import OF_ONE_CAUSE
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
-from pipeline.effects.store import KNOWN
 
-MERGED = ("thermal_drift", SUPPLY, "flow_coupling", "load", DEAD_BAND, "other:activity")
+OTHER = "other"
+SMALLEST_LOSS = 0.02  # by a joint's demand, for a speed to be said to depend on it
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,12 @@ class Effect:
     @property
     def card(self) -> str:
         """Key of its card: of a dependence that of its form."""
-        return self.members[0].candidate.family if self.family == "other" else self.family
+        return self.members[0].candidate.family if self.family == OTHER else self.family
+
+    @property
+    def is_of_one_cause(self) -> bool:
+        """Whether its joints have one cause in common, of which a joint may have no part."""
+        return self.members[0].candidate.family in OF_ONE_CAUSE
 
     @property
     def joints(self) -> list[int]:
@@ -42,9 +50,9 @@ class Effect:
         return min(onsets) if len(onsets) == len(self.members) else None
 
     @property
-    def equivalents(self) -> list:
+    def equivalents(self) -> list[Candidate]:
         """What the logs cannot tell from it."""
-        return [] if self.family == "timing" else [e for m in self.members for e in m.equivalents]
+        return [] if self.family == TIMING else [e for m in self.members for e in m.equivalents]
 
     @property
     def gain(self) -> float:
@@ -52,7 +60,7 @@ class Effect:
         return sum(member.candidate.gain for member in self.members)
 
 
-def effects_of(found: Sequence[Found], excited: Sequence[int], allow_timing: bool = True) -> list[Effect]:
+def effects_of(found: Sequence[Found], excited: Collection[int], allow_timing: bool = True) -> list[Effect]:
     """Group what was found on single joints, strongest first.
 
     Args:
@@ -62,21 +70,21 @@ def effects_of(found: Sequence[Found], excited: Sequence[int], allow_timing: boo
     """
     left = list(found)
     effects = []
-    delays = [f for f in left if f.candidate.family == "delay"]
-    is_one = len({f.candidate.onset for f in delays}) == 1
-    is_everywhere = len(delays) >= 2 and {f.candidate.joint for f in delays} >= set(excited)
-    if allow_timing and is_one and is_everywhere and are_equal_delays([f.candidate for f in delays]):
-        effects.append(Effect("timing", delays))
+    delays = [f for f in left if f.candidate.family == DELAY]
+    if allow_timing and is_late_channel([f.candidate for f in delays], excited):
+        effects.append(Effect(TIMING, delays))
         left = [f for f in left if f not in delays]
-    for family in MERGED:
+    for family in OF_ONE_CAUSE:
         members = [f for f in left if f.candidate.family == family]
         if members:
-            effects.append(Effect("other" if family.startswith("other") else family, members))
+            effects.append(Effect(_contract_family(members[0].candidate), members))
             left = [f for f in left if f not in members]
-    effects += [
-        Effect("other" if f.candidate.family.startswith("other") else f.candidate.family, [f]) for f in left
-    ]
+    effects += [Effect(_contract_family(f.candidate), [f]) for f in left]
     return sorted(effects, key=lambda effect: -effect.gain)
+
+
+def _contract_family(candidate: Candidate) -> str:
+    return OTHER if is_dependence(candidate) else candidate.family
 
 
 def depends_on(effect: Effect, joints: Sequence[str]) -> list[str]:
@@ -84,17 +92,17 @@ def depends_on(effect: Effect, joints: Sequence[str]) -> list[str]:
     entries: list[str] = []
     for member in effect.members:
         candidate = member.candidate
-        if effect.family == "timing":
-            entries.append("clock")
+        if effect.family == TIMING:
+            entries += KNOWN[TIMING].card.depends_on
         elif candidate.family == SUPPLY:
             entries.append("latent")
-        elif candidate.family == "flow_coupling":
+        elif candidate.family == FLOW_COUPLING:
             entries += [
                 f"command:{joints[freed[0][1]]}"  # type: ignore[index]
                 for freed, value in zip(candidate.freed, candidate.coefficients, strict=True)
-                if freed[0][1] != candidate.joint and value > 0.02
+                if freed[0][1] != candidate.joint and value > SMALLEST_LOSS
             ]
-        elif candidate.family == "load":
+        elif candidate.family == LOAD:
             entries.append(f"position:{joints[candidate.joint]}")
         elif candidate.family in DEPENDENCES:
             dependence = DEPENDENCES[candidate.family]

@@ -61,7 +61,7 @@ class _Common:
         return self.rows.weight[:, joint] * averaged(z * self.moving[..., joint], self.rows.is_used)
 
 
-def common_speed_candidates(simulation: Simulation, active: Hypothesis, rows: Rows) -> list[Candidate]:
+def supply_candidates(simulation: Simulation, active: Hypothesis, rows: Rows) -> list[Candidate]:
     """One candidate per joint, at the best width of the moving average."""
     common = _Common(simulation, active, rows)
     best: dict[int, Candidate] = {}
@@ -78,7 +78,7 @@ def common_speed_candidates(simulation: Simulation, active: Hypothesis, rows: Ro
     return list(best.values())
 
 
-def common_speed_p(
+def supply_p(
     simulation: Simulation, active: Hypothesis, rows: Rows, widths_s: Mapping[int, float], seed: int
 ) -> float:
     """How probable it is that a change which joints do not have in common explains as much of all of them.
@@ -108,7 +108,7 @@ def common_speed_p(
     return shifted_p(root_gain, rows.is_used.shape[1], seed)
 
 
-def common_speed_parameters(
+def supply_parameters(
     measured: tuple[Simulation, Rows], nominal: tuple[Simulation, Rows]
 ) -> dict[str, float]:
     """Standard deviation and correlation time of z, from products of residuals at a distance in time.

@@ -1,0 +1,159 @@
+"""What a candidate explains, and which of two explains more: by gains on held-out rows, block by block."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.discrepancy.plausibility import complexity, is_dependence, say_the_same
+from pipeline.discrepancy.regression import Folds, t_statistic
+from pipeline.discrepancy.screen import Candidate
+from pipeline.discrepancy.search_thresholds import SearchConfig
+from pipeline.discrepancy.whole_machine import COMMON_CAUSES
+
+Null = Mapping[tuple[str, int, int | None], float]
+
+NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
+REPRODUCED_SHARE = 0.2
+LEAST_OF_BEST = 0.5  # of what the best explains, for a candidate to be as good
+SHOWS_T = 1.5
+COMMON_T = 2.0  # what all joints have in common may lie in few blocks, and joints bear each other out
+AS_SIMPLE = 0.4
+DOUBT_FACTOR, DOUBT_T = 1.1, 1.0
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Of candidates on the same rows.
+
+    Attributes:
+        null: Per candidate, its gain per used row on nominal logs, where there is nothing to be found.
+        folds: Of the rows in use.
+        config: Thresholds.
+    """
+
+    null: Null
+    folds: Folds
+    config: SearchConfig
+
+    def net(self, candidate: Candidate) -> float:
+        """Gain beyond what the candidate gains on nominal logs."""
+        null = self.null.get(candidate.key, 0.0)
+        return candidate.gain - self.config.null_factor * null * len(self.folds.fold)
+
+    def passes(self, candidate: Candidate, is_further: bool = False) -> bool:
+        """Whether it removes enough, beyond chance and beyond the model's own misfit.
+
+        Args:
+            candidate: Any.
+            is_further: Whether something was found before, of which it may be what is left over.
+        """
+        squares = candidate.gain / candidate.share if candidate.share > 0 else np.inf
+        smallest_t = self.config.second_t if is_further else self.config.smallest_t
+        if candidate.family in COMMON_CAUSES and not is_further:
+            smallest_t = COMMON_T
+        return (
+            candidate.share > self.config.smallest_share
+            and self.net(candidate)
+            > max(self.config.smallest_share * squares, self.config.smallest_gain * len(self.folds.fold))
+            and (t_statistic(candidate.gain_by_block) > smallest_t or self._is_reproduced(candidate))
+        )
+
+    def shows(self, candidate: Candidate) -> bool:
+        """Whether an effect that other joints have too can be seen on this one; weaker than `passes`."""
+        return (
+            self.net(candidate) > 0.0
+            and candidate.share > 0.5 * self.config.smallest_share
+            and t_statistic(candidate.gain_by_block) > SHOWS_T
+        )
+
+    def _is_reproduced(self, candidate: Candidate) -> bool:
+        """Whether what either half of the rows was fitted to removes a good part of the other half's squares.
+
+        What is large but rare has little to show in most blocks, and a large error by blocks.
+        """
+        if candidate.share <= 0.0 or candidate.onset is not None:
+            return False
+        return self.is_in_both_halves(candidate.gain_by_block, candidate.gain / candidate.share)
+
+    def is_in_both_halves(self, gain_by_block: np.ndarray, squares: float) -> bool:
+        """Whether either half of the rows has its part of a gain, which is a good share of the `squares` before."""
+        fold_of_block = np.zeros(self.folds.n_blocks, int)
+        fold_of_block[self.folds.block] = self.folds.fold
+        by_fold = np.bincount(fold_of_block, gain_by_block, minlength=2)
+        return bool(by_fold.min() > 0.5 * REPRODUCED_SHARE * squares)
+
+    def is_worse(self, candidate: Candidate, best: Candidate) -> bool:
+        """Whether a candidate explains less than the best, beyond scatter and beyond what a name idealises."""
+        if self.net(candidate) < LEAST_OF_BEST * self.net(best):
+            return True  # whatever the scatter: few blocks may hold all there is to see of a rare effect
+        if is_dependence(best) and not is_dependence(candidate):
+            # Flexible as it is, it mends what any name idealises: it comes first only if it explains clearly more.
+            is_clear = self.net(best) > DOUBT_FACTOR * self.net(candidate)
+            return is_clear and self._is_surely_worse(candidate, best)
+        return self._is_surely_worse(candidate, best)
+
+    def _is_surely_worse(self, candidate: Candidate, best: Candidate) -> bool:
+        difference = best.gain_by_block - candidate.gain_by_block
+        allowance = self.null.get(best.key, 0.0) * len(self.folds.fold)
+        significant = t_statistic(difference) > self.config.equivalent_t
+        return bool(significant and difference.sum() > max(allowance, NEGLIGIBLE * best.gain))
+
+    def as_good_as(self, best: Candidate, rivals: Sequence[Candidate]) -> list[Candidate]:
+        """Those that are not worse than the best of all, nor a name worse than the best of names."""
+        as_good = [c for c in rivals if not self.is_worse(c, best)]
+        names = [c for c in as_good if not is_dependence(c)]
+        if not names:
+            return as_good
+        best_name = max(names, key=self.net)
+        return [c for c in as_good if is_dependence(c) or not self.is_worse(c, best_name)]
+
+    def simplest(self, as_good: Sequence[Candidate]) -> Candidate:
+        """The simplest of equally good candidates; of equally simple ones the best."""
+        return min(as_good, key=lambda c: (complexity(c), -self.net(c)))
+
+    def equivalents(
+        self, chosen: Candidate, as_good: Sequence[Candidate], at_bound: Sequence[Candidate]
+    ) -> list[Candidate]:
+        """What takes the certainty from the candidate chosen.
+
+        Args:
+            chosen: Of `as_good`.
+            as_good: Candidates that are not worse than the best.
+            at_bound: Those that explain the logs with a value beyond what is plausible.
+        """
+        equivalents = [
+            c
+            for c in as_good
+            if c.family != chosen.family
+            and complexity(c) < complexity(chosen) + AS_SIMPLE
+            and not say_the_same(c, chosen)
+        ]
+        equivalents += [c for c in as_good if self.raises_doubt(c, chosen)]
+        # What explains clearly more, if only with a value that is not plausible, says that the name chosen is not it.
+        return equivalents + [c for c in at_bound if self.net(c) > DOUBT_FACTOR * self.net(chosen)]
+
+    def raises_doubt(self, candidate: Candidate, chosen: Candidate) -> bool:
+        """Whether it is a dependence, of more freedom, that explains more than the name chosen."""
+        return (
+            is_dependence(candidate)
+            and not is_dependence(chosen)
+            and self.net(candidate) > (1.0 + NEGLIGIBLE) * self.net(chosen)
+        )
+
+    def better_dependence(self, chosen: Candidate, as_good: Sequence[Candidate]) -> Candidate | None:
+        """The dependence, if any, that explains clearly more than the name chosen."""
+        if is_dependence(chosen):
+            return None
+        others = [c for c in as_good if is_dependence(c)]
+        best = max(others, key=self.net, default=None)
+        if best is None or self.net(best) < DOUBT_FACTOR * self.net(chosen):
+            return None
+        return best if t_statistic(best.gain_by_block - chosen.gain_by_block) > DOUBT_T else None
+
+
+def why_not(rival: Candidate, chosen: Candidate, best: Candidate) -> str:
+    """Why a rival lost, in a clause."""
+    if complexity(rival) > complexity(chosen) and rival.gain <= 1.02 * best.gain:
+        return f"removes {rival.share:.0%} with more freedom, {chosen.family} {chosen.share:.0%} with less"
+    return f"removes {rival.share:.0%} of the squared residual, {chosen.family} {chosen.share:.0%}"

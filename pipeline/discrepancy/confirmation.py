@@ -1,0 +1,168 @@
+"""What confirmation rows, opened once, say of the effects that the search found, one effect on one joint at a time."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from pipeline.discrepancy.found import Found, residual_of, values_of
+from pipeline.discrepancy.gate import GateConfig, can_be_shifted, lower_bound, placebo_p, pooled, rank_p
+from pipeline.discrepancy.screen import Candidate, Rows, averaged
+from pipeline.discrepancy.simulation import Simulation
+from pipeline.discrepancy.stops import Encoder
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.supply_variation import supply_candidates, supply_p
+from pipeline.discrepancy.whole_machine import of_one_cause
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Of one effect on one joint.
+
+    Attributes:
+        share: Of the squared residual on confirmation rows that it removes.
+        bound: Lower 95 % bound of what is asked of it: of the share, or of what its cause removes on all its joints.
+        p_value: After correction for all that was searched.
+        is_confirmed: Whether it passes the gate.
+        is_pooled: Whether its joints were judged together.
+    """
+
+    share: float
+    bound: float
+    p_value: float
+    is_confirmed: bool
+    is_pooled: bool
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """The rows and all that was known before they were opened.
+
+    Attributes:
+        simulation: On the measured logs.
+        fitted: Rows for fitting and selection.
+        held_out: Confirmation rows.
+        encoders: By the stops that were met on `fitted`.
+        config: Thresholds.
+        n_hypotheses: That were searched.
+        excited: Joints that move enough to tell.
+        n_joint: Number of joints.
+        seed: Of resampling.
+    """
+
+    simulation: Simulation
+    fitted: Rows
+    held_out: Rows
+    encoders: Mapping[int, Encoder]
+    config: GateConfig
+    n_hypotheses: int
+    excited: Collection[int]
+    n_joint: int
+    seed: int
+
+    def judge(self, found: Sequence[Found]) -> list[Judgement]:
+        """One judgement per effect, beside all others."""
+        with_all = self._residual(self.held_out, found), self._residual(self.fitted, found)
+        of_supply = self._supply(found)
+        together = self._together(found, with_all[0])
+        return [self._of(effect, found, with_all, of_supply, together) for effect in found]
+
+    def _residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
+        return residual_of(self.simulation, rows, found)
+
+    def _of(
+        self,
+        effect: Found,
+        found: Sequence[Found],
+        with_all: tuple[np.ndarray, np.ndarray],
+        of_supply: tuple[Mapping[int, Candidate], float],
+        together: Mapping[str, float],
+    ) -> Judgement:
+        candidate, largest_p = effect.candidate, self.config.largest_p
+        if candidate.family == SUPPLY:
+            confirmed, p_value = of_supply
+            share = bound = confirmed[candidate.joint].share
+        else:
+            share, bound, p_value, largest_p = self._beside_others(effect, found, with_all)
+        is_confirmed = bound > self.config.smallest_improvement
+        is_pooled = candidate.family in together
+        if is_pooled:
+            # One cause is confirmed on its joints together, and left off those on which it is no help.
+            bound = together[candidate.family]
+            is_confirmed = bound > self.config.smallest_improvement and share > 0.0
+        if candidate.deviation is not None:
+            # Seen at the stops; speeds, which may hardly depend on the place, must not speak against it.
+            p_value = float(min(1.0, ndtr(-self.encoders[candidate.joint].z) * self.n_joint))
+            is_confirmed = share > -self.config.smallest_improvement
+        return Judgement(share, bound, p_value, is_confirmed and p_value < largest_p, is_pooled)
+
+    def _beside_others(
+        self, effect: Found, found: Sequence[Found], with_all: tuple[np.ndarray, np.ndarray]
+    ) -> tuple[float, float, float, float]:
+        """Share, its lower bound, the p-value, and the largest that is allowed for it."""
+        joint = effect.candidate.joint
+        others = [f for f in found if f is not effect]
+        known = ~self._may_set_in(effect)
+        without = known * self._residual(self.held_out, others)[:, joint]
+        after = known * with_all[0][:, joint]
+        share, bound = lower_bound(without, after, self.held_out, self.config.resamples, self.seed)
+        fitted_without = self._residual(self.fitted, others)[:, joint]
+        change = fitted_without - with_all[1][:, joint]
+        acting = np.flatnonzero(change)  # what sets in mid-way is compared with itself, not with nothing
+        since = acting[0] if len(acting) else 0
+        if can_be_shifted(change[since:]):
+            p_value = placebo_p(fitted_without[since:], change[since:], self.n_hypotheses, self.seed)
+            return share, bound, p_value, self.config.largest_p
+        folds = self.held_out.folds
+        by_block = np.bincount(folds.block, without**2 - after**2, minlength=folds.n_blocks)
+        return share, bound, rank_p(by_block, len(found)), self.config.largest_rank_p
+
+    def _supply(self, found: Sequence[Found]) -> tuple[Mapping[int, Candidate], float]:
+        """A common change of speed on confirmation rows, per joint, and its p-value."""
+        widths_s = {
+            f.candidate.joint: f.candidate.point["width"] for f in found if f.candidate.family == SUPPLY
+        }
+        if not widths_s:
+            return {}, 1.0
+        active = values_of(self.simulation, found)
+        confirmed = {c.joint: c for c in supply_candidates(self.simulation, active, self.held_out)}
+        p_value = supply_p(self.simulation, active, self.fitted, widths_s, self.seed)
+        return confirmed, min(p_value * self.n_hypotheses, 1.0)
+
+    def _may_set_in(self, found: Found) -> np.ndarray:
+        """(N,) confirmation rows of which the rows for fitting cannot say whether the effect has set in by then."""
+        between = found.candidate.onset_between
+        if between is None:
+            return np.zeros(len(self.held_out.folds.fold), bool)
+        stamps = self.simulation.sequences.stamp_ns
+        is_between = (stamps >= between[0]) & (stamps < between[1])
+        return averaged(is_between.astype(float), self.held_out.is_used) > 0.0
+
+    def _together(self, found: Sequence[Found], everything: np.ndarray) -> dict[str, float]:
+        """Lower bound of what a cause removes on all its joints together, for causes that several joints have."""
+        bounds = {}
+        for family in of_one_cause([f.candidate for f in found], self.excited):
+            if family == SUPPLY:
+                continue
+            members = [f for f in found if f.candidate.family == family]
+            joints = [f.candidate.joint for f in members]
+            without = self._residual(self.held_out, [f for f in found if f not in members])
+            before, after = (
+                pooled(residual, joints, self.held_out.floor) for residual in (without, everything)
+            )
+            bounds[family] = lower_bound(before, after, self.held_out, self.config.resamples, self.seed)[1]
+        return bounds
+
+
+def in_words(effect: Found, judgement: Judgement, joint: str) -> str:
+    """The judgement as a sentence."""
+    least = (
+        f"with its other joints at least {judgement.bound:.0%}"
+        if judgement.is_pooled
+        else f"at least {judgement.bound:.0%}"
+    )
+    return (
+        f"{effect.candidate.family} on {joint} is {'' if judgement.is_confirmed else 'not '}confirmed: on confirmation "
+        f"rows it removes {judgement.share:.0%} ({least}) of the squares, p = {judgement.p_value:.1g}."
+    )

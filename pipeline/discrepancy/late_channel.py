@@ -1,0 +1,62 @@
+"""One channel that makes all joints late: equal delays on every joint, which are one cause, reported as `timing`."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.discrepancy.found import Found
+from pipeline.discrepancy.plausibility import DELAY
+from pipeline.discrepancy.screen import Candidate
+
+EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE = 0.06, 0.25  # joints respond differently after one channel
+SMALLEST_DELAY_SHARE = 0.5  # of the largest
+LATER_S, LATER_SHARE = 0.02, 0.1  # than the other joints, of a joint that has another effect besides
+FEWEST_JOINTS = 3  # of which one can be later than the others
+
+
+def are_equal_delays(delays: Sequence[Candidate]) -> bool:
+    """Whether they are as equal as those of one late channel, whose joints respond differently after it."""
+    values = np.array([delay.point["added_delay"] for delay in delays])
+    is_near = np.ptp(values) <= max(EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE * float(np.median(values)))
+    return bool(is_near and values.min() >= SMALLEST_DELAY_SHARE * values.max())
+
+
+def is_late_channel(delays: Sequence[Candidate], joints: Collection[int]) -> bool:
+    """Whether delays are those of one channel.
+
+    Args:
+        delays: That were found, one per joint.
+        joints: Joints that move enough to tell: all of them have to be late, at the same time and alike.
+    """
+    return (
+        len(delays) > 1
+        and len({delay.onset for delay in delays}) == 1
+        and {delay.joint for delay in delays} >= set(joints)
+        and are_equal_delays(delays)
+    )
+
+
+def shortened(found: Sequence[Found], n_joint: int) -> tuple[Found, Found] | None:
+    """The delay of the one joint that is later than the others, which are late alike; and the same as late as they are.
+
+    Args:
+        found: All effects.
+        n_joint: Number of joints.
+
+    Returns:
+        None where there is no such joint, or where something else was found on it.
+    """
+    delays = [f for f in found if f.candidate.family == DELAY and f.candidate.onset is None]
+    if len(delays) < max(FEWEST_JOINTS, n_joint):
+        return None
+    values = np.array([f.candidate.point["added_delay"] for f in delays])
+    common = float(np.median(values))
+    margin = max(LATER_S, LATER_SHARE * common)
+    later = np.flatnonzero(values > common + margin)
+    if len(later) != 1 or np.any(values < common - margin):
+        return None
+    latest = delays[later[0]]
+    if sum(f.candidate.joint == latest.candidate.joint for f in found) > 1:
+        return None
+    return latest, Found(replace(latest.candidate, point={"added_delay": common}))
