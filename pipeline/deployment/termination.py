@@ -47,7 +47,6 @@ class TerminalConditions:
         workspace = workspace_of(machine)
         self.config = config
         self.n_joint = machine.n_joint
-        self.arm = arm
 
         def locate(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
             position = arm.forward(q).position
