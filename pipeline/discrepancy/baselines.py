@@ -1,4 +1,4 @@
-"""What else could be done with the same measured rows: fine-tuning, a black-box residual, a wrong effect of equal size.
+"""What else could be done with the same measured rows: fine-tuning, a black-box residual, a wrong effect.
 
 The trained ones see the rows for fitting and select on those for selection, as the search does.
 """

@@ -251,6 +251,7 @@ class Loop:
     def _refitted(self, found: list[Found]) -> list[Effect]:
         """Effects with values that no longer make room for what was dropped; fitted on the rows for fitting."""
         self.search.found = refine(self.simulation, self.rows, found)
+        self.__dict__.pop("covariance", None)  # of what was found until now
         return self._grouped(self.search.found)
 
     @functools.cached_property
@@ -303,7 +304,7 @@ class Loop:
             config=self.config.gate,
             say=self.say,
         )
-        effects = self.open_loop.worth_a_name(self.open_loop.without_harm(effects), self._shows)
+        effects = self.open_loop.passing(effects, self._shows)
         after = self.predictor(effects)
         errors = {
             horizon: (of_before[horizon], self.errors(after, horizon) if effects else of_before[horizon])

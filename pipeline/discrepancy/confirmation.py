@@ -22,7 +22,8 @@ class Judgement:
 
     Attributes:
         share: Of the squared residual on confirmation rows that it removes.
-        bound: Lower 95 % bound of what is asked of it: of the share, or of what its cause removes on all its joints.
+        bound: Lower 95 % bound of what is asked of it: of the share, or of what its cause removes on all its joints;
+            of a common change of speed, which is tested by shifts alone, the share itself.
         p_value: After correction for all that was searched.
         is_confirmed: Whether it passes the gate.
         is_pooled: Whether its joints were judged together.
@@ -148,8 +149,9 @@ class Confirmation:
             members = [f for f in found if f.candidate.family == family]
             joints = [f.candidate.joint for f in members]
             without = self._residual(self.held_out, [f for f in found if f not in members])
+            known = ~np.any([self._may_set_in(member) for member in members], axis=0)
             before, after = (
-                pooled(residual, joints, self.held_out.floor) for residual in (without, everything)
+                known * pooled(residual, joints, self.held_out.floor) for residual in (without, everything)
             )
             bounds[family] = lower_bound(before, after, self.held_out, self.config.resamples, self.seed)[1]
         return bounds

@@ -35,7 +35,9 @@ def uncovered_share(nominal: np.ndarray, measured: np.ndarray) -> np.ndarray:
     Returns:
         (n_joint,) of the measured rows on which the joint is commanded; 0 where there are none.
     """
-    edges = np.linspace(-1.0, 1.0, PARTS_OF_COMMAND + 1)
+    # as joysticks quantise commands: to decimals, on which an edge has to lie exactly
+    edges = np.round(np.linspace(-1.0, 1.0, PARTS_OF_COMMAND + 1), 6)
+    nominal, measured = (np.round(commands, 6) for commands in (nominal, measured))
     shares = np.zeros(nominal.shape[1])
     for joint in range(nominal.shape[1]):
         known, asked = (

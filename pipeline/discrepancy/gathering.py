@@ -1,6 +1,6 @@
 """From a loop to what its report shows: tracks along time, signatures, the ranking, errors at all levels."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -160,12 +160,7 @@ def _ranking(loop: "Loop", found: Sequence[Found]) -> list[Ranked]:
             if key in taken
             else "cannot be told from what was found"
             if key in even
-            else lost.get(key)
-            or (
-                "too little beyond what it removes on nominal logs"
-                if not loop.search.comparison.passes(c)
-                else "less than what was found on this joint"
-            )
+            else lost.get(key) or _why_not_found(loop, c, {f.candidate.joint for f in found})
         )
         ranked.append(
             Ranked(
@@ -178,6 +173,15 @@ def _ranking(loop: "Loop", found: Sequence[Found]) -> list[Ranked]:
             )
         )
     return ranked
+
+
+def _why_not_found(loop: "Loop", candidate: Candidate, joints: Collection[int]) -> str:
+    """Why a candidate that never was a joint's rival came to nothing; `joints` have an effect of the verdict."""
+    if not loop.search.comparison.passes(candidate):
+        return "too little beyond what it removes on nominal logs"
+    if candidate.joint in joints:
+        return "less than what was found on this joint"
+    return "nothing of this joint was confirmed, or nothing was left beside the others"
 
 
 def _autocorrelation_s(residual: np.ndarray, step_s: float) -> np.ndarray:

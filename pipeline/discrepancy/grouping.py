@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from pipeline.discrepancy.found import Found
-from pipeline.discrepancy.late_channel import is_late_channel
+from pipeline.discrepancy.late_channel import late_channel
 from pipeline.discrepancy.plausibility import DELAY, FLOW_COUPLING, LOAD, TIMING, is_dependence
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
@@ -34,8 +34,8 @@ class Effect:
         return self.members[0].candidate.family if self.family == OTHER else self.family
 
     @property
-    def is_of_one_cause(self) -> bool:
-        """Whether its joints have one cause in common, of which a joint may have no part."""
+    def can_lose_joints(self) -> bool:
+        """Whether a joint may turn out to have no part in it: one cause on several joints, but not a late channel."""
         return self.members[0].candidate.family in OF_ONE_CAUSE
 
     @property
@@ -66,14 +66,17 @@ def effects_of(found: Sequence[Found], excited: Collection[int], allow_timing: b
     Args:
         found: Of the search.
         excited: Joints that move enough to tell.
-        allow_timing: Whether equal delays of all joints may be named `timing`.
+        allow_timing: Whether equal delays of all joints that move enough may be named `timing`.
     """
     left = list(found)
     effects = []
     delays = [f for f in left if f.candidate.family == DELAY]
-    if allow_timing and is_late_channel([f.candidate for f in delays], excited):
-        effects.append(Effect(TIMING, delays))
-        left = [f for f in left if f not in delays]
+    channel = late_channel([f.candidate for f in delays], excited) if allow_timing else []
+    if channel:
+        joints = {candidate.joint for candidate in channel}
+        late = [f for f in delays if f.candidate.joint in joints]
+        effects.append(Effect(TIMING, late))
+        left = [f for f in left if f not in late]
     for family in OF_ONE_CAUSE:
         members = [f for f in left if f.candidate.family == family]
         if members:

@@ -22,33 +22,45 @@ def are_equal_delays(delays: Sequence[Candidate]) -> bool:
     return bool(is_near and values.min() >= SMALLEST_DELAY_SHARE * values.max())
 
 
-def is_late_channel(delays: Sequence[Candidate], joints: Collection[int]) -> bool:
-    """Whether delays are those of one channel.
+def late_channel(delays: Sequence[Candidate], excited: Collection[int]) -> list[Candidate]:
+    """Those delays that are the channel's.
 
     Args:
         delays: That were found, one per joint.
-        joints: Joints that move enough to tell: all of them have to be late, at the same time and alike.
+        excited: Joints that move enough to tell. All of them, two at least, have to be late, from the same time on and
+            alike; a delay of another joint belongs to the channel if it is like theirs.
+
+    Returns:
+        Empty where it is not the channel that is late.
     """
-    return (
-        len(delays) > 1
-        and len({delay.onset for delay in delays}) == 1
-        and {delay.joint for delay in delays} >= set(joints)
-        and are_equal_delays(delays)
-    )
+    telling = [delay for delay in delays if delay.joint in excited]
+    if len(telling) < 2 or {delay.joint for delay in telling} != set(excited):
+        return []
+    if len({delay.onset for delay in telling}) > 1 or not are_equal_delays(telling):
+        return []
+    return [
+        delay
+        for delay in delays
+        if delay.joint in excited or (delay.onset == telling[0].onset and are_equal_delays([*telling, delay]))
+    ]
 
 
-def shortened(found: Sequence[Found], n_joint: int) -> tuple[Found, Found] | None:
+def shortened(found: Sequence[Found], excited: Collection[int]) -> tuple[Found, Found] | None:
     """The delay of the one joint that is later than the others, which are late alike; and the same as late as they are.
 
     Args:
         found: All effects.
-        n_joint: Number of joints.
+        excited: Joints that move enough to tell; the others are left out of account.
 
     Returns:
         None where there is no such joint, or where something else was found on it.
     """
-    delays = [f for f in found if f.candidate.family == DELAY and f.candidate.onset is None]
-    if len(delays) < max(FEWEST_JOINTS, n_joint):
+    delays = [
+        f
+        for f in found
+        if f.candidate.family == DELAY and f.candidate.onset is None and f.candidate.joint in excited
+    ]
+    if len(delays) < max(FEWEST_JOINTS, len(excited)):
         return None
     values = np.array([f.candidate.point["added_delay"] for f in delays])
     common = float(np.median(values))

@@ -30,6 +30,19 @@ class OpenLoopGate:
     config: GateConfig
     say: Callable[[str], None]
 
+    def passing(self, effects: list[Effect], shows_otherwise: Callable[[Effect], bool]) -> list[Effect]:
+        """Effects that do no harm and are worth a name, all beside one another.
+
+        Args:
+            effects: Strongest first.
+            shows_otherwise: Whether the strongest, where it hardly moves positions, shows all the same.
+        """
+        while True:
+            harmless = self.without_harm(effects)
+            effects = self.worth_a_name(harmless, shows_otherwise)
+            if effects is harmless:
+                return effects  # what stays has not been refitted since it was tried
+
     def without_harm(self, effects: list[Effect]) -> list[Effect]:
         """Drop the weakest effect of a joint whose error rises beyond the margin, until none does."""
         while effects:
@@ -78,7 +91,7 @@ class OpenLoopGate:
                 self.say(f"{effect.family} is not named: it removes {reduction:.0%} of the open-loop error.")
             else:
                 kept.append(effect)
-        return kept if len(kept) == len(effects) else self.refit(kept)
+        return effects if len(kept) == len(effects) else self.refit(kept)
 
 
 def _may_harm(effect: Effect, joints: set[int]) -> bool:
@@ -89,6 +102,6 @@ def _may_harm(effect: Effect, joints: set[int]) -> bool:
 def _without(effects: Sequence[Effect], guilty: Effect, worse: set[int]) -> list[Effect]:
     """The effects without one; of one cause on several joints, its part on joints that are not worse stays."""
     spared = [m for m in guilty.members if m.candidate.joint not in worse]
-    is_spared = guilty.is_of_one_cause and 0 < len(spared) < len(guilty.members)
+    is_spared = guilty.can_lose_joints and 0 < len(spared) < len(guilty.members)
     rest = [Effect(guilty.family, spared)] if is_spared else []
     return [part for e in effects for part in (rest if e is guilty else [e])]

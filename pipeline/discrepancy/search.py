@@ -14,7 +14,7 @@ from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, Null, why_no
 from pipeline.discrepancy.decide_again import decide_again
 from pipeline.discrepancy.encoder_error import encoder_errors
 from pipeline.discrepancy.found import Found, onsets_of, values_of
-from pipeline.discrepancy.late_channel import is_late_channel, shortened
+from pipeline.discrepancy.late_channel import late_channel, shortened
 from pipeline.discrepancy.onset import since, with_onsets
 from pipeline.discrepancy.plausibility import (
     BACKLASH,
@@ -118,7 +118,7 @@ class Search:
 
         Alone, the delay of that joint would hide the other effect, which is as late in the mean.
         """
-        latest = shortened(self.found, self.simulation.setting.n_joint)
+        latest = shortened(self.found, self.excited)
         if latest is None:
             return
         present, joint = self.found, latest[0].candidate.joint
@@ -294,22 +294,26 @@ class Search:
         return found
 
     def _late_elsewhere(self, chosen: Candidate, candidates: Sequence[Candidate]) -> list[Candidate]:
-        """Delays of the other joints, where each of them shows one that is as large: one channel that is late."""
+        """Delays of the other joints, where each that moves enough shows one that is as large: a late channel."""
         known = [f.candidate for f in self.found if f.candidate.family == DELAY]
         delays = []
-        for joint in sorted(set(self.excited) - {c.joint for c in (chosen, *known)}):
+        for joint in sorted({c.joint for c in candidates} - {c.joint for c in (chosen, *known)}):
             of_joint = [c for c in candidates if c.joint == joint]
             delay = next((c for c in of_joint if c.family == DELAY and c.onset is None), None)
-            if delay is None or not self.comparison.shows(delay):
+            if (
+                delay is not None
+                and self.comparison.shows(delay)
+                and not self.comparison.is_worse(delay, max(of_joint, key=self.comparison.net))
+            ):
+                delays.append(delay)
+            elif joint in self.excited:
                 return []
-            if self.comparison.is_worse(delay, max(of_joint, key=self.comparison.net)):
-                return []
-            delays.append(delay)
         delays = self._refined(delays)
-        if not delays or not is_late_channel([chosen, *known, *delays], self.excited):
-            return []
-        self._say("all other joints are as late: the channel is")
-        return delays
+        channel = {c.joint for c in late_channel([chosen, *known, *delays], self.excited)}
+        late = [delay for delay in delays if delay.joint in channel]
+        if late:
+            self._say("the other joints are as late: the channel is")
+        return late
 
     def _refined(self, candidates: list[Candidate]) -> list[Candidate]:
         """Candidates moved off their grids; those that are linear stay."""

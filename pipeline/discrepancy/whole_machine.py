@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 
-from pipeline.discrepancy.late_channel import is_late_channel
+from pipeline.discrepancy.late_channel import late_channel
 from pipeline.discrepancy.plausibility import (
     ACTIVITY,
     DEAD_BAND,
@@ -28,16 +28,16 @@ RIVAL_SHARE = 0.7  # of what the best explains on its joint
 COMMON_PENALTY = {ACTIVITY: 1.1, SUPPLY: 1.25}
 
 
-def of_one_cause(candidates: Sequence[Candidate], joints: Collection[int]) -> list[str]:
+def of_one_cause(candidates: Sequence[Candidate], excited: Collection[int]) -> list[str]:
     """Families whose members on several joints are one cause, delays among them where the channel is late.
 
     Args:
         candidates: That were found.
-        joints: Joints that move enough to tell.
+        excited: Joints that move enough to tell.
     """
     count = Counter(c.family for c in candidates)
     families = [family for family in OF_ONE_CAUSE if count[family] > 1]
-    if is_late_channel([c for c in candidates if c.family == DELAY], joints):
+    if late_channel([c for c in candidates if c.family == DELAY], excited):
         families.append(DELAY)
     return families
 

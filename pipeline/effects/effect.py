@@ -52,12 +52,12 @@ class Scope(enum.StrEnum):
 class Abscissa(enum.StrEnum):
     """What the residual is drawn over, for a reader to see an effect."""
 
-    position = "position"  # of the joint, or of the joint that it depends on
-    time = "time since the log's start"
-    other_commands = "joints commanded besides this one"
-    command = "command"  # of the joint, or of the joint that it depends on
-    since_command = "time since the command last changed"
-    velocity = "velocity"  # that the model predicts
+    position = enum.auto()  # of the joint, or of the joint that it depends on
+    time = enum.auto()  # since the log's start
+    other_commands = enum.auto()  # how many joints are commanded besides this one
+    command = enum.auto()  # of the joint, or of the joint that it depends on
+    since_command = enum.auto()  # time since the joint's command last changed
+    velocity = enum.auto()  # that the model predicts
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Card:
             equally well, the simplest is taken.
         drawn_over: What its signature is drawn over.
         parameters: Of the wrapper.
-        can_set_in: Whether it is looked for from some moment on, too.
+        can_set_in: Whether a moment at which it sets in is looked for.
     """
 
     family: str

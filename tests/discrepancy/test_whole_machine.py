@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.found import Found
-from pipeline.discrepancy.late_channel import are_equal_delays, shortened
+from pipeline.discrepancy.grouping import effects_of
+from pipeline.discrepancy.late_channel import are_equal_delays, late_channel, shortened
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.whole_machine import of_one_cause
 
@@ -50,9 +51,24 @@ def test_dead_bands_on_several_joints_are_one_cause_and_gains_are_not():
 
 def test_the_one_joint_that_is_later_than_a_late_channel_has_a_common_part():
     found = [Found(c) for c in delays(0.1, 0.11, 0.2)]
-    latest, shorter = shortened(found, 3)
+    latest, shorter = shortened(found, range(3))
     assert latest is found[2]
     assert (shorter.candidate.joint, shorter.candidate.point["added_delay"]) == (2, pytest.approx(0.11))
-    assert shortened([*found, Found(candidate("gain", 2))], 3) is None  # what it has more is known
-    assert shortened(found[1:], 3) is None  # one joint is not late at all
-    assert shortened([Found(c) for c in delays(0.1, 0.2, 0.2)], 3) is None
+    assert shortened([*found, Found(candidate("gain", 2))], range(3)) is None  # what it has more is known
+    assert shortened(found[1:], range(3)) is None  # one joint is not late at all
+    assert shortened([Found(c) for c in delays(0.1, 0.2, 0.2)], range(3)) is None
+    idle = [*found, *(Found(c) for c in delays(0.1, 0.1, 0.1, 0.0)[3:])]
+    assert shortened(idle, range(3))[0] is found[2]
+
+
+def test_a_joint_that_hardly_moves_neither_makes_a_channel_nor_refutes_it():
+    like, unlike = delays(0.1, 0.1, 0.1), delays(0.1, 0.1, 0.3)
+    assert late_channel(like, (0, 1)) == like
+    assert late_channel(unlike, (0, 1)) == unlike[:2]
+    assert late_channel(unlike, range(3)) == []
+    assert late_channel(like[:2], (0,)) == late_channel(like[:2], ()) == []
+    effects = effects_of([Found(c) for c in unlike], (0, 1))
+    assert {(effect.family, tuple(effect.joints)) for effect in effects} == {
+        ("timing", (0, 1)),
+        ("delay", (2,)),
+    }
