@@ -13,6 +13,7 @@ class Signature:
         family: Of the effect.
         joint: Name.
         variable: What the abscissa is, with its unit, in words.
+        along: Which way residuals are counted: name of an `effects.effect.Along`.
         x: (n_bin,) centres.
         before: (n_bin,) mean residual velocity of the model before, on rows held out from the fit.
         standard_error: (n_bin,) of `before`, by blocks.
@@ -24,6 +25,7 @@ class Signature:
     family: str
     joint: str
     variable: str
+    along: str
     x: np.ndarray
     before: np.ndarray
     standard_error: np.ndarray

@@ -6,22 +6,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipeline.discrepancy.coverage import uncovered_share
-from pipeline.discrepancy.evidence import Evidence, LevelErrors, Ranked, ResidualTrack, Signature
+from pipeline.discrepancy.evidence import Evidence, LevelErrors, Ranked, ResidualTrack
 from pipeline.discrepancy.found import Found, velocity_of
 from pipeline.discrepancy.grouping import Effect
 from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.screen import Candidate
-from pipeline.discrepancy.sequences import Sequences
-from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
-from pipeline.effects.catalogue import KNOWN
-from pipeline.effects.effect import Abscissa
+from pipeline.discrepancy.signature import signature_of
 from pipeline.machine.specification import CommandKind
 
 if TYPE_CHECKING:
     from pipeline.discrepancy.close_loop import Loop
 
 TRACK_S = 15.0
-LONGEST_SINCE_S = 4.0
 LARGEST_UNCOVERED = 0.2  # of a joint's commands, without a warning
 
 
@@ -64,7 +60,7 @@ def evidence_of(
         after=np.sqrt(np.mean(after**2, axis=0)),
         autocorrelation_s=_autocorrelation_s(before, 2 * loop.machine.dt_s),
         tracks=_tracks(loop, found),
-        signatures=_signatures(loop, found),
+        signatures=[one for effect in found if (one := signature_of(loop, effect, found)) is not None],
         ranking=_ranking(loop, found),
         levels=levels,
         warnings=warnings,
@@ -105,44 +101,6 @@ def _tracks(loop: "Loop", found: Sequence[Found]) -> list[ResidualTrack]:
         t_s = np.array([p.mean() for p in np.array_split(trajectory.t_s[rows], n_blocks)])
         tracks.append(ResidualTrack(trajectory.name, t_s, rms[0], rms[1], purpose))
     return tracks
-
-
-def _signatures(loop: "Loop", found: Sequence[Found]) -> list[Signature]:
-    signatures = []
-    nominal = loop.simulation.velocities([{}])[0]
-    residual = loop.residual(loop.confirm, found)
-    for effect in found:
-        joint = effect.candidate.joint
-        others = [f for f in found if f is not effect]
-        without, with_all = loop.residual(loop.confirm, others)[:, joint], residual[:, joint]
-        variable, x = _abscissa(loop, effect.candidate, nominal[..., joint])
-        x = loop.confirm.averaged(x)
-        edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, 17)))
-        if len(edges) < 3:
-            continue
-        which = np.clip(np.digitize(x, edges[1:-1]), 0, len(edges) - 2)
-        counts = np.bincount(which, minlength=len(edges) - 1).clip(1)
-
-        def mean(y: np.ndarray, which: np.ndarray = which, counts: np.ndarray = counts) -> np.ndarray:
-            return np.bincount(which, y, minlength=len(counts)) / counts
-
-        spread = np.sqrt(
-            np.maximum(mean(without**2) - mean(without) ** 2, 0.0) / np.maximum(counts / 20.0, 1.0)
-        )
-        signatures.append(
-            Signature(
-                effect.candidate.family,
-                loop.joints[joint],
-                variable,
-                mean(x),
-                mean(without),
-                spread,
-                mean(without - with_all),
-                mean(with_all),
-                f"{loop.units[joint]}/s",
-            )
-        )
-    return signatures
 
 
 def _ranking(loop: "Loop", found: Sequence[Found]) -> list[Ranked]:
@@ -198,38 +156,3 @@ def _autocorrelation_s(residual: np.ndarray, step_s: float) -> np.ndarray:
             total += 2.0 * value
         result.append(total * step_s)
     return np.array(result)
-
-
-def _abscissa(loop: "Loop", candidate: Candidate, u: np.ndarray) -> tuple[str, np.ndarray]:
-    """What an effect's signature is drawn over, in words, and its values (B, T)."""
-    joint, sequences = candidate.joint, loop.sequences
-    which = joint if candidate.source is None else candidate.source
-    command = sequences.command
-    # a change of speed that all joints have in common has no card, and varies in time
-    over = Abscissa.time if candidate.family == SUPPLY else KNOWN[candidate.family].card.drawn_over
-    match over:
-        case Abscissa.position:
-            return f"position of {loop.joints[which]} ({loop.units[which]})", sequences.q[..., which]
-        case Abscissa.time:
-            return "time since the log's start (s)", sequences.time_s
-        case Abscissa.other_commands:
-            size = np.abs(command)
-            return "joints commanded besides this one", size.sum(axis=-1) - size[..., joint]
-        case Abscissa.command:
-            return f"command of {loop.joints[which]}", command[..., which]
-        case Abscissa.since_command:
-            name = f"time since the command of {loop.joints[joint]} last changed (s)"
-            return name, _since_change_s(sequences, joint)
-        case Abscissa.velocity:
-            name = f"velocity that the model predicts for {loop.joints[joint]} ({loop.units[joint]}/s)"
-            return name, u
-
-
-def _since_change_s(sequences: Sequences, joint: int) -> np.ndarray:
-    """(B, T) time since the sign of a joint's command last changed, `LONGEST_SINCE_S` at most."""
-    is_changed = np.diff(np.sign(sequences.command[..., joint]), axis=1, prepend=0.0) != 0.0
-    step_s = float(np.median(np.diff(sequences.time_s[0][sequences.is_row[0]])))
-    since_s = np.zeros(is_changed.shape)
-    for row in range(1, is_changed.shape[1]):
-        since_s[:, row] = np.where(is_changed[:, row], 0.0, since_s[:, row - 1] + step_s)
-    return np.minimum(since_s, LONGEST_SINCE_S)

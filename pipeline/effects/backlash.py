@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from pipeline.effects.effect import (
     Abscissa,
+    Along,
     Card,
     Parameter,
     Place,
@@ -31,6 +32,7 @@ class Backlash(VelocityEffect):
         scope=Scope.joint,
         complexity=1.2,
         drawn_over=Abscissa.since_command,
+        counted_along=Along.change,
         parameters=(
             Parameter(
                 "width",

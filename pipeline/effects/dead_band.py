@@ -9,7 +9,17 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Abscissa, Card, CommandEffect, Parameter, Place, Scope, State, Values
+from pipeline.effects.effect import (
+    Abscissa,
+    Along,
+    Card,
+    CommandEffect,
+    Parameter,
+    Place,
+    Scope,
+    State,
+    Values,
+)
 
 GRID = (0.0, 0.15, 0.3, 0.45, 0.6)
 WIDEST = 0.9
@@ -34,6 +44,7 @@ class DeadBand(CommandEffect):
         scope=Scope.joint,
         complexity=2.5,
         drawn_over=Abscissa.command,
+        counted_along=Along.axis,
         can_set_in=False,
         parameters=(
             Parameter("dead_band_negative", "1", 0.0, 0.0, WIDEST, grid=GRID),

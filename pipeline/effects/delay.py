@@ -3,7 +3,7 @@
 import jax
 
 from pipeline.effects.command_buffer import delayed, initial_buffer
-from pipeline.effects.effect import Abscissa, Card, CommandEffect, Parameter, Scope, State, Values
+from pipeline.effects.effect import Abscissa, Along, Card, CommandEffect, Parameter, Scope, State, Values
 
 
 class Delay(CommandEffect):
@@ -20,6 +20,7 @@ class Delay(CommandEffect):
         scope=Scope.joint,
         complexity=1.0,
         drawn_over=Abscissa.since_command,
+        counted_along=Along.change,
         parameters=(
             Parameter(
                 "added_delay",

@@ -15,6 +15,7 @@ import numpy as np
 from pipeline.effects.effect import (
     SMALLEST_COMMAND,
     Abscissa,
+    Along,
     Card,
     RatioEffect,
     Scope,
@@ -82,6 +83,7 @@ def _card(
         scope=scope,
         complexity=5.0,
         drawn_over=drawn_over,
+        counted_along=Along.motion,
         can_set_in=False,
         parameters=(),
     )

@@ -49,7 +49,7 @@ class Scope(enum.StrEnum):
     machine = "machine"  # several joints at once, with parameters in common
 
 
-class Abscissa(enum.StrEnum):
+class Abscissa(enum.Enum):
     """What the residual is drawn over, for a reader to see an effect."""
 
     position = enum.auto()  # of the joint, or of the joint that it depends on
@@ -58,6 +58,14 @@ class Abscissa(enum.StrEnum):
     command = enum.auto()  # of the joint, or of the joint that it depends on
     since_command = enum.auto()  # time since the joint's command last changed
     velocity = enum.auto()  # that the model predicts
+
+
+class Along(enum.Enum):
+    """Which way the residual is counted there, so that starts and stops, or both directions, do not cancel."""
+
+    axis = enum.auto()  # as the joint's velocity is
+    motion = enum.auto()  # along the motion that the model predicts: negative is slower than it
+    change = enum.auto()  # along the last change of the joint's command: negative is later than the model
 
 
 @dataclass(frozen=True)
@@ -102,6 +110,7 @@ class Card:
         complexity: How much it can fit, from 1 (a gain) to 5 (any dependence on a variable): of what explains the logs
             equally well, the simplest is taken.
         drawn_over: What its signature is drawn over.
+        counted_along: Which way the residual is counted in that drawing.
         parameters: Of the wrapper.
         can_set_in: Whether a moment at which it sets in is looked for.
     """
@@ -116,6 +125,7 @@ class Card:
     scope: Scope
     complexity: float
     drawn_over: Abscissa
+    counted_along: Along
     parameters: tuple[Parameter, ...]
     can_set_in: bool = True
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from pipeline.effects.effect import (
     Abscissa,
+    Along,
     Card,
     Parameter,
     RatioEffect,
@@ -32,6 +33,7 @@ class EndCushion(RatioEffect):
         scope=Scope.joint,
         complexity=2.0,
         drawn_over=Abscissa.position,
+        counted_along=Along.axis,
         parameters=(
             Parameter("loss_upper", "1", 0.0, -0.5, 0.95, natural_bounds=True),
             Parameter("loss_lower", "1", 0.0, -0.5, 0.95, natural_bounds=True),

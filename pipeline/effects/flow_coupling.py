@@ -3,7 +3,17 @@
 import jax
 import jax.numpy as jnp
 
-from pipeline.effects.effect import Abscissa, Card, Parameter, RatioEffect, Scope, Signals, State, Values
+from pipeline.effects.effect import (
+    Abscissa,
+    Along,
+    Card,
+    Parameter,
+    RatioEffect,
+    Scope,
+    Signals,
+    State,
+    Values,
+)
 
 
 class FlowCoupling(RatioEffect):
@@ -21,6 +31,7 @@ class FlowCoupling(RatioEffect):
         scope=Scope.machine,
         complexity=2.5,
         drawn_over=Abscissa.other_commands,
+        counted_along=Along.motion,
         parameters=(Parameter("loss_fraction", "1", 0.0, 0.0, 0.9, per_source=True),),
     )
 

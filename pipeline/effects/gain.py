@@ -4,6 +4,7 @@ import jax
 
 from pipeline.effects.effect import (
     Abscissa,
+    Along,
     Card,
     Parameter,
     Place,
@@ -32,6 +33,7 @@ class Gain(RatioEffect):
         scope=Scope.joint,
         complexity=1.0,
         drawn_over=Abscissa.velocity,
+        counted_along=Along.axis,
         parameters=(
             Parameter("ratio_positive", "1", 1.0, 0.2, 2.5),
             Parameter("ratio_negative", "1", 1.0, 0.2, 2.5),

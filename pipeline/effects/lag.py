@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from pipeline.effects.effect import (
     Abscissa,
+    Along,
     Card,
     Parameter,
     Place,
@@ -41,6 +42,7 @@ class Lag(VelocityEffect):
         scope=Scope.joint,
         complexity=1.0,
         drawn_over=Abscissa.since_command,
+        counted_along=Along.change,
         parameters=(
             Parameter(
                 "added_time_constant",

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from pipeline.effects.effect import (
     SMALLEST_COMMAND,
     Abscissa,
+    Along,
     Card,
     Parameter,
     Place,
@@ -32,6 +33,7 @@ class Leakage(VelocityEffect):
         scope=Scope.joint,
         complexity=1.0,
         drawn_over=Abscissa.velocity,
+        counted_along=Along.axis,
         parameters=(Parameter("sag_rate", "speed", 0.0, -1.0, 1.0),),
     )
 

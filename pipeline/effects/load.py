@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from pipeline.effects.effect import (
     Abscissa,
+    Along,
     Card,
     Parameter,
     RatioEffect,
@@ -30,6 +31,7 @@ class Load(RatioEffect):
         scope=Scope.joint,
         complexity=3.0,
         drawn_over=Abscissa.position,
+        counted_along=Along.axis,
         parameters=(
             Parameter("mean_speed_ratio_up", "1", 1.0, 0.2, 2.0),
             Parameter("mean_speed_ratio_down", "1", 1.0, 0.2, 2.0),

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from pipeline.effects.effect import (
     Abscissa,
+    Along,
     Card,
     Parameter,
     Place,
@@ -41,6 +42,7 @@ class Oscillation(VelocityEffect):
         scope=Scope.joint,
         complexity=2.5,
         drawn_over=Abscissa.since_command,
+        counted_along=Along.change,
         parameters=(
             Parameter("share", "1", 0.0, 0.0, 1.5),
             Parameter(

@@ -2,7 +2,7 @@
 
 import jax
 
-from pipeline.effects.effect import Abscissa, Card, Parameter, Scope, SensorEffect, Values
+from pipeline.effects.effect import Abscissa, Along, Card, Parameter, Scope, SensorEffect, Values
 
 
 class SensorBias(SensorEffect):
@@ -19,6 +19,7 @@ class SensorBias(SensorEffect):
         scope=Scope.joint,
         complexity=1.3,
         drawn_over=Abscissa.position,
+        counted_along=Along.axis,
         parameters=(
             Parameter(
                 "offset",

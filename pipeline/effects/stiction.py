@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from pipeline.effects.effect import (
     SMALLEST_COMMAND,
     Abscissa,
+    Along,
     Card,
     CommandEffect,
     Parameter,
@@ -47,6 +48,7 @@ class Stiction(CommandEffect):
         scope=Scope.joint,
         complexity=1.5,
         drawn_over=Abscissa.since_command,
+        counted_along=Along.change,
         parameters=(
             Parameter("mean_extra_time", "s", 0.0, 0.0, 1.5, grid=(0.05, 0.1, 0.2, 0.3, 0.45, 0.65)),
             Parameter("rest_threshold", "s", 0.5, 0.15, 10.0, grid=(0.2, 0.6, 1.5, 3.0), natural_bounds=True),

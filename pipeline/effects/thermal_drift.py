@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from pipeline.effects.effect import (
     SMALLEST_RATIO,
     Abscissa,
+    Along,
     Card,
     Parameter,
     Place,
@@ -35,6 +36,7 @@ class ThermalDrift(VelocityEffect):
         scope=Scope.machine,
         complexity=2.5,
         drawn_over=Abscissa.time,
+        counted_along=Along.motion,
         can_set_in=False,
         parameters=(
             Parameter("cold_speed_loss", "1", 0.0, -0.5, 0.8),

@@ -3,7 +3,7 @@
 import jax
 
 from pipeline.effects.command_buffer import delayed, initial_buffer
-from pipeline.effects.effect import Abscissa, Card, CommandEffect, Parameter, Scope, State, Values
+from pipeline.effects.effect import Abscissa, Along, Card, CommandEffect, Parameter, Scope, State, Values
 
 
 class Timing(CommandEffect):
@@ -24,6 +24,7 @@ class Timing(CommandEffect):
         scope=Scope.machine,
         complexity=1.0,
         drawn_over=Abscissa.since_command,
+        counted_along=Along.change,
         can_set_in=False,
         parameters=(
             Parameter(

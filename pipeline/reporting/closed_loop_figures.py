@@ -10,7 +10,7 @@ from pipeline.discrepancy.splits import Purpose
 from pipeline.reporting.closed_loop_bars import Bar, bar_panel
 from pipeline.reporting.closed_loop_chart import WIDE, Panel, span
 from pipeline.reporting.closed_loop_quantities import readable_unit
-from pipeline.reporting.closed_loop_words import family_name
+from pipeline.reporting.closed_loop_words import short_family_name
 from pipeline.reporting.style import REGION, SERIES
 
 AFTER, BEFORE, FINETUNED, WRONG, _, BLACKBOX = SERIES
@@ -25,6 +25,7 @@ BASELINES = {
     "blackbox_residual": ("black-box residual", BLACKBOX),
     "wrong_effect": ("wrong effect", WRONG),
 }
+COUNTED = {"axis": "", "motion": ", along the motion", "change": ", along the change"}  # by names of `Along`
 TRACK_POINTS = 200  # a panel is some 260 px wide
 CONFIDENCE = 1.96  # standard errors to either side of 95 %
 
@@ -92,11 +93,11 @@ def signature_panels(evidence: Evidence) -> list[str]:
         )
         reach = CONFIDENCE * np.nan_to_num(error)
         panel = Panel(
-            f"{family_name(signature.family)} ({signature.joint})",
+            f"{short_family_name(signature.family)} ({signature.joint})",
             span([x], 0.04),
             span([before - reach, before + reach, fitted, after, 0.0]),
             signature.variable,
-            unit,
+            f"{unit}{COUNTED[signature.along]}",
             210,
             WIDE,
         )

@@ -26,6 +26,7 @@ FAMILY_NAMES = {
     "change_point": "change during the logs",
     "other": "outside the catalogue",
 }
+_FORM_NAMES = {"other:dead_band": "dead band"}  # known forms of `other`
 PARAMETER_NAMES = {
     "speed_ratio": "speed ratio, new to old",
     "ratio_positive": "speed ratio in the positive direction",
@@ -42,7 +43,13 @@ PARAMETER_NAMES = {
     "min_speed_ratio": "smallest speed ratio",
     "side": "side (−1 lower limit, 1 upper limit)",
 }
-_SHORT_NAMES = {"speed_ratio": "speed ratio", "loss_fraction": "loss", "std_log_speed": "spread"}
+_SHORT_NAMES = {
+    "speed_ratio": "speed ratio",
+    "loss_fraction": "loss",
+    "std_log_speed": "spread",
+    "dead_band_negative": "mean band of negative commands",
+    "dead_band_positive": "of positive ones",
+}
 _SIZES = {  # what a sentence states; own parameters stand in the table
     "gain": ("speed_ratio",),
     "delay": ("added_delay",),
@@ -94,9 +101,18 @@ def joints_in_words(joints: Sequence[str]) -> str:
 
 def family_name(family: str) -> str:
     """The family's everyday name; `other:<variable>` says on what it depends."""
+    if family in _FORM_NAMES:
+        return f"{_FORM_NAMES[family]} (outside the catalogue)"
     kind, _, variable = family.partition(":")
     name = FAMILY_NAMES.get(kind, kind.replace("_", " "))
     return f"{name}: depends on {dependence(variable)}" if variable else name
+
+
+def short_family_name(family: str) -> str:
+    """The same where there is little room: of a dependence the variable alone."""
+    variable = family.partition(":")[2]
+    in_short = f"depends on {dependence(variable)}" if variable else family_name(family)
+    return _FORM_NAMES.get(family, in_short)
 
 
 def parameter_name(name: str) -> str:
@@ -134,7 +150,9 @@ def sizes(effect: Document) -> list[str]:
         and math.isfinite(number(parameter.get("value")))
         and name not in _SIGNS
     }
-    chosen = [name for name in _SIZES.get(str(family), ()) if name in given] or list(given)[:2]
+    chosen = [name for name in _SIZES.get(str(family), ()) if name in given] or [
+        name for name in given if ":" not in name
+    ][:2]
     texts = []
     for name in chosen:
         value, interval, unit = estimate(given[name])

@@ -147,7 +147,16 @@ def evidence_of(document: dict[str, Any], n_block: int = 60) -> Evidence:
     noise = 0.008 * random.standard_normal(13)
     signatures = [
         Signature(
-            e["family"], joint, "predicted velocity [rad/s]", x, fitted + noise, error, fitted, noise, "rad/s"
+            e["family"],
+            joint,
+            "predicted velocity [rad/s]",
+            "axis",
+            x,
+            fitted + noise,
+            error,
+            fitted,
+            noise,
+            "rad/s",
         )
         for e in document["effects"]
         for joint in e["joints"]
