@@ -144,6 +144,8 @@ def main() -> None:
     arguments, overrides = parser.parse_known_args()
     folders = Folders(arguments.root.resolve())
     found = tasks(folders, arguments.leave_out_true, overrides)
+    if not found:
+        parser.error(f"{folders.root}: no case in it is whole; run benchmarks.closed_loop.generate first")
     if arguments.cases:
         found = [task for task in found if task.name in arguments.cases]
     waiting = [task for task in found if not is_solved(task, arguments.again)][: arguments.limit]
