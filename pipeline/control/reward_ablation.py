@@ -69,8 +69,8 @@ class Cell(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Place of its file below the ablation's folder."""
-        return f"{'+'.join(self.terms)}/seed_{self.seed}"
+        """Place of its file below the ablation's folder, and head of its metrics' names: MLflow takes no plus sign."""
+        return f"{'.'.join(self.terms)}/seed_{self.seed}"
 
 
 class CellResult(NamedTuple):

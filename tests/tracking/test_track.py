@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from mlflow import MlflowClient
 
+from pipeline.configuration import load_section
+from pipeline.control.reward_ablation import RewardAblationConfig, cells
 from pipeline.errors import InputError
 from pipeline.tracking import StageRun, TrackingConfiguration, track
 from pipeline.tracking.__main__ import runs_of
@@ -58,6 +60,16 @@ def test_a_stage_leaves_a_run_with_parameters_metrics_and_artifacts(
         "configuration.yaml",
         "metrics.json",
     }
+
+
+def test_names_of_an_ablation_s_metrics_are_taken(configuration: TrackingConfiguration) -> None:
+    ablation = load_section("reward_ablation", RewardAblationConfig, "paper")
+    names = {f"{cell.name}/sr_004_004" for cell in cells(ablation)}
+    assert len(names) == len(ablation.rows) * len(ablation.seeds)
+    with track("reward_ablation", configuration, RESOLVED, "") as run:
+        run.metrics(dict.fromkeys(names, 0.5))
+    (found,) = runs(configuration)
+    assert set(found.data.metrics) == names
 
 
 def test_a_failing_stage_leaves_a_failed_run(configuration: TrackingConfiguration) -> None:
