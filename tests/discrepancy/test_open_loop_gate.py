@@ -10,17 +10,15 @@ from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.grouping import Effect
 from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.open_loop_gate import OpenLoopGate
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.settings import CloseLoopConfig
+
+from .bare_candidate import bare_candidate
 
 CONFIG = load_section("close_loop", CloseLoopConfig, "paper").gate
 
 
 def effect(family: str, *joints: int) -> Effect:
-    members = [
-        Found(Candidate(family, joint, None, {}, (), np.zeros(0), 1.0, 0.5, np.ones(4))) for joint in joints
-    ]
-    return Effect(family, members)
+    return Effect(family, [Found(bare_candidate(family, joint)) for joint in joints])
 
 
 def names(effects: list[Effect]) -> list[tuple[str, tuple[int, ...]]]:

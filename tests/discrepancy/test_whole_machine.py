@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from pipeline.discrepancy.found import Found
@@ -11,13 +10,11 @@ from pipeline.discrepancy.late_channel import are_equal_delays, late_channel, sh
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.whole_machine import of_one_cause
 
-
-def candidate(family: str, joint: int, **point: float) -> Candidate:
-    return Candidate(family, joint, None, point, (), np.zeros(0), 1.0, 0.5, np.ones(4))
+from .bare_candidate import bare_candidate
 
 
 def delays(*seconds: float) -> list[Candidate]:
-    return [candidate("delay", joint, added_delay=value) for joint, value in enumerate(seconds)]
+    return [bare_candidate("delay", joint, added_delay=value) for joint, value in enumerate(seconds)]
 
 
 @pytest.mark.parametrize(
@@ -45,7 +42,7 @@ def test_a_late_channel_is_one_cause_only_where_all_joints_are_late():
 
 
 def test_dead_bands_on_several_joints_are_one_cause_and_gains_are_not():
-    found = [candidate(family, joint) for family in ("other:dead_band", "gain") for joint in (0, 1)]
+    found = [bare_candidate(family, joint) for family in ("other:dead_band", "gain") for joint in (0, 1)]
     assert of_one_cause(found, range(3)) == ["other:dead_band"]
 
 
@@ -54,7 +51,8 @@ def test_the_one_joint_that_is_later_than_a_late_channel_has_a_common_part():
     latest, shorter = shortened(found, range(3))
     assert latest is found[2]
     assert (shorter.candidate.joint, shorter.candidate.point["added_delay"]) == (2, pytest.approx(0.11))
-    assert shortened([*found, Found(candidate("gain", 2))], range(3)) is None  # what it has more is known
+    known = [*found, Found(bare_candidate("gain", 2))]
+    assert shortened(known, range(3)) is None  # what it has more is known
     assert shortened(found[1:], range(3)) is None  # one joint is not late at all
     assert shortened([Found(c) for c in delays(0.1, 0.2, 0.2)], range(3)) is None
     idle = [*found, *(Found(c) for c in delays(0.1, 0.1, 0.1, 0.0)[3:])]
