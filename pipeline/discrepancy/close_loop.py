@@ -237,10 +237,11 @@ class Loop:
             self.config.seed,
         )
         judgements = confirmation.judge(found)
-        for effect, judgement in zip(found, judgements, strict=True):
-            self.say(in_words(effect, judgement, self.joints[effect.candidate.joint]))
         self.judgements = {f.candidate.key: j for f, j in zip(found, judgements, strict=True)}
-        passed = [f for f, j in zip(found, judgements, strict=True) if j.is_confirmed]
+        for effect in found:
+            judgement = self.judgements[effect.candidate.key]
+            self.say(in_words(effect, judgement, self.joints[effect.candidate.joint]))
+        passed = [f for f in found if self.judgements[f.candidate.key].is_confirmed]
         effects = self._refitted(passed) if 0 < len(passed) < len(found) else self._grouped(passed)
         self.lap("gate")
         return effects

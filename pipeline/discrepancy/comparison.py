@@ -9,7 +9,6 @@ from pipeline.discrepancy.plausibility import complexity, is_dependence, say_the
 from pipeline.discrepancy.regression import Folds, t_statistic
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.search_thresholds import SearchConfig
-from pipeline.discrepancy.whole_machine import COMMON_CAUSES
 
 Null = Mapping[tuple[str, int, int | None], float]
 
@@ -17,9 +16,9 @@ NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between name
 REPRODUCED_SHARE = 0.2
 LEAST_OF_BEST = 0.5  # of what the best explains, for a candidate to be as good
 SHOWS_T = 1.5
-COMMON_T = 2.0  # what all joints have in common may lie in few blocks, and joints bear each other out
 AS_SIMPLE = 0.4
-DOUBT_FACTOR, DOUBT_T = 1.1, 1.0
+DOUBT_FACTOR = 1.1
+BETTER_FACTOR, BETTER_T = 1.06, 1.0  # of a dependence, to come before a name
 
 
 @dataclass(frozen=True)
@@ -50,8 +49,6 @@ class Comparison:
         """
         squares = candidate.gain / candidate.share if candidate.share > 0 else np.inf
         smallest_t = self.config.second_t if is_further else self.config.smallest_t
-        if candidate.family in COMMON_CAUSES and not is_further:
-            smallest_t = COMMON_T
         return (
             candidate.share > self.config.smallest_share
             and self.net(candidate)
@@ -136,9 +133,7 @@ class Comparison:
     def raises_doubt(self, candidate: Candidate, chosen: Candidate) -> bool:
         """Whether it is a dependence, of more freedom, that explains more than the name chosen."""
         return (
-            is_dependence(candidate)
-            and not is_dependence(chosen)
-            and self.net(candidate) > (1.0 + NEGLIGIBLE) * self.net(chosen)
+            is_dependence(candidate) and not is_dependence(chosen) and self.net(candidate) > self.net(chosen)
         )
 
     def better_dependence(self, chosen: Candidate, as_good: Sequence[Candidate]) -> Candidate | None:
@@ -147,9 +142,9 @@ class Comparison:
             return None
         others = [c for c in as_good if is_dependence(c)]
         best = max(others, key=self.net, default=None)
-        if best is None or self.net(best) < DOUBT_FACTOR * self.net(chosen):
+        if best is None or self.net(best) < BETTER_FACTOR * self.net(chosen):
             return None
-        return best if t_statistic(best.gain_by_block - chosen.gain_by_block) > DOUBT_T else None
+        return best if t_statistic(best.gain_by_block - chosen.gain_by_block) > BETTER_T else None
 
 
 def why_not(rival: Candidate, chosen: Candidate, best: Candidate) -> str:

@@ -15,6 +15,8 @@ from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.supply_variation import supply_candidates, supply_p
 from pipeline.discrepancy.whole_machine import of_one_cause
 
+ENCODER_LOSS = 0.02  # of the squares, that an encoder's error seen at the stops may cost the speeds
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -22,11 +24,11 @@ class Judgement:
 
     Attributes:
         share: Of the squared residual on confirmation rows that it removes.
-        bound: Lower 95 % bound of what is asked of it: of the share, or of what its cause removes on all its joints;
-            of a common change of speed, which is tested by shifts alone, the share itself.
+        bound: Lower bound of what is asked of it: of the share, or, if that is more, of what its cause removes on all
+            its joints; of a common change of speed, which is tested by shifts alone, its joints' mean share itself.
         p_value: After correction for all that was searched.
         is_confirmed: Whether it passes the gate.
-        is_pooled: Whether its joints were judged together.
+        is_pooled: Whether it is its joints together whose bound that is.
     """
 
     share: float
@@ -67,6 +69,9 @@ class Confirmation:
         with_all = self._residual(self.held_out, found), self._residual(self.fitted, found)
         of_supply = self._supply(found)
         together = self._together(found, with_all[0])
+        varied = [f.candidate.joint for f in found if f.candidate.family == SUPPLY]
+        if len(varied) > 1:
+            together[SUPPLY] = float(np.mean([of_supply[0][joint].share for joint in varied]))
         return [self._of(effect, found, with_all, of_supply, together) for effect in found]
 
     def _residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
@@ -87,7 +92,7 @@ class Confirmation:
         else:
             share, bound, p_value, largest_p = self._beside_others(effect, found, with_all)
         is_confirmed = bound > self.config.smallest_improvement
-        is_pooled = candidate.family in together
+        is_pooled = together.get(candidate.family, -np.inf) > bound
         if is_pooled:
             # One cause is confirmed on its joints together, and left off those on which it is no help.
             bound = together[candidate.family]
@@ -95,7 +100,7 @@ class Confirmation:
         if candidate.deviation is not None:
             # Seen at the stops; speeds, which may hardly depend on the place, must not speak against it.
             p_value = float(min(1.0, ndtr(-self.encoders[candidate.joint].z) * self.n_joint))
-            is_confirmed = share > -self.config.smallest_improvement
+            is_confirmed = share > -ENCODER_LOSS
         return Judgement(share, bound, p_value, is_confirmed and p_value < largest_p, is_pooled)
 
     def _beside_others(
@@ -107,7 +112,7 @@ class Confirmation:
         known = ~self._may_set_in(effect)
         without = known * self._residual(self.held_out, others)[:, joint]
         after = known * with_all[0][:, joint]
-        share, bound = lower_bound(without, after, self.held_out, self.config.resamples, self.seed)
+        share, bound = self._bounded(without, after)
         fitted_without = self._residual(self.fitted, others)[:, joint]
         change = fitted_without - with_all[1][:, joint]
         acting = np.flatnonzero(change)  # what sets in mid-way is compared with itself, not with nothing
@@ -118,6 +123,10 @@ class Confirmation:
         folds = self.held_out.folds
         by_block = np.bincount(folds.block, without**2 - after**2, minlength=folds.n_blocks)
         return share, bound, rank_p(by_block, len(found)), self.config.largest_rank_p
+
+    def _bounded(self, before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+        config = self.config
+        return lower_bound(before, after, self.held_out, config.resamples, config.confidence, self.seed)
 
     def _supply(self, found: Sequence[Found]) -> tuple[Mapping[int, Candidate], float]:
         """A common change of speed on confirmation rows, per joint, and its p-value."""
@@ -150,10 +159,9 @@ class Confirmation:
             joints = [f.candidate.joint for f in members]
             without = self._residual(self.held_out, [f for f in found if f not in members])
             known = ~np.any([self._may_set_in(member) for member in members], axis=0)
-            before, after = (
-                known * pooled(residual, joints, self.held_out.floor) for residual in (without, everything)
-            )
-            bounds[family] = lower_bound(before, after, self.held_out, self.config.resamples, self.seed)[1]
+            scale = np.maximum(np.mean((known[:, None] * without) ** 2, axis=0), self.held_out.floor)
+            before, after = (known * pooled(residual, joints, scale) for residual in (without, everything))
+            bounds[family] = self._bounded(before, after)[1]
         return bounds
 
 

@@ -74,7 +74,10 @@ def describe(
             result["cold_lag"] = of(float(coefficients[2]), "s", "coefficient:2")
         return result
     if family == "leakage":
-        return {"sag_rate": of(float(coefficients[0]), f"{unit}/s", "coefficient:0")}
+        result = {"sag_rate": of(float(coefficients[0]), f"{unit}/s", "coefficient:0")}
+        for index, one in enumerate(candidate.freed[1:], start=1):
+            result[one[0][0]] = of(float(coefficients[index]), "1", f"coefficient:{index}")
+        return result
     if family == "end_cushion":
         upper = candidate.freed[0][0][0] == "loss_upper"
         return {

@@ -11,6 +11,7 @@ from pipeline.discrepancy.refine import refine
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.screen import Rows
 from pipeline.discrepancy.simulation import Simulation
+from pipeline.discrepancy.whole_machine import OF_ONE_CAUSE
 
 
 def decide_again(
@@ -33,7 +34,9 @@ def decide_again(
         first = found[place]
         joint = first.candidate.joint
         beside = {f.candidate.family for f in found if f is not first and f.candidate.joint == joint}
-        named = [c for c in first.equivalents if not is_dependence(c) and c.family not in beside]
+        # what several joints have in common is no matter of one of them
+        on_one = [c for c in first.equivalents if not is_dependence(c) and c.family not in OF_ONE_CAUSE]
+        named = [c for c in on_one if c.family not in beside]
         if not named or not beside:
             continue
         trials = [found]
@@ -49,13 +52,13 @@ def decide_again(
         chosen = even.index(True)  # the simplest comes first, and the best is even with itself
         found = trials[chosen]
         rest = [trial[place].candidate for trial, is_even in zip(trials, even, strict=True) if is_even]
-        dependences = [c for c in first.equivalents if c not in named]
+        others = [c for c in first.equivalents if not any(c is option for option in named)]
         candidate = found[place].candidate
         if chosen:
             say(f"beside the others {candidate.family} explains better what {first.candidate.family} did")
         found = [
             *found[:place],
-            Found(candidate, [*(c for c in rest if c is not candidate), *dependences], first.losers),
+            Found(candidate, [*(c for c in rest if c is not candidate), *others], first.losers),
             *found[place + 1 :],
         ]
     return found

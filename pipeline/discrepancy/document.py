@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.discrepancy.contract_parameters import Quantity, describe, quantity, spreads, weighted_mean
 from pipeline.discrepancy.found import Found
-from pipeline.discrepancy.grouping import OTHER, Effect, depends_on
+from pipeline.discrepancy.grouping import OTHER, Effect, contract_family, depends_on
 from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.load_over_poses import mean_speed_ratios
 from pipeline.discrepancy.next_experiment import next_experiment
@@ -158,12 +158,12 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
     for name in described[0]:
         of_name: list[Any] = [of[name] for of in described if name in of]
         sizes = np.array([of["value"] for of in of_name], float)
-        deviation = np.array(
-            [(of["ci95"][1] - of["ci95"][0]) / 3.92 if "ci95" in of else 0.0 for of in of_name]
-        )
+        deviation = np.array([_deviation(of) for of in of_name])
         merged[name] = _of_joints(sizes, deviation, of_name[0]["unit"])
         for member, value in zip(effect.members, of_name, strict=False):
             merged[f"{name}:{loop.joints[member.candidate.joint]}"] = value
+    if effect.family == TIMING:
+        return {name: _beside_recordings_phases(loop, latency) for name, latency in merged.items()}
     return merged
 
 
@@ -185,6 +185,18 @@ def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:
     }
 
 
+def _deviation(of: Mapping[str, Any]) -> float:
+    lower, upper = of.get("ci95", (0.0, 0.0))
+    return (upper - lower) / (2.0 * 1.96)
+
+
+def _beside_recordings_phases(loop: "Loop", latency: Mapping[str, Any]) -> Quantity:
+    """A late channel's latency, known no better than the moments between two ticks at which recordings began."""
+    n_logs = [int(rows.any(axis=1).sum()) for rows in (loop.rows.is_used, loop.nominal_rows.is_used)]
+    of_phases = loop.machine.dt_s * np.sqrt((1.0 / n_logs[0] + 1.0 / n_logs[1]) / 12.0)
+    return quantity(latency["value"], "s", float(np.hypot(_deviation(latency), of_phases)))
+
+
 def _of_joints(values: np.ndarray, deviations: np.ndarray, unit: str) -> Quantity:
     mean, deviation = weighted_mean(values, deviations)
     return quantity(mean, unit, deviation)
@@ -198,7 +210,7 @@ def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:
             rivals = [(c, None) for c in member.equivalents] if effect.equivalents else []
             for candidate, why in [*rivals, *member.losers]:
                 entry = {
-                    "family": OTHER if is_dependence(candidate) else candidate.family,
+                    "family": contract_family(candidate),
                     "joints": [loop.joints[candidate.joint]],
                     "error_reduction": float(candidate.share),
                     "why_not": why or f"these logs cannot tell it from {name}",

@@ -13,13 +13,14 @@ from pipeline.discrepancy.screen import Candidate, Rows, scored
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
 
+REFUTING_T = 2.5  # of the loss by blocks that speaks against an encoder's error
+
 
 def encoder_errors(
     simulation: Simulation,
     rows: Rows,
     encoders: Mapping[int, Encoder],
     excluded: Sequence[str],
-    smallest_t: float,
     joints: Sequence[str],
     say: Callable[[str], None],
 ) -> list[Found]:
@@ -30,7 +31,6 @@ def encoder_errors(
         rows: For fitting and selection.
         encoders: What the stops say, by joint.
         excluded: Families that are not tried.
-        smallest_t: Of the loss by blocks that speaks against an encoder's error.
         joints: Their names.
         say: Called with a sentence per joint whose stops have moved.
     """
@@ -49,7 +49,7 @@ def encoder_errors(
         )
         if BACKLASH not in excluded and encoder.inward > 0.0 and play.gain > candidate.gain:
             say(f"the stops of {joints[joint]} are read further in: by play rather than by its encoder")
-        elif t_statistic(candidate.gain_by_block) < -smallest_t:
+        elif t_statistic(candidate.gain_by_block) < -REFUTING_T:
             say(f"the stops of {joints[joint]} have moved, but its speeds speak against its encoder")
         else:
             say(

@@ -20,7 +20,8 @@ class GateConfig:
     Attributes:
         smallest_error_reduction: Of the open-loop error over 80 steps on its joints, for an effect to be named.
         smallest_share: Of the squared residual, instead, for the strongest effect: one that hardly moves positions.
-        smallest_improvement: Lower 95 % bound of the held-out reduction of an effect's squared residual.
+        smallest_improvement: Lower bound of the held-out reduction of an effect's squared residual.
+        confidence: Of that bound, one-sided. It need not bear the search's multiplicity, which `largest_p` does.
         largest_p: After correction for all hypotheses searched.
         largest_rank_p: The same of a change that cannot be shifted in time, a creep at rest: by the gains' ranks over
             blocks of confirmation rows, which nothing was searched on.
@@ -31,6 +32,7 @@ class GateConfig:
     """
 
     smallest_improvement: float
+    confidence: float
     smallest_error_reduction: float
     smallest_share: float
     largest_p: float
@@ -41,7 +43,7 @@ class GateConfig:
     smallest_excitation_s: float
 
     def __post_init__(self) -> None:
-        for name in ("largest_p", "largest_rank_p"):
+        for name in ("largest_p", "largest_rank_p", "confidence"):
             if not 0 < getattr(self, name) < 1:
                 raise InputError(f"close_loop.gate.{name} is {getattr(self, name)}; it must be in (0, 1)")
         if not self.model_error >= 0:
@@ -49,15 +51,16 @@ class GateConfig:
 
 
 def lower_bound(
-    before: np.ndarray, after: np.ndarray, rows: Rows, resamples: int, seed: int
+    before: np.ndarray, after: np.ndarray, rows: Rows, resamples: int, confidence: float, seed: int
 ) -> tuple[float, float]:
-    """Held-out share of the squares that an effect removes, and its lower 95 % bound by a block bootstrap.
+    """Held-out share of the squares that an effect removes, and its lower bound by a block bootstrap.
 
     Args:
         before: (N,) residual without the effect.
         after: (N,) with it.
         rows: The rows.
         resamples: Of the bootstrap.
+        confidence: Of the bound.
         seed: Of the resampling.
     """
     n = rows.folds.n_blocks
@@ -65,19 +68,19 @@ def lower_bound(
     drawn = np.random.default_rng(seed).integers(n, size=(resamples, n))
     share = 1.0 - squares[1][drawn].sum(axis=1) / np.maximum(squares[0][drawn].sum(axis=1), 1e-12)
     total = 1.0 - squares[1].sum() / max(squares[0].sum(), 1e-12)
-    return float(total), float(np.quantile(share, 0.05))
+    return float(total), float(np.quantile(share, 1.0 - confidence))
 
 
-def pooled(residual: np.ndarray, joints: Sequence[int], floor: np.ndarray) -> np.ndarray:
-    """(N,) what several joints' residuals come to: the root of their squares in units of each joint's noise floor.
+def pooled(residual: np.ndarray, joints: Sequence[int], scale: np.ndarray) -> np.ndarray:
+    """(N,) what several joints' residuals come to: the root of their squares, each joint in units of its scale.
 
     Args:
         residual: (N, n_joint).
         joints: Which.
-        floor: (n_joint,) mean squares of the noise floor.
+        scale: (n_joint,) mean squares that count as one.
     """
     joints = list(joints)
-    return np.sqrt(np.sum(residual[:, joints] ** 2 / floor[joints], axis=1))
+    return np.sqrt(np.sum(residual[:, joints] ** 2 / scale[joints], axis=1))
 
 
 def placebo_p(residual: np.ndarray, change: np.ndarray, n_hypotheses: int, seed: int) -> float:

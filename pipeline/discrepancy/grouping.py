@@ -80,13 +80,14 @@ def effects_of(found: Sequence[Found], excited: Collection[int], allow_timing: b
     for family in OF_ONE_CAUSE:
         members = [f for f in left if f.candidate.family == family]
         if members:
-            effects.append(Effect(_contract_family(members[0].candidate), members))
+            effects.append(Effect(contract_family(members[0].candidate), members))
             left = [f for f in left if f not in members]
-    effects += [Effect(_contract_family(f.candidate), [f]) for f in left]
+    effects += [Effect(contract_family(f.candidate), [f]) for f in left]
     return sorted(effects, key=lambda effect: -effect.gain)
 
 
-def _contract_family(candidate: Candidate) -> str:
+def contract_family(candidate: Candidate) -> str:
+    """Its name in the contract's table: `other` for every dependence."""
     return OTHER if is_dependence(candidate) else candidate.family
 
 

@@ -22,6 +22,14 @@ def are_equal_delays(delays: Sequence[Candidate]) -> bool:
     return bool(is_near and values.min() >= SMALLEST_DELAY_SHARE * values.max())
 
 
+def set_in_together(one: Candidate, other: Candidate) -> bool:
+    """Whether both act all the time, or may have set in at one moment."""
+    if one.onset_between is None or other.onset_between is None:
+        return one.onset == other.onset
+    begins, ends = zip(one.onset_between, other.onset_between, strict=True)
+    return max(begins) <= min(ends)
+
+
 def late_channel(delays: Sequence[Candidate], excited: Collection[int]) -> list[Candidate]:
     """Those delays that are the channel's.
 

@@ -57,7 +57,7 @@ def next_experiment(verdict: str, families: list[str], joint: str | None, idle: 
                 + " (on {joint})"
             )
         return sentence.format(joint=joint).capitalize() + "."
-    if verdict in ("named", "outside_catalogue") and families[:1] and families[0] in WITH_AN_EQUATION:
+    if verdict in ("named", "outside_catalogue") and families and families[0] in WITH_AN_EQUATION:
         return f"To narrow the interval: {WITH_AN_EQUATION[families[0]].card.excitation}."
     if verdict == "outside_catalogue":
         return (

@@ -14,7 +14,7 @@ THERMAL_DRIFT, FLOW_COUPLING, LOAD = "thermal_drift", "flow_coupling", "load"
 ACTIVITY, DEAD_BAND = "other:activity", "other:dead_band"
 GAIN, TIMING = "gain", "timing"
 SENSOR_BIAS, BACKLASH, DELAY, OSCILLATION = "sensor_bias", "backlash", "delay", "oscillation"
-APART = 0.8  # of the larger change: by so much the two directions differ under a load
+APART = 1.15  # of the larger change: by so much the two directions differ under a load, which speeds one of them up
 AT_BOUND = 0.01  # of the range between the bounds
 
 SUPPLY_COMPLEXITY = 4.0  # as if it stood on a card: it has no wrapper
@@ -34,10 +34,10 @@ def is_dependence(candidate: Candidate) -> bool:
 
 
 def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
-    """Whether the signs are those of the cause on most joints.
+    """Whether the signs are those of the cause on most of the joints, counted by what it explains there.
 
-    Oil that warms up makes faster; a joint that is slower both ways carries no load; nothing loses more than all of its
-    speed to others.
+    Oil that warms up makes faster; a load makes a joint slower one way and faster the other; nothing loses more than
+    all of its speed to others.
     """
     if family == THERMAL_DRIFT:
         is_right = [c.coefficients[0] > 0.0 for c in showing]
@@ -48,7 +48,8 @@ def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
         is_right = [c.coefficients.sum() < 1.0 for c in showing]
     else:
         return True
-    return int(np.sum(is_right)) > 0.5 * len(showing)
+    gains = np.array([c.gain for c in showing])
+    return bool(gains @ is_right > 0.5 * gains.sum())
 
 
 def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:

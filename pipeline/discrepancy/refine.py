@@ -18,6 +18,7 @@ from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 ITERATIONS = 5
 RELATIVE_STEP = 0.04
 SMALLEST_STEP = 0.004
+LINEAR_ROOM = 0.5  # of the range between a linear coefficient's bounds: its step is right wherever it starts
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,10 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[F
             gram = a.T @ a
             step = np.linalg.solve(gram + damping[joint] * np.diag(np.diag(gram) + 1e-12), a.T @ r)
             for coordinate, change in zip(of_joint, step, strict=True):
-                value = _value(trial, coordinate)
-                limit = 0.5 * max(abs(value), 0.1)
+                value, is_linear = _value(trial, coordinate), coordinate.name is None
+                limit = 0.5 * max(
+                    abs(value), 0.1, LINEAR_ROOM * (coordinate.upper - coordinate.lower) * is_linear
+                )
                 moved = float(
                     np.clip(value + np.clip(change, -limit, limit), coordinate.lower, coordinate.upper)
                 )

@@ -14,7 +14,7 @@ from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, Null, why_no
 from pipeline.discrepancy.decide_again import decide_again
 from pipeline.discrepancy.encoder_error import encoder_errors
 from pipeline.discrepancy.found import Found, onsets_of, values_of
-from pipeline.discrepancy.late_channel import late_channel, shortened
+from pipeline.discrepancy.late_channel import late_channel, set_in_together, shortened
 from pipeline.discrepancy.onset import since, with_onsets
 from pipeline.discrepancy.plausibility import (
     BACKLASH,
@@ -37,6 +37,8 @@ from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.supply_variation import supply_candidates
 from pipeline.discrepancy.whole_machine import (
     COMMON_CAUSES,
+    DOUBTED_FACTOR,
+    OF_ONE_CAUSE,
     ON_SEVERAL_JOINTS,
     WHOLE_MACHINE,
     common_cause,
@@ -47,8 +49,11 @@ REFINED = 3  # of a joint's candidates
 TOLD_LOSERS = 6  # of a joint's candidates
 ONSET_FACTOR, ONSET_T = 1.2, 1.5  # times the gain without onset; of the gain by blocks
 WHOLE_SECOND_SHARE = 0.5
-SECOND_CAUSE_SHARE = 0.12  # of what the first explains on all its joints
-STILL_SHARE = 0.4  # of the smallest share, that an effect has to remove beside the others
+SECOND_CAUSE_SHARE = 0.2  # of what the first explains on all its joints
+STILL_SHARE, STILL_T = (
+    0.4,
+    2.5,
+)  # of the smallest share, and by blocks: what an effect has to do beside the others
 
 
 class Search:
@@ -87,7 +92,6 @@ class Search:
             self.rows,
             self.encoders,
             self.excluded,
-            self.config.smallest_t,
             self.joints,
             self._say,
         )
@@ -148,7 +152,7 @@ class Search:
             showing = [c for c in candidates if c.family == family and self.comparison.shows(c)]
             if (
                 len(showing) > 1
-                and is_plausible(family, showing)
+                and all(is_plausible(family, [c]) for c in showing)  # else it is what the first leaves over
                 and any(map(self.passes, showing))
                 and sum(map(self.comparison.net, showing)) > SECOND_CAUSE_SHARE * whole
             ):
@@ -269,6 +273,7 @@ class Search:
         better = self.comparison.better_dependence(chosen, as_good)
         if better is not None:  # a wrong name is worse than none
             chosen, equivalents = better, [chosen, *(c for c in equivalents if c is not better)]
+        equivalents += self._as_good_in_common(best, chosen, equivalents, candidates)
         self._say(
             f"{chosen.family} on {self.joints[chosen.joint]}: removes {chosen.share:.0%} of the squared residual there"
             + (f"; as good: {', '.join(c.family for c in equivalents)}" if equivalents else "")
@@ -276,7 +281,7 @@ class Search:
         losers = [
             (rival, why_not(rival, chosen, best))
             for rival in sorted(rivals, key=self.comparison.net, reverse=True)
-            if rival is not chosen and rival not in equivalents
+            if rival.key not in {chosen.key, *(c.key for c in equivalents)}
         ]
         found = [Found(chosen, equivalents, losers[:TOLD_LOSERS])]
         if chosen.family in WHOLE_MACHINE:
@@ -289,9 +294,29 @@ class Search:
                 and c.source == chosen.source
                 and self.comparison.shows(c)
             ]
-        if chosen.family == DELAY and chosen.onset is None and TIMING not in self.excluded:
+        if chosen.family == DELAY and TIMING not in self.excluded:
             found += [Found(c) for c in self._late_elsewhere(chosen, candidates)]
         return found
+
+    def _as_good_in_common(
+        self, best: Candidate, chosen: Candidate, known: Sequence[Candidate], candidates: Sequence[Candidate]
+    ) -> list[Candidate]:
+        """What several joints have in common and explains no less than a name on one of them."""
+        is_told = is_dependence(chosen) or chosen.family in OF_ONE_CAUSE
+        if is_told or any(f.candidate.family in COMMON_CAUSES for f in self.found):
+            return []
+        common = common_cause(best, candidates, self.comparison.net, self.comparison.shows, DOUBTED_FACTOR)
+        if not any(map(self.passes, common)):
+            return []
+        told = {c.family for c in known}
+        return [
+            c
+            for c in common
+            if c.joint == best.joint
+            and c.family not in told
+            and is_plausible(c.family, [c])
+            and not is_at_bound(self.simulation.effects, c)
+        ]
 
     def _late_elsewhere(self, chosen: Candidate, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Delays of the other joints, where each that moves enough shows one that is as large: a late channel."""
@@ -299,13 +324,13 @@ class Search:
         delays = []
         for joint in sorted({c.joint for c in candidates} - {c.joint for c in (chosen, *known)}):
             of_joint = [c for c in candidates if c.joint == joint]
-            delay = next((c for c in of_joint if c.family == DELAY and c.onset is None), None)
+            delay = next((c for c in of_joint if c.family == DELAY and set_in_together(c, chosen)), None)
             if (
                 delay is not None
                 and self.comparison.shows(delay)
                 and not self.comparison.is_worse(delay, max(of_joint, key=self.comparison.net))
             ):
-                delays.append(delay)
+                delays.append(replace(delay, onset=chosen.onset, onset_between=chosen.onset_between))
             elif joint in self.excited:
                 return []
         delays = self._refined(delays)
@@ -350,9 +375,7 @@ class Search:
                 continue  # one cause, which the gate judges as one
             by_block = gain_without(self.simulation, self.rows, kept, found)
             squares = found.candidate.gain / max(found.candidate.share, 1e-9)
-            is_sure = t_statistic(by_block) >= self.config.smallest_t or self.comparison.is_in_both_halves(
-                by_block, squares
-            )
+            is_sure = t_statistic(by_block) >= STILL_T or self.comparison.is_in_both_halves(by_block, squares)
             if by_block.sum() < STILL_SHARE * self.config.smallest_share * squares or not is_sure:
                 kept.remove(found)
                 self._say(

@@ -22,10 +22,12 @@ WHOLE_MACHINE = (THERMAL_DRIFT, TIMING, SUPPLY, ACTIVITY, FLOW_COUPLING)
 ON_SEVERAL_JOINTS = (FLOW_COUPLING, LOAD, DEAD_BAND)  # one pump, one payload, one controller of all valves
 OF_ONE_CAUSE = tuple(dict.fromkeys((*WHOLE_MACHINE, *ON_SEVERAL_JOINTS)))  # on however many joints they show
 COMMON_FACTOR = 1.3  # times what the best effect on one joint explains
+DOUBTED_FACTOR = 1.0  # the same, for it to take the certainty from a name on that joint
 MOST_ON_ONE = 0.4  # of that, at least, on one of the joints
 RIVAL_SHARE = 0.7  # of what the best explains on its joint
-# A cause with an equation comes before a dependence, and both before one that nobody can observe.
-COMMON_PENALTY = {ACTIVITY: 1.1, SUPPLY: 1.25}
+# A cause with an equation comes before a dependence, and both before one that nobody can observe. A payload's slopes
+# over all positions fit something of any slow change: it has to explain clearly more than other causes in common.
+COMMON_PENALTY = {ACTIVITY: 1.1, LOAD: 1.2, SUPPLY: 1.25}
 
 
 def of_one_cause(candidates: Sequence[Candidate], excited: Collection[int]) -> list[str]:
@@ -47,14 +49,16 @@ def common_cause(
     candidates: Sequence[Candidate],
     net: Callable[[Candidate], float],
     shows: Callable[[Candidate], bool],
+    factor: float = COMMON_FACTOR,
 ) -> list[Candidate]:
-    """The cause that explains clearly more on all its joints together than the best candidate does on one.
+    """The cause that explains so much more on all its joints together than the best candidate does on one.
 
     Args:
         best: Of all candidates, by itself.
         candidates: All of them.
         net: What a candidate explains.
         shows: Whether a candidate can be seen on its joint.
+        factor: How many times as much it has to explain.
 
     Returns:
         The cause on each joint on which it shows, the clearest first; empty if there is none.
@@ -68,11 +72,7 @@ def common_cause(
         joints = {c.joint for c in showing}
         is_rival = here is None or here.joint not in joints or here.gain > RIVAL_SHARE * best.gain
         total = sum(net(c) for c in showing)
-        if (
-            is_rival
-            and total > COMMON_FACTOR * net(best)
-            and max(map(net, showing)) > MOST_ON_ONE * net(best)
-        ):
+        if is_rival and total > factor * net(best) and max(map(net, showing)) > MOST_ON_ONE * net(best):
             options.append((total / COMMON_PENALTY.get(family, 1.0), showing))
     showing = max(options, key=lambda option: option[0])[1] if options else []
     return sorted(showing, key=net, reverse=True)

@@ -1,4 +1,4 @@
-"""`leakage`: motion at zero command."""
+"""`leakage`: motion at zero command, of which a share is there under command, too."""
 
 import jax
 import jax.numpy as jnp
@@ -14,28 +14,45 @@ from pipeline.effects.effect import (
     Signals,
     State,
     Values,
+    Variant,
     VelocityEffect,
+)
+
+LARGEST_SHARE = (
+    2.0  # of the creep at rest: the pressure of a load differs no more than that by the way it is moved
 )
 
 
 class Leakage(VelocityEffect):
-    """A joint creeps while its command is zero."""
+    """A joint creeps while its command is zero; by a share of that its motion is slower or faster."""
 
     place = Place.drift
     card = Card(
         family="leakage",
-        equation="v = u + s while a = 0",
+        equation="v = u + s (1[a = 0] + k₊ 1[a > 0] + k₋ 1[a < 0])",
         source="internal leakage of cylinder and valve: Merritt (1967), chapter 6",
         signature="constant residual velocity at rest, in one direction",
-        confounded_with=("sensor_bias",),
+        confounded_with=("sensor_bias", "gain", "load"),
         excitation="rests of several seconds in several poses",
         depends_on=("zero_command:{joint}",),
         scope=Scope.joint,
         complexity=1.0,
         drawn_over=Abscissa.velocity,
         counted_along=Along.axis,
-        parameters=(Parameter("sag_rate", "speed", 0.0, -1.0, 1.0),),
+        parameters=(
+            Parameter("sag_rate", "speed", 0.0, -1.0, 1.0),
+            Parameter("share_in_positive_motion", "1", 0.0, 0.0, LARGEST_SHARE),
+            Parameter("share_in_negative_motion", "1", 0.0, 0.0, LARGEST_SHARE),
+        ),
     )
+
+    def variants(self) -> list[Variant]:
+        """By the creep at rest."""
+        return [((("sag_rate", None),),)]
+
+    def freed_later(self) -> Variant:
+        """What leaks at rest leaks in motion, too, as the pressure of the load there has it."""
+        return ((("share_in_positive_motion", None),), (("share_in_negative_motion", None),))
 
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """Add the creep."""
@@ -46,4 +63,7 @@ class Leakage(VelocityEffect):
         return state, v - self._creep(values, signals)
 
     def _creep(self, values: Values, signals: Signals) -> jax.Array:
-        return jnp.where(jnp.abs(signals.command) < SMALLEST_COMMAND, values["sag_rate"], 0.0)
+        is_positive, is_negative = signals.command >= SMALLEST_COMMAND, signals.command <= -SMALLEST_COMMAND
+        share = jnp.where(is_positive, values["share_in_positive_motion"], 1.0)
+        share = jnp.where(is_negative, values["share_in_negative_motion"], share)
+        return share * values["sag_rate"]

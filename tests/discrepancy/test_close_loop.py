@@ -31,8 +31,20 @@ CONSTANTS_S = np.array([0.2, 0.3])
 DT_S = 0.05
 
 
-def record(name: str, seed: int, n_rows: int, slower: float = 1.0, onset: int = 0) -> Trajectory:
-    """Random holds of commands; from row `onset` on the second joint is slower on its way down, by this factor."""
+def record(
+    name: str,
+    seed: int,
+    n_rows: int,
+    slower: float = 1.0,
+    late_rows: int = 0,
+    sag: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    onset: int = 0,
+) -> Trajectory:
+    """Random holds of commands.
+
+    From row `onset` on the second joint is slower on its way down, by this factor, and all commands act later. The
+    first joint creeps at velocities that are given for commands -1, 0 and 1.
+    """
     random = np.random.default_rng(seed)
     a, q = np.zeros((n_rows, 2)), np.zeros((n_rows, 2))
     velocity, command, left = np.zeros(2), np.zeros(2), np.zeros(2)
@@ -45,10 +57,12 @@ def record(name: str, seed: int, n_rows: int, slower: float = 1.0, onset: int = 
             if abs(q[row, joint]) > 0.8 * (1.0, 2.0)[joint]:
                 command[joint] = -np.sign(q[row, joint])
         a[row] = command
-        target = SPEEDS * command
-        target[1] *= slower if command[1] < 0 and row >= onset else 1.0
+        acting = a[max(row - late_rows, 0)] if row >= onset else command
+        target = SPEEDS * acting
+        target[1] *= slower if acting[1] < 0 and row >= onset else 1.0
         velocity = velocity + (1.0 - np.exp(-DT_S / CONSTANTS_S)) * (target - velocity)
         q[row + 1] = q[row] + DT_S * velocity
+        q[row + 1, 0] += DT_S * sag[int(command[0]) + 1]
     q = q + 5e-4 * random.standard_normal(q.shape)
     tracker = LoopTrackerConfig(proportional_gain=10.0, integral_gain=60.0)
     _, qd = track_on(initial_state(q[0]), q, DT_S, tracker)
@@ -117,6 +131,36 @@ def test_what_sets_in_mid_way_is_found_with_its_moment(nominal, model) -> None: 
     assert effect["parameters"]["speed_ratio"]["value"] == pytest.approx(0.6, abs=0.05)
     assert effect["onset"]["trajectory"] == "measured_1"
     assert effect["onset"]["t"] == pytest.approx(DT_S * onset, abs=10.0)
+
+
+def test_a_channel_that_is_late_from_mid_way_on_is_one_cause(nominal, model) -> None:  # type: ignore[no-untyped-def]
+    onset, late_rows = 2400, 3
+    measured = [
+        record("measured_1", 11, 4000, late_rows=late_rows, onset=onset),
+        record("measured_2", 12, 4000, late_rows=late_rows),
+    ]
+    _, document = close(nominal, measured, model)
+    assert document["verdict"] == "named"
+    (effect,) = document["effects"]
+    assert (effect["family"], effect["of"], effect["joints"]) == ("change_point", "timing", ["lift", "turn"])
+    latency = effect["parameters"]["latency"]
+    assert latency["value"] == pytest.approx(DT_S * late_rows, abs=0.02)
+    # Each log may have begun anywhere between two ticks: no latency is known better than that.
+    lower, upper = latency["ci95"]
+    assert upper - lower > 2 * 1.96 * DT_S * np.sqrt((1 / 2 + 1 / 2) / 12)
+
+
+def test_a_leak_slows_its_joint_under_way_and_is_one_effect(nominal, model) -> None:  # type: ignore[no-untyped-def]
+    sag = (-0.02, -0.04, -0.05)
+    _, document = close(
+        nominal, [record(f"measured_{seed}", seed, 4000, sag=sag) for seed in (11, 12)], model
+    )
+    (effect,) = document["effects"]
+    assert (document["verdict"], effect["family"], effect["joints"]) == ("named", "leakage", ["lift"])
+    found = {name: quantity["value"] for name, quantity in effect["parameters"].items()}
+    assert found["sag_rate"] == pytest.approx(-0.04, rel=0.1)
+    assert found["share_in_negative_motion"] == pytest.approx(0.5, abs=0.25)
+    assert found["share_in_positive_motion"] == pytest.approx(1.25, abs=0.25)
 
 
 def test_nothing_is_found_where_nothing_changed(nominal, model) -> None:  # type: ignore[no-untyped-def]

@@ -37,10 +37,10 @@ def test_a_true_change_beats_its_placebos_even_after_correction() -> None:
 def test_lower_bound_lies_below_the_estimate_and_covers_nothing_when_there_is_nothing() -> None:
     random = np.random.default_rng(3)
     before = coloured(random)
-    share, bound = lower_bound(before, 0.5 * before, ROWS, 300, 0)
+    share, bound = lower_bound(before, 0.5 * before, ROWS, 300, 0.95, 0)
     assert abs(share - 0.75) < 1e-9
     assert abs(bound - 0.75) < 1e-9
-    share, bound = lower_bound(before, coloured(random), ROWS, 300, 0)
+    share, bound = lower_bound(before, coloured(random), ROWS, 300, 0.95, 0)
     assert bound < share
     assert bound < 0.02
 
@@ -60,7 +60,7 @@ def test_a_creep_at_rest_has_no_placebos_in_time() -> None:
     assert can_be_shifted(np.where(random.random(N // 20).repeat(20) < 0.15, 0.3, 0.0))
 
 
-def test_joints_are_pooled_in_units_of_their_floors() -> None:
+def test_joints_are_pooled_in_units_of_their_scales() -> None:
     residual = np.array([[3.0, 40.0, 7.0], [0.0, -10.0, 7.0]])
     together = pooled(residual, [0, 1], np.array([1.0, 100.0, 1.0]))
     np.testing.assert_allclose(together, [5.0, 1.0])

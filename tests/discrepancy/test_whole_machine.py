@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.grouping import effects_of
-from pipeline.discrepancy.late_channel import are_equal_delays, late_channel, shortened
+from pipeline.discrepancy.late_channel import are_equal_delays, late_channel, set_in_together, shortened
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.whole_machine import of_one_cause
 
@@ -39,6 +39,16 @@ def test_a_late_channel_is_one_cause_only_where_all_joints_are_late():
     assert of_one_cause(delays(0.1), range(1)) == []
     later = [replace(delay, onset=joint) for joint, delay in enumerate(delays(0.1, 0.1))]
     assert of_one_cause(later, range(2)) == []  # they did not become late at the same time
+
+
+def test_two_delays_may_have_set_in_at_one_moment():
+    always, other = delays(0.1, 0.1)
+    early, middle, late = (
+        replace(always, onset=begin + 5, onset_between=(begin, begin + 10)) for begin in (0, 8, 16)
+    )
+    assert set_in_together(always, other) and not set_in_together(always, early)
+    assert set_in_together(early, middle) and set_in_together(middle, late)
+    assert not set_in_together(early, late)
 
 
 def test_dead_bands_on_several_joints_are_one_cause_and_gains_are_not():

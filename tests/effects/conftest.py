@@ -34,7 +34,11 @@ VALUES = {
         "cold_lag": [0.08, 0.12],
         "time_constant": [40.0, 40.0],
     },
-    "leakage": {"sag_rate": [-0.04, 0.01]},
+    "leakage": {
+        "sag_rate": [-0.04, 0.01],
+        "share_in_positive_motion": [1.2, 0.0],
+        "share_in_negative_motion": [0.3, 1.7],
+    },
     "backlash": {"width": [0.03, 0.008]},
     "stiction": {"mean_extra_time": [0.13, 0.22], "rest_threshold": [0.31, 0.12]},
     "end_cushion": {"loss_upper": [0.6, 0.3], "loss_lower": [0.2, 0.0], "zone_share": [0.3, 0.4]},

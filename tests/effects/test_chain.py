@@ -31,7 +31,7 @@ def test_places_follow_each_other_in_hand_numbers():
     chain = chain_of("leakage", "gain")  # first the ratio, then the creep
     values = {
         "gain": {"ratio_positive": np.full(2, 2.0), "ratio_negative": np.ones(2)},
-        "leakage": {"sag_rate": np.full(2, 0.125)},
+        "leakage": chain.effects["leakage"].neutral() | {"sag_rate": np.full(2, 0.125)},
     }
     signals = Signals(jnp.zeros(2), jnp.zeros(2), jnp.zeros(()))
     _, v = chain.velocity(values, chain.initial(()), jnp.array([0.25, -0.25]), signals)

@@ -1,0 +1,83 @@
+"""What confirmation rows say of effects on several joints: together, alone, and of what nobody may shift."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pipeline.configuration import load_section
+from pipeline.discrepancy.confirmation import Confirmation, Judgement, in_words
+from pipeline.discrepancy.found import Found
+from pipeline.discrepancy.regression import Folds
+from pipeline.discrepancy.screen import Candidate, Rows
+from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.effects.effect import Setting
+from pipeline.effects.flow_coupling import FlowCoupling
+
+N_ROWS, BLOCK_ROWS, NOISE = 4000, 50, 0.05
+GATE = load_section("close_loop", CloseLoopConfig, "paper").gate
+EFFECTS = {"flow_coupling": FlowCoupling(Setting(0.05, -np.ones(2), np.ones(2), np.ones(2)))}
+
+
+def confirmation(true_loss: tuple[float, float], scale: tuple[float, float] = (1.0, 1.0)) -> Confirmation:
+    """Two joints that move at random and lose these shares of their speed, the second half of the rows held out."""
+    random = np.random.default_rng(0)
+    u = random.standard_normal((1, N_ROWS, 2)) * scale
+    velocity = u * (1.0 - np.array(true_loss)) + NOISE * np.array(scale) * random.standard_normal(u.shape)
+
+    def velocities(hypotheses: list[dict]) -> np.ndarray:
+        loss = [h["flow_coupling"]["loss_fraction"].sum(axis=1) if h else np.zeros(2) for h in hypotheses]
+        return np.stack([u * (1.0 - of) for of in loss])
+
+    sequences = SimpleNamespace(velocity=velocity, stamp_ns=np.arange(N_ROWS)[None])
+    simulation = SimpleNamespace(sequences=sequences, velocities=velocities, effects=EFFECTS, onsets={})
+    late = np.arange(N_ROWS)[None] >= N_ROWS // 2
+    return Confirmation(simulation, rows(~late), rows(late), {}, GATE, 100, (0, 1), 2, 0)
+
+
+def rows(is_used: np.ndarray) -> Rows:
+    n = int(is_used.sum()) // 2
+    block = np.arange(n) // BLOCK_ROWS
+    return Rows(is_used, Folds(block % 2, block, int(block.max()) + 1), np.full(2, NOISE**2), np.ones((n, 2)))
+
+
+def coupled(joint: int, loss: float) -> Found:
+    """A joint that loses a share of its speed by the other one, as fitted."""
+    freed = ((("loss_fraction", 1 - joint),),)
+    return Found(Candidate("flow_coupling", joint, None, {}, freed, np.array([loss]), 1.0, 0.5, np.ones(4)))
+
+
+def test_one_cause_is_left_off_the_joint_on_which_it_is_no_help() -> None:
+    first, second = confirmation((0.2, 0.0)).judge([coupled(0, 0.2), coupled(1, 0.1)])
+    assert first.is_confirmed and first.bound > 0.5
+    assert not first.is_pooled  # by itself it shows more than with a joint that has no part in it
+    assert not second.is_confirmed and second.share < 0.0
+
+
+def test_joints_bear_each_other_out_and_count_alike_whatever_their_size() -> None:
+    # by itself the second joint's lower bound would be below zero
+    gate = replace(GATE, smallest_improvement=0.05)
+    judging = replace(confirmation((0.3, 0.012), scale=(1.0, 100.0)), config=gate)
+    alone = judging.judge([coupled(1, 0.012)])[0]
+    together = judging.judge([coupled(0, 0.3), coupled(1, 0.012)])[1]
+    assert 0.0 < alone.share < 0.1 and not alone.is_confirmed
+    assert together.is_confirmed and together.is_pooled and together.share == pytest.approx(alone.share)
+    assert together.bound > alone.bound
+
+
+def test_a_bound_of_more_confidence_is_lower() -> None:
+    judging = confirmation((0.03, 0.0))
+    bounds = [
+        replace(judging, config=replace(GATE, confidence=c)).judge([coupled(0, 0.03)])[0].bound
+        for c in (0.8, 0.95)
+    ]
+    assert bounds[0] > bounds[1]
+
+
+def test_the_sentence_says_whose_bound_it_is() -> None:
+    judgement = Judgement(0.3, 0.2, 1e-9, is_confirmed=True, is_pooled=False)
+    assert "(at least 20%)" in in_words(coupled(0, 0.1), judgement, "lift")
+    pooled = replace(judgement, is_pooled=True, is_confirmed=False)
+    assert "not confirmed" in in_words(coupled(0, 0.1), pooled, "lift")
+    assert "(with its other joints at least 20%)" in in_words(coupled(0, 0.1), pooled, "lift")
