@@ -1,8 +1,8 @@
 """`autonomous_server`: pursues target poses with a controller, at a fixed control frequency (paper, appendix).
 
 Every tick it takes the newest joint state into the buffers behind x̃ and sends the command in force; every few
-ticks (action repeats) it asks the controller anew. A decision takes time: until it arrives, the command before it
-stays in force, and the loop goes on.
+ticks (action repeats) it asks the controller anew instead, and sends what it decides as soon as that is there. Until
+then the command before it stays in force, and the loop goes on.
 """
 
 from collections.abc import Sequence

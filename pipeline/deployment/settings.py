@@ -182,8 +182,8 @@ class DeploymentConfig:
     Attributes:
         seed: of delays, jitter and phases in simulated time, and of a planner's samples.
         delays: file of measured delays, written by `measure_delays`.
-        unmeasured_planning_s: how long a planner takes for a decision where the file says nothing of planners; null:
-            it must.
+        unmeasured_planning_s: how long a planner takes for a decision where the file says nothing of one of its budget
+            and network; null: it must.
         targets: successive targets of the stand-in for Sim2Real.
         planner_episodes: of the fixed episodes, the first ones that a planner is tried on in Sim2Sim.
         planner_targets: successive targets of a planner.

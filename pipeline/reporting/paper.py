@@ -73,7 +73,7 @@ BRAX_EVALUATION = _read(
 )
 # Training steps after which the paper evaluates a policy on each model kind.
 PPO_EVALUATED_STEPS = {kind: 800_000_000 if kind == "kan_dqdot" else 270_000_000 for kind in KIND_NAMES}
-# Of iCEM: samples, optimisation steps, horizon in decisions.
+# Of iCEM: samples, optimisation steps, entries of a sequence.
 ICEM_BUDGET = (500, 12, 20)
 
 # The paper's superscripts of the terms in `reward.terms`, in the order of Eq. reward_function.

@@ -6,6 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 from omegaconf import MISSING
 
@@ -18,6 +19,7 @@ from pipeline.deployment.simulated_time.delays import save_delays
 from pipeline.errors import InputError
 from pipeline.stages.graph_node import GraphStage
 from pipeline.stages.run_graph import run_targets
+from pipeline.stages.sim2sim import planner_effort
 from pipeline.tracking import StageRun
 
 REPLACED = ("policy", "variant", "output")  # overrides that each run has of its own
@@ -46,7 +48,7 @@ def main(configuration: MeasureDelaysStage, run: StageRun) -> None:
             configuration, policy=None, variant=configuration.planner, output=str(output / "icem")
         )
         runs["iCEM"] = measured_run(planning)
-    how = {
+    how: dict[str, Any] = {
         "command": "measure_delays",
         "targets": configuration.targets,
         "controllers": list(runs),
@@ -54,6 +56,8 @@ def main(configuration: MeasureDelaysStage, run: StageRun) -> None:
         "load_average_before": round(load_before, 2),
         "load_average_after": round(os.getloadavg()[0], 2),
     }
+    if configuration.planner is not None:
+        how["planner"] = planner_effort(configuration)._asdict()
     save_delays(Path(configuration.delays), distributions(runs["PPO"], runs.get("iCEM")), how)
     decision_s = configuration.control.action_repeats * configuration.machine.dt_s
     table = real_time_table(runs, decision_s)

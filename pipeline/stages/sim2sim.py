@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
+import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
@@ -17,7 +18,14 @@ from pipeline.deployment.controllers import Controller, ControllerKind, IcemCont
 from pipeline.deployment.goals import goal_solver
 from pipeline.deployment.machine import LearnedStep
 from pipeline.deployment.settings import DeploymentConfig
-from pipeline.deployment.simulated_time.delays import Distribution, delays_of, load_delays
+from pipeline.deployment.simulated_time.delays import (
+    PLANNING,
+    Distribution,
+    PlannerEffort,
+    delays_of,
+    load_delays,
+    measured_effort,
+)
 from pipeline.deployment.termination import TerminalConditions
 from pipeline.deployment.trials import GraphParts, run_episodes
 from pipeline.effects.store import load_dynamics
@@ -149,14 +157,26 @@ def controller_files(configuration: Sim2SimStage) -> list[str]:
 def controller_delays(configuration: Sim2SimStage) -> Mapping[str, Distribution]:
     """Delays of the graph with this controller; says in one line what of them was not measured."""
     deployment = configuration.deployment
-    links = load_delays(Path(deployment.delays))
+    path = Path(deployment.delays)
+    links = load_delays(path)
+    if configuration.kind is ControllerKind.icem and measured_effort(path) != planner_effort(configuration):
+        links.pop(PLANNING, None)  # another planner's decisions say nothing of this one's
     delays, is_measured = delays_of(links, configuration.kind, deployment.unmeasured_planning_s)
     if not is_measured:
         print(
-            f"{deployment.delays} was measured without a planner: a decision is taken to last "
-            f"deployment.unmeasured_planning_s = {deployment.unmeasured_planning_s:g} s"
+            f"{deployment.delays} was measured without a planner of this budget and network: a decision is taken to "
+            f"last deployment.unmeasured_planning_s = {deployment.unmeasured_planning_s:g} s"
         )
     return delays
+
+
+def planner_effort(configuration: Sim2SimStage) -> PlannerEffort:
+    """What a decision of iCEM costs on this model."""
+    _, parameters = load_dynamics(Path(configuration.model))
+    return PlannerEffort(
+        configuration.icem.model_steps(configuration.control.action_repeats),
+        sum(np.size(leaf) for leaf in jax.tree.leaves(parameters)),
+    )
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -21,9 +22,11 @@ from pipeline.deployment.messages import JointState, ReachGoal, Topic
 from pipeline.deployment.simulated_time.delays import (
     PLANNING,
     Distribution,
+    PlannerEffort,
     Sampler,
     delays_of,
     load_delays,
+    measured_effort,
     no_delays,
     save_delays,
 )
@@ -34,7 +37,8 @@ from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.logged_trials import trial_traces
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
-from pipeline.stages.sim2sim import Sim2SimStage
+from pipeline.stages import sim2sim
+from pipeline.stages.sim2sim import Sim2SimStage, controller_delays
 from tests.deployment.machines import MIDDLE, arm, bobcat, paper
 from tests.reaching.lag import lag_dynamics
 
@@ -139,6 +143,27 @@ def test_a_planner_s_decisions_take_their_own_time(tmp_path) -> None:
     save_delays(tmp_path / "delays.json", measured | {PLANNING: Distribution.constant(0.2)}, {})
     planner, is_measured = delays_of(load_delays(tmp_path / "delays.json"), ControllerKind.icem, 0.05)
     assert is_measured and planner["inference"].quantiles_s[0] == 0.2
+
+
+def test_a_file_of_delays_says_of_which_planner_it_is(tmp_path) -> None:
+    path, effort = tmp_path / "delays.json", PlannerEffort(model_steps=5984, model_parameters=14468)
+    save_delays(path, no_delays() | {PLANNING: Distribution.constant(0.2)}, {"planner": effort._asdict()})
+    assert measured_effort(path) == effort
+    save_delays(path, no_delays() | {PLANNING: Distribution.constant(0.2)}, {})
+    assert measured_effort(path) is None
+
+
+def test_delays_of_another_planner_are_not_this_one_s(tmp_path, capsys, monkeypatch) -> None:
+    path, effort = tmp_path / "delays.json", PlannerEffort(model_steps=5984, model_parameters=14468)
+    save_delays(path, no_delays() | {PLANNING: Distribution.constant(0.2)}, {"planner": effort._asdict()})
+    deployment = SimpleNamespace(delays=str(path), unmeasured_planning_s=0.09)
+    stage = Sim2SimStage(variant=RewardVariant.icem, deployment=deployment)
+    monkeypatch.setattr(sim2sim, "planner_effort", lambda _: effort)
+    assert controller_delays(stage)["inference"].quantiles_s[0] == 0.2
+    assert not capsys.readouterr().out
+    monkeypatch.setattr(sim2sim, "planner_effort", lambda _: effort._replace(model_steps=200_000))
+    assert controller_delays(stage)["inference"].quantiles_s[0] == 0.09
+    assert "0.09 s" in capsys.readouterr().out
 
 
 def test_nothing_is_compiled_once_a_server_has_rehearsed(parts: GraphParts) -> None:

@@ -106,6 +106,10 @@ class IcemConfig:
         """Ticks that the dynamics takes per entry of a sequence."""
         return action_repeats if self.held_entries else 1
 
+    def model_steps(self, action_repeats: int) -> int:
+        """Steps of the dynamics that a decision takes, over all its sequences."""
+        return self.sequences_per_decision * self.horizon * self.ticks_per_entry(action_repeats)
+
     def entries_per_decision(self, action_repeats: int) -> int:
         """By how many entries sequences move on from one decision, of `action_repeats` ticks, to the next.
 

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,18 @@ LINKS = {
     "timer": "tick, from when it was due",
 }
 PLANNING = "planning"  # decision of a planner, in files that were measured with one: in place of "inference"
+
+
+class PlannerEffort(NamedTuple):
+    """What a planner's decision costs, whatever the computer.
+
+    Attributes:
+        model_steps: steps of the dynamics, over all sequences.
+        model_parameters: numbers in its network.
+    """
+
+    model_steps: int
+    model_parameters: int
 
 
 @dataclass(frozen=True)
@@ -116,6 +128,12 @@ def load_delays(path: Path) -> dict[str, Distribution]:
                 f"{path}: quantiles of {name} are not ascending from zero; run measure_delays anew"
             )
     return links
+
+
+def measured_effort(path: Path) -> PlannerEffort | None:
+    """Of the planner whose decisions the file holds; None where it holds none, or says nothing of it."""
+    planner = json.loads(path.read_text())["measured"].get("planner")
+    return None if planner is None else PlannerEffort(**planner)
 
 
 def delays_of(

@@ -101,6 +101,7 @@ def test_population_decays_to_twice_the_elites():
     paper = load_section("icem", IcemConfig)
     assert paper.sample_counts == [500, 400, 320, 256, 204, 163, 131, 104, 100, 100, 100, 100]
     assert paper.sequences_per_decision == sum(paper.sample_counts) + 25
+    assert paper.model_steps(action_repeats=4) == (2478 + 25) * 20 * 4
 
 
 def test_the_mean_takes_a_samples_place_in_the_last_iteration_alone(small_icem):
