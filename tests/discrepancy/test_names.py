@@ -71,6 +71,8 @@ def test_a_dependence_on_activity_has_to_explain_more_than_a_cause_with_an_equat
         ("load", (-0.2, -0.19), False),  # slower both ways
         ("thermal_drift", (0.3, 0.0), True),
         ("thermal_drift", (-0.3, 0.0), False),
+        ("thermal_drift", (0.3, -0.1), True),
+        ("thermal_drift", (0.1, -0.2), False),  # a joint that stays slow when it is warm
         ("flow_coupling", (0.3, 0.2), True),
         ("flow_coupling", (0.9, 0.4), False),
         ("gain", (-0.5,), True),
