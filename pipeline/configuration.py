@@ -146,11 +146,22 @@ def check(composed: DictConfig) -> Any:
     """
     try:
         _check_machine_name(composed)
-        return OmegaConf.to_object(composed)
+        configuration = OmegaConf.to_object(composed)
     except MissingMandatoryValue as error:
         raise InputError(
             f"`{error.full_key}` is missing; add {error.full_key}=VALUE to the command"
         ) from error
+    _check_checkpoints(getattr(configuration, "checkpoints", None))
+    return configuration
+
+
+def _check_checkpoints(folder: str | None) -> None:
+    """A finished run deletes its checkpoints; by `output=../x` their default would be the folder `x`."""
+    if folder is not None and ".." in Path(folder).parts:
+        raise InputError(
+            f"checkpoints={folder}: leads out of its own folder, which is deleted once the run is finished; "
+            "add checkpoints=FOLDER to the command, or give output without .."
+        )
 
 
 def _check_machine_name(composed: DictConfig) -> None:

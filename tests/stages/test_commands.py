@@ -132,3 +132,17 @@ def test_a_missing_model_is_named(tmp_path: Path) -> None:
     result = run_stage("ppo", "model=nowhere", "seed=0", "output=policy", folder=tmp_path)
     assert result.returncode == 2
     assert len(result.stderr.splitlines()) >= 1 and "nowhere" in result.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("stage", ["identify", "ppo", "evaluate_icem"])
+def test_an_output_beside_the_folder_costs_no_folder_of_the_same_name(stage: str, tmp_path: Path) -> None:
+    """A finished run deletes its checkpoints, whose default place would be `data2` here."""
+    here = tmp_path / "here"
+    (here / "data2").mkdir(parents=True)
+    (here / "data2" / "results.txt").write_text("mine")
+    model = {"identify": "tuples=none", "ppo": "model=none", "evaluate_icem": "model=none"}[stage]
+    variant = ["variant=icem"] if stage == "evaluate_icem" else []
+    done = run_stage(stage, model, *variant, "output=../data2", folder=here)
+    assert done.returncode == 2
+    assert "checkpoints/../data2" in done.stderr and "without .." in done.stderr
+    assert (here / "data2" / "results.txt").read_text() == "mine"

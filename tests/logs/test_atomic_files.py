@@ -1,0 +1,29 @@
+"""Files that appear whole or not at all, and what is said where they cannot."""
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.atomic_files import replacing, write_whole
+from pipeline.errors import InputError
+
+
+def test_a_file_where_a_folder_should_be_is_named_and_left_as_it_is(tmp_path: Path) -> None:
+    place = tmp_path / "notes.txt"
+    place.write_text("mine")
+    with pytest.raises(InputError, match=r"notes\.txt/model/x\.json: cannot be written"):
+        write_whole(place / "model" / "x.json", b"{}")
+    assert place.read_text() == "mine"
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_nothing_is_left_of_a_file_that_was_not_finished(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="unfinished"):
+        _write_half(tmp_path / "x.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def _write_half(path: Path) -> None:
+    with replacing(path) as partial:
+        partial.write_text("{")
+        raise ValueError("unfinished")
