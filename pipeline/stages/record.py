@@ -22,6 +22,7 @@ from pipeline.plant.undeclared import draw_effects, parameters_of_session
 from pipeline.tracking import StageRun, progress_bar
 
 SEAL = "undeclared.seal"
+SESSION_NAME = "%Y-%m-%d-%H-%M-%S"  # of a bag: when it begins
 
 
 @dataclass
@@ -66,7 +67,7 @@ def main(configuration: RecordStage, run: StageRun) -> None:
     first = datetime.fromisoformat(record.first_session)
     for number, ((folder, minutes), seed) in enumerate(zip(sessions, seeds, strict=True)):
         start = first + timedelta(days=number)
-        path = output / folder / start.strftime("%Y-%m-%d-%H-%M-%S")
+        path = output / folder / start.strftime(SESSION_NAME)
         record_bag(path, machine, effects, number, style_seed, minutes, seed, start)
     run.metrics({"recorded_minutes": sum(minutes for _, minutes in sessions)})
 
@@ -79,13 +80,25 @@ def operator_and_sessions(seed: int, n_sessions: int) -> tuple[int, list[int]]:
 
 def clear(output: Path, folders: Sequence[str]) -> None:
     """Make the folders anew. What this stage wrote may go (its seal lies beside it), anything else may not."""
-    for folder in (output / name for name in folders):
-        if folder.exists() and any(folder.glob("[!.]*")) and not (output / SEAL).exists():
+    present = [folder for folder in (output / name for name in folders) if folder.exists()]
+    for folder in present:  # all of them are looked at before any is touched
+        is_sealed = (output / SEAL).exists()
+        if any(not (is_sealed and _is_recorded(entry)) for entry in folder.glob("[!.]*")):
             raise InputError(
                 f"{folder}: holds logs that record did not write; name them with logs={folder}, or move them away"
             )
+    for folder in (output / name for name in folders):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
+
+
+def _is_recorded(entry: Path) -> bool:
+    """Whether it bears a name that this stage gives to sessions."""
+    try:
+        datetime.strptime(entry.name, SESSION_NAME)
+    except ValueError:
+        return False
+    return True
 
 
 def record_bag(

@@ -13,7 +13,7 @@ from pipeline.plant.seal import write_seal
 from pipeline.plant.session import RecordConfig
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.undeclared import draw_effects
-from pipeline.stages.record import SEAL, clear, operator_and_sessions, record_bag
+from pipeline.stages.record import SEAL, SESSION_NAME, clear, operator_and_sessions, record_bag
 from pipeline.tracking import StageRun
 
 SESSIONS = "sessions"
@@ -95,7 +95,7 @@ def main(configuration: RecordChangedStage, run: StageRun) -> None:
     first = datetime.fromisoformat(configuration.record.first_session) + timedelta(days=settings.days_later)
     for number, (minutes, seed) in enumerate(zip(settings.session_minutes, seeds.tolist(), strict=True)):
         start = first + timedelta(days=number)
-        path = output / SESSIONS / start.strftime("%Y-%m-%d-%H-%M-%S")
+        path = output / SESSIONS / start.strftime(SESSION_NAME)
         record_bag(path, machine, effects, number, style_seed, minutes, seed, start)
     run.metrics({"recorded_minutes": sum(settings.session_minutes)})
 

@@ -117,6 +117,20 @@ def test_own_logs_take_the_place_of_recorded_ones(logs: Path, tmp_path: Path) ->
     assert not list(tmp_path.rglob("*.mcap"))
 
 
+def test_a_bag_laid_beside_recorded_ones_is_not_deleted_with_them(logs: Path, tmp_path: Path) -> None:
+    first = run_stage("record", f"logs={logs}", "output=raw", "profile=smoke", folder=tmp_path)
+    assert first.returncode == 0 and (tmp_path / "raw/undeclared.seal").exists()
+    (tmp_path / "raw/sessions/2026-03-02-09-00-00").mkdir()  # as recorded ones are called
+    for mine in ("sessions/my_field_day", "held_out/my_field_day"):
+        (tmp_path / "raw" / mine).mkdir()
+        refused = run_stage("record", f"logs={logs}", "output=raw", "profile=smoke", folder=tmp_path)
+        assert refused.returncode == 2 and "holds logs that record did not write" in refused.stderr
+        assert (tmp_path / "raw/sessions/2026-03-02-09-00-00").is_dir()
+        (tmp_path / "raw" / mine).rmdir()
+    again = run_stage("record", f"logs={logs}", "output=raw", "profile=smoke", folder=tmp_path)
+    assert again.returncode == 0 and not any((tmp_path / "raw/sessions").iterdir())
+
+
 def test_a_sweep_runs_every_value(logs: Path, tmp_path: Path) -> None:
     overrides = ["-m", f"logs={logs}", "ingest.validation_fraction=0.1,0.2"]
     result = start("ingest", *overrides, "output=out_${ingest.validation_fraction}", folder=tmp_path)
