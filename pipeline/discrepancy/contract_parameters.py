@@ -1,6 +1,7 @@
 """From a candidate's values to the parameters that the contract names (section 4), with 95 % intervals."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Effect
 
 Quantity = dict[str, object]
+
+OF_95_PERCENT = 1.96  # standard deviations of a normal variable either side of its mean
 
 
 def describe(
@@ -120,8 +123,14 @@ def quantity(value: float, unit: str, deviation: float) -> Quantity:
     return {
         "value": float(value),
         "unit": unit,
-        "ci95": [float(value - 1.96 * deviation), float(value + 1.96 * deviation)],
+        "ci95": [float(value - OF_95_PERCENT * deviation), float(value + OF_95_PERCENT * deviation)],
     }
+
+
+def deviation_of(of: Mapping[str, Any]) -> float:
+    """The standard deviation that `quantity` was given; 0 of a value that has no interval."""
+    lower, upper = of.get("ci95", (0.0, 0.0))
+    return (upper - lower) / (2.0 * OF_95_PERCENT)
 
 
 def spreads(

@@ -15,7 +15,6 @@ ACTIVITY, DEAD_BAND = "other:activity", "other:dead_band"
 GAIN, TIMING = "gain", "timing"
 SENSOR_BIAS, BACKLASH, DELAY, OSCILLATION = "sensor_bias", "backlash", "delay", "oscillation"
 APART = 1.15  # of the larger change: by so much the two directions differ under a load, which speeds one of them up
-WARM_SHARE = 1.0  # of the speed that cold oil costs: what is lost when it is warm, too, is another effect
 AT_BOUND = 0.01  # of the range between the bounds
 
 SUPPLY_COMPLEXITY = 4.0  # as if it stood on a card: it has no wrapper
@@ -41,7 +40,7 @@ def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
     makes a joint slower one way and faster the other; nothing loses more than all of its speed to others.
     """
     if family == THERMAL_DRIFT:
-        is_right = [c.coefficients[0] > max(0.0, -c.coefficients[1] / WARM_SHARE) for c in showing]
+        is_right = [c.coefficients[0] > max(0.0, -c.coefficients[1]) for c in showing]
     elif family == LOAD:
         both_ways = [c.coefficients[:2] for c in showing]
         is_right = [np.ptp(of_joint) > APART * np.abs(of_joint).max() for of_joint in both_ways]

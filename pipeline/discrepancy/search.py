@@ -50,10 +50,8 @@ TOLD_LOSERS = 6  # of a joint's candidates
 ONSET_FACTOR, ONSET_T = 1.2, 1.5  # times the gain without onset; of the gain by blocks
 WHOLE_SECOND_SHARE = 0.5
 SECOND_CAUSE_SHARE = 0.2  # of what the first explains on all its joints
-STILL_SHARE, STILL_T = (
-    0.4,
-    2.5,
-)  # of the smallest share, and by blocks: what an effect has to do beside the others
+# What an effect has to do beside the others: of the smallest share, and by blocks.
+STILL_SHARE, STILL_T = 0.4, 2.5
 
 
 class Search:
