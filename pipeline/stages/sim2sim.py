@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
-import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
@@ -28,6 +27,8 @@ from pipeline.deployment.simulated_time.delays import (
 )
 from pipeline.deployment.termination import TerminalConditions
 from pipeline.deployment.trials import GraphParts, run_episodes
+from pipeline.dynamics.inference_time import count_parameters
+from pipeline.dynamics.store import load_model
 from pipeline.effects.store import load_dynamics
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
@@ -172,10 +173,9 @@ def controller_delays(configuration: Sim2SimStage) -> Mapping[str, Distribution]
 
 def planner_effort(configuration: Sim2SimStage) -> PlannerEffort:
     """What a decision of iCEM costs on this model."""
-    _, parameters = load_dynamics(Path(configuration.model))
+    model, _ = load_model(Path(configuration.model))
     return PlannerEffort(
-        configuration.icem.model_steps(configuration.control.action_repeats),
-        sum(np.size(leaf) for leaf in jax.tree.leaves(parameters)),
+        configuration.icem.model_steps(configuration.control.action_repeats), count_parameters(model)
     )
 
 
