@@ -23,7 +23,6 @@ from pipeline.deployment.simulated_time.delays import (
     PlannerEffort,
     delays_of,
     load_delays,
-    measured_effort,
 )
 from pipeline.deployment.termination import TerminalConditions
 from pipeline.deployment.trials import GraphParts, run_episodes
@@ -158,9 +157,8 @@ def controller_files(configuration: Sim2SimStage) -> list[str]:
 def controller_delays(configuration: Sim2SimStage) -> Mapping[str, Distribution]:
     """Delays of the graph with this controller; says in one line what of them was not measured."""
     deployment = configuration.deployment
-    path = Path(deployment.delays)
-    links = load_delays(path)
-    if configuration.kind is ControllerKind.icem and measured_effort(path) != planner_effort(configuration):
+    links, planner = load_delays(Path(deployment.delays))
+    if configuration.kind is ControllerKind.icem and planner != planner_effort(configuration):
         links.pop(PLANNING, None)  # another planner's decisions say nothing of this one's
     delays, is_measured = delays_of(links, configuration.kind, deployment.unmeasured_planning_s)
     if not is_measured:

@@ -27,7 +27,6 @@ from pipeline.deployment.simulated_time.delays import (
     Sampler,
     delays_of,
     load_delays,
-    measured_effort,
     no_delays,
     save_delays,
 )
@@ -148,16 +147,16 @@ def test_a_planner_s_decisions_take_their_own_time(tmp_path) -> None:
     with pytest.raises(InputError, match="unmeasured_planning_s"):
         delays_of(measured, ControllerKind.icem, None)
     save_delays(tmp_path / "delays.json", measured | {PLANNING: Distribution.constant(0.2)}, {})
-    planner, is_measured = delays_of(load_delays(tmp_path / "delays.json"), ControllerKind.icem, 0.05)
+    planner, is_measured = delays_of(load_delays(tmp_path / "delays.json").links, ControllerKind.icem, 0.05)
     assert is_measured and planner["inference"].quantiles_s[0] == 0.2
 
 
 def test_a_file_of_delays_says_of_which_planner_it_is(tmp_path) -> None:
     path, effort = tmp_path / "delays.json", PlannerEffort(model_steps=5984, model_parameters=14468)
     save_delays(path, no_delays() | {PLANNING: Distribution.constant(0.2)}, {"planner": effort._asdict()})
-    assert measured_effort(path) == effort
+    assert load_delays(path).planner == effort
     save_delays(path, no_delays() | {PLANNING: Distribution.constant(0.2)}, {})
-    assert measured_effort(path) is None
+    assert load_delays(path).planner is None
 
 
 def test_delays_of_another_planner_are_not_this_one_s(tmp_path, capsys, monkeypatch) -> None:
