@@ -36,6 +36,7 @@ from pipeline.deployment.scripted_joystick import ScriptedJoystick
 from pipeline.deployment.supervisor_rules import build_rules
 from pipeline.deployment.teleoperation_server import TeleoperationServer
 from pipeline.deployment.velocity_estimator import VelocityEstimator
+from pipeline.deployment.viewing.live_view import live_view
 from pipeline.effects.store import load_dynamics
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
@@ -82,6 +83,7 @@ class GraphStage(Sim2SimStage):
     driver: Driver = Driver.simulated
     plant_seed: int = MISSING
     operator_seed: int = MISSING
+    live_port: int | None = None
     can: CanBusConfig = MISSING
 
 
@@ -225,10 +227,11 @@ def operate(
     """
     machine = configuration.machine
     goals = reach_goals(configuration)
-    operator = Operator(machine)
-    operator.wait_for_server(START_TIMEOUT_S, is_running)
-    time.sleep(SETTLE_S)
-    results = operator.pursue(goals, configuration.episodes.steps * machine.dt_s + GOAL_MARGIN_S)
+    with live_view(machine, MACHINE_DIRECTORY, configuration.live_port) as taps:
+        operator = Operator(machine, taps)
+        operator.wait_for_server(START_TIMEOUT_S, is_running)
+        time.sleep(SETTLE_S)
+        results = operator.pursue(goals, configuration.episodes.steps * machine.dt_s + GOAL_MARGIN_S)
     return results, operator.recorder
 
 

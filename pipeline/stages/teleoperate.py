@@ -5,7 +5,7 @@ import enum
 import os
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,14 +13,16 @@ from pathlib import Path
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration import stage
+from pipeline.configuration import MACHINE_DIRECTORY, stage
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.controllers import ControllerKind
 from pipeline.deployment.recording import Recorder
 from pipeline.deployment.ros1.launch import graph
 from pipeline.deployment.ros1.listener import Listener
 from pipeline.deployment.simulated_time.delays import delays_of, load_delays
-from pipeline.deployment.simulated_time.graph import SimulatedGraph
+from pipeline.deployment.simulated_time.graph import SimulatedGraph, Tap
+from pipeline.deployment.simulated_time.pace import run_at_real_time
+from pipeline.deployment.viewing.live_view import live_view
 from pipeline.errors import InputError
 from pipeline.plant.session import SESSION_NAME
 from pipeline.stages.graph_node import (
@@ -85,9 +87,9 @@ def main(configuration: TeleoperateStage, run: StageRun) -> None:
     """Run the graph for so many seconds; write what it heard as one more bag in the folder `logs` of the output."""
     for name in configuration.commanding:
         component(configuration, name)  # a mistake in their settings is told here, not in a node's log
-    recorder = (
-        simulate(configuration) if configuration.graph is GraphKind.simulated_time else drive(configuration)
-    )
+    run_graph = simulate if configuration.graph is GraphKind.simulated_time else drive
+    with live_view(configuration.machine, MACHINE_DIRECTORY, configuration.live_port) as taps:
+        recorder = run_graph(configuration, taps)
     moves = sum(bool(np.any(command.values)) for _, command in recorder.commands)
     for stop in recorder.stops:
         print(f"teleoperate: control_supervisor stopped the machine by {stop.rule}: {stop.detail}")
@@ -103,7 +105,7 @@ def main(configuration: TeleoperateStage, run: StageRun) -> None:
     )
 
 
-def drive(configuration: TeleoperateStage) -> Recorder:
+def drive(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
     """The graph as ROS 1 nodes, at wall-clock time.
 
     Raises:
@@ -120,7 +122,7 @@ def drive(configuration: TeleoperateStage) -> Recorder:
                 f"teleoperate: waits for a joystick on /joystick, ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}",
                 flush=True,
             )
-        listener = Listener(configuration.machine, "recorder")
+        listener = Listener(configuration.machine, "recorder", taps)
         listener.wait_for_nodes(len(nodes), START_TIMEOUT_S, is_running)
         time.sleep(SETTLE_S)
         with contextlib.suppress(KeyboardInterrupt):  # whoever has seen enough keeps what was recorded
@@ -135,17 +137,18 @@ def passed_on(configuration: TeleoperateStage, overrides: list[str]) -> list[str
     return [*others, *(f"{key}={value}" for key, value in own.items())]
 
 
-def simulate(configuration: TeleoperateStage) -> Recorder:
-    """The same components in simulated time."""
+def simulate(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
+    """The same components in simulated time, at real time where somebody watches."""
     recorder, deployment = Recorder(), configuration.deployment
     names = (*DRIVERS[configuration.driver], *NODES, *configuration.commanding)
     components = [component(configuration, name) for name in names]
     delays, _ = delays_of(load_delays(Path(deployment.delays)).links, ControllerKind.ppo, None)
     start_ns = time.time_ns()
     simulated = SimulatedGraph(
-        components, delays, np.random.SeedSequence(deployment.seed), start_ns, taps=[recorder]
+        components, delays, np.random.SeedSequence(deployment.seed), start_ns, taps=[recorder, *taps]
     )
-    simulated.run(start_ns + nanoseconds(configuration.seconds))
+    run = SimulatedGraph.run if not taps else run_at_real_time
+    run(simulated, start_ns + nanoseconds(configuration.seconds))
     return recorder
 
 

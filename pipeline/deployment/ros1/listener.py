@@ -3,14 +3,15 @@
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from pipeline.deployment.messages import MachineOutputs, Topic
+from pipeline.deployment.messages import MachineOutputs, Message, Topic
 from pipeline.deployment.recording import Recorder
 from pipeline.deployment.ros1.clock import GraphClock
 from pipeline.deployment.ros1.installation import require_ros
 from pipeline.deployment.ros1.message_types import carriers
+from pipeline.deployment.simulated_time.graph import Tap
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 
@@ -33,12 +34,13 @@ class Listener:
         outputs: what the simulated PLC, if there is one, set its valves to.
     """
 
-    def __init__(self, machine: MachineSpecification, name: str) -> None:
+    def __init__(self, machine: MachineSpecification, name: str, taps: Sequence[Tap] = ()) -> None:
         """Joins the graph.
 
         Args:
             machine: names its topics.
             name: of this node.
+            taps: called with topic, message and time of all that is heard, one after the other.
 
         Raises:
             InputError: ROS 1 is not installed, or the graph has no clock.
@@ -47,6 +49,7 @@ class Listener:
         self._carriers = carriers(machine)
         self._lock = threading.Lock()
         self.recorder = Recorder()
+        self._taps: list[Tap] = [self.recorder, *taps]
         remappings = [word for word in sys.orig_argv if ":=" in word]
         rospy.init_node(name, argv=remappings, disable_signals=True)
         self._clock = GraphClock(rospy)
@@ -63,10 +66,14 @@ class Listener:
     def _record(self, ros_message: Any, topic: Topic) -> None:
         now_ns = self._clock.now_ns()
         message = self._carriers[topic].from_ros(ros_message, now_ns)
+        self._keep(topic, message, now_ns)
+
+    def _keep(self, topic: Topic, message: Message, now_ns: int) -> None:
         with self._lock:
             if isinstance(message, MachineOutputs):
                 self.outputs.append(message)
-            self.recorder(topic, message, now_ns)
+            for tap in self._taps:
+                tap(topic, message, now_ns)
 
     def now_ns(self) -> int:
         """Time of the graph."""

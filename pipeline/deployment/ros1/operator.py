@@ -3,9 +3,10 @@
 import time
 from collections.abc import Callable, Sequence
 
-from pipeline.deployment.messages import ReachGoal, ReachResult
+from pipeline.deployment.messages import ReachGoal, ReachResult, Topic
 from pipeline.deployment.ros1.listener import POLL_S, Listener
 from pipeline.deployment.ros1.reach_action import ReachClient
+from pipeline.deployment.simulated_time.graph import Tap
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 
@@ -17,13 +18,13 @@ class Operator(Listener):
         client: of the action.
     """
 
-    def __init__(self, machine: MachineSpecification) -> None:
-        """Joins the graph.
+    def __init__(self, machine: MachineSpecification, taps: Sequence[Tap] = ()) -> None:
+        """Joins the graph; arguments as of `Listener`.
 
         Raises:
             InputError: ROS 1 is not installed, or the graph has no clock.
         """
-        super().__init__(machine, "operator")
+        super().__init__(machine, "operator", taps)
         self.client = ReachClient()
 
     def wait_for_server(self, timeout_s: float, is_running: Callable[[], bool]) -> None:
@@ -64,5 +65,5 @@ class Operator(Listener):
         result = self.client.result(timeout_s)
         if result is None:
             raise InputError(f"a goal did not end within {timeout_s:g} s; see the nodes' logs")
-        self.recorder.results.append(result)
+        self._keep(Topic.result, result, self.now_ns())
         return result
