@@ -16,13 +16,12 @@ from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import Effect
 from pipeline.plant.operator import draw_style
 from pipeline.plant.seal import write_seal
-from pipeline.plant.session import NANOSECONDS, RecordConfig, record_session
+from pipeline.plant.session import NANOSECONDS, SESSION_NAME, RecordConfig, record_session
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.undeclared import draw_effects, parameters_of_session
 from pipeline.tracking import StageRun, progress_bar
 
 SEAL = "undeclared.seal"
-SESSION_NAME = "%Y-%m-%d-%H-%M-%S"  # of a bag: when it begins
 
 
 @dataclass
@@ -80,14 +79,14 @@ def operator_and_sessions(seed: int, n_sessions: int) -> tuple[int, list[int]]:
 
 def clear(output: Path, folders: Sequence[str]) -> None:
     """Make the folders anew. What this stage wrote may go (its seal lies beside it), anything else may not."""
-    present = [folder for folder in (output / name for name in folders) if folder.exists()]
-    for folder in present:  # all of them are looked at before any is touched
-        is_sealed = (output / SEAL).exists()
+    is_sealed = (output / SEAL).exists()
+    paths = [output / name for name in folders]
+    for folder in paths:  # all of them are looked at before any is touched
         if any(not (is_sealed and _is_recorded(entry)) for entry in folder.glob("[!.]*")):
             raise InputError(
                 f"{folder}: holds logs that record did not write; name them with logs={folder}, or move them away"
             )
-    for folder in (output / name for name in folders):
+    for folder in paths:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
 
