@@ -267,7 +267,7 @@ class Search:
         best = max(rivals, key=self.comparison.net)
         as_good = self.comparison.as_good_as(best, rivals)
         chosen = self.comparison.simplest(as_good)
-        equivalents = self.comparison.equivalents(chosen, as_good, at_bound)
+        equivalents = self.comparison.equivalents(chosen, as_good, rivals, at_bound)
         better = self.comparison.better_dependence(chosen, as_good)
         if better is not None:  # a wrong name is worse than none
             chosen, equivalents = better, [chosen, *(c for c in equivalents if c is not better)]
