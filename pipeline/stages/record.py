@@ -10,7 +10,7 @@ import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration import PipelineConfiguration, stage
-from pipeline.errors import InputError
+from pipeline.logs.own_folders import refuse_foreign
 from pipeline.logs.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import Effect
@@ -80,13 +80,13 @@ def operator_and_sessions(seed: int, n_sessions: int) -> tuple[int, list[int]]:
 
 def clear(output: Path, folders: Sequence[str]) -> None:
     """Make the folders anew. What this stage wrote may go (its seal lies beside it), anything else may not."""
-    present = [folder for folder in (output / name for name in folders) if folder.exists()]
-    for folder in present:  # all of them are looked at before any is touched
-        is_sealed = (output / SEAL).exists()
-        if any(not (is_sealed and _is_recorded(entry)) for entry in folder.glob("[!.]*")):
-            raise InputError(
-                f"{folder}: holds logs that record did not write; name them with logs={folder}, or move them away"
-            )
+    is_sealed = (output / SEAL).exists()
+    refuse_foreign(
+        [output / name for name in folders],
+        lambda entry: is_sealed and _is_recorded(entry),
+        "record",
+        "name them with logs={folder}, or move them away",
+    )
     for folder in (output / name for name in folders):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
