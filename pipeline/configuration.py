@@ -5,13 +5,14 @@ stage's dataclass; ranges are checked when the dataclasses are built, before any
 """
 
 import contextlib
+import enum
 import functools
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import hydra
 from hydra.core.config_store import ConfigStore
@@ -23,6 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.machine.specification import MachineSpecification
+from pipeline.places import refuse_overlap
 from pipeline.tracking import StageRun, TrackingConfiguration, track
 
 CONFIGURATION_DIRECTORY = Path(__file__).resolve().parent.parent / "conf"
@@ -45,7 +47,27 @@ class ControlConfiguration:
 
 @dataclass
 class PipelineConfiguration:
-    """What every stage shares. A stage's own class types the sections that it reads; the others pass untyped."""
+    """What every stage shares. A stage's own class types the sections that it reads; the others pass untyped.
+
+    Attributes:
+        reads: Keys of stages that name what is only read. A stage that has rules of its own for them names fewer.
+        writes: Keys of stages that name where is written.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = (
+        "closed_loop",
+        "held_out",
+        "logs",
+        "measured",
+        "model",
+        "models",
+        "nominal",
+        "policy",
+        "seal",
+        "sessions",
+        "tuples",
+    )
+    writes: ClassVar[tuple[str, ...]] = ("checkpoints", "delays", "output", "report", "storage")
 
     machine: MachineSpecification = MISSING
     tracking: TrackingConfiguration = MISSING
@@ -115,6 +137,7 @@ def stage(
         def job(composed: DictConfig) -> None:
             with _failing_in_one_line(name):
                 typed = check(composed)
+                check_places(typed)
                 resolved: Any = OmegaConf.to_container(composed, resolve=True)
                 text = OmegaConf.to_yaml(composed, resolve=True)
                 run_folder = Path(HydraConfig.get().runtime.output_dir)
@@ -162,6 +185,24 @@ def _check_checkpoints(folder: str | None) -> None:
             f"checkpoints={folder}: leads out of its own folder, which is deleted once the run is finished; "
             "add checkpoints=FOLDER to the command, or give output without .."
         )
+
+
+def check_places(configuration: PipelineConfiguration) -> None:
+    """Check that nothing is written where something is only read.
+
+    Raises:
+        InputError: A place is for both.
+    """
+    # of `identify`, `model` is one of an enumeration
+    places = {
+        key: value
+        for key, value in vars(configuration).items()
+        if value and isinstance(value, str | list) and not isinstance(value, enum.Enum)
+    }
+    refuse_overlap(
+        {key: places[key] for key in configuration.writes if key in places},
+        {key: places[key] for key in configuration.reads if key in places},
+    )
 
 
 def _check_machine_name(composed: DictConfig) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from omegaconf import MISSING
@@ -28,6 +29,8 @@ SESSION_NAME = "%Y-%m-%d-%H-%M-%S"  # of a bag: when it begins
 @dataclass
 class RecordStage(PipelineConfiguration):
     """Keys of `conf/record.yaml`."""
+
+    reads: ClassVar[tuple[str, ...]] = ()  # `logs` may name what is recorded here, which is then no input
 
     record: RecordConfig = MISSING
     logs: str | None = None

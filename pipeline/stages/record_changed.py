@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from omegaconf import MISSING
@@ -46,6 +47,10 @@ class RecordChangedConfig:
 @dataclass
 class RecordChangedStage(PipelineConfiguration):
     """Keys of `conf/record_changed.yaml`."""
+
+    reads: ClassVar[
+        tuple[str, ...]
+    ] = ()  # `logs` and `measured` may name what is recorded, which is then no input
 
     record: RecordConfig = MISSING
     record_changed: RecordChangedConfig = MISSING

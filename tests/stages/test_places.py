@@ -28,3 +28,60 @@ def test_run_graph_takes_an_earlier_runs_bags_for_its_own(tmp_path: Path) -> Non
     (tmp_path / "simulated/another").mkdir(parents=True)
     with pytest.raises(InputError, match="simulated: holds logs that run_graph did not write"):
         refuse_others_logs(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("stage", "overrides", "said"),
+    [
+        ("view", ["logs=mine", "output=mine"], "output=mine: is logs=mine"),
+        ("view", ["logs=mine", "output=mine/../mine/seen"], "lies in logs=mine"),
+        ("view", ["logs=mine", "output=link"], "output=link: is logs=mine"),
+        ("evaluate_logs", ["model=model", "logs=mine", "output=mine/day.mcap"], "lies in logs=mine"),
+        ("evaluate_logs", ["model=model", "logs=mine/day.mcap", "output=mine/day.mcap"], "is logs="),
+        ("evaluate_logs", ["model=model", "logs=mine", "output=model/meta.json"], "lies in model=model"),
+        (
+            "unseal",
+            ["closed_loop=said.json", "seal=a.seal", "output=a.seal"],
+            "output=a.seal: is seal=a.seal",
+        ),
+        ("unseal", ["closed_loop=said.json", "seal=a.seal", "output=said.json"], "is closed_loop=said.json"),
+        (
+            "close_loop",
+            ["nominal=mine", "measured=other", "model=loop/model_after", "output=loop"],
+            "output=loop: contains model=loop/model_after",
+        ),
+        ("close_loop", ["nominal=mine", "measured=other", "output=mine"], "output=mine: is nominal=mine"),
+        ("identify", ["tuples=mine", "output=out", "checkpoints=mine"], "checkpoints=mine: is tuples=mine"),
+        (
+            "search",
+            ["tuples=mine", "output=out", "storage=mine/x.journal"],
+            "storage=mine/x.journal: lies in",
+        ),
+        ("judge", ["models=[model]", "output=model/judged"], "lies in models=model"),
+    ],
+)
+def test_nothing_is_written_where_something_is_only_read(
+    stage: str, overrides: list[str], said: str, tmp_path: Path
+) -> None:
+    for name in ("mine/day.mcap", "a.seal", "said.json", "loop/model_after/effects.json", "model/meta.json"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("mine")
+    (tmp_path / "link").symlink_to("mine")
+    refused = run_stage(stage, *overrides, folder=tmp_path)
+    assert refused.returncode == 2
+    (line,) = refused.stderr.splitlines()
+    assert said in line and "which is only read; name another" in line
+    files = [path for path in tmp_path.rglob("*") if path.is_file() and "runs" not in path.parts]
+    assert len(files) == 5 and all(path.read_text() == "mine" for path in files)
+
+
+def test_a_sweep_is_refused_before_any_of_its_jobs_starts(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    refused = run_stage("view", "-m", "logs=mine", "output=out,mine", folder=tmp_path)
+    assert refused.returncode == 2 and "output=mine: is logs=mine" in refused.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_model_kind_is_no_place(tmp_path: Path) -> None:
+    done = run_stage("identify", "model=mlp", "tuples=none", "output=mlp", folder=tmp_path)
+    assert done.returncode == 2 and "only read" not in done.stderr and "none" in done.stderr
