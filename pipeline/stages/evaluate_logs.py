@@ -15,8 +15,7 @@ from pipeline.deployment.graph_topics import GraphRecord, read_graph_topics
 from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
 from pipeline.dynamics.errors import Predictor, prediction_errors
 from pipeline.dynamics.store import load_model_of
-from pipeline.effects.store import load_effects
-from pipeline.effects.store import predictor as build_predictor
+from pipeline.effects.store import load_predictor
 from pipeline.errors import InputError
 from pipeline.logs.bags import read_log
 from pipeline.logs.discover import find_logs
@@ -77,10 +76,9 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
 
 
 def predictor_of(path: Path, machine: MachineSpecification) -> Predictor:
-    """The saved model, which must be of this machine."""
-    model, parameters = load_model_of(path, machine)
-    effects = load_effects(path)
-    return build_predictor(model, parameters, effects)
+    """The saved model with its effects, which must be of this machine."""
+    load_model_of(path, machine)
+    return load_predictor(path)
 
 
 def evaluate_model(

@@ -22,7 +22,8 @@ from pipeline.control.reward_ablation import (
     load_cell,
     save_cell,
 )
-from pipeline.dynamics.store import load_model_of, model_fingerprint
+from pipeline.dynamics.specify import check_machine
+from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.episodes import EpisodesConfig
 from pipeline.reaching.reward import RewardConfig
@@ -77,13 +78,14 @@ def main(configuration: RewardAblationStage, run: StageRun) -> None:
 def shared(configuration: RewardAblationStage) -> Ablation:
     """The task and the training that all cells share."""
     machine, settings, model = configuration.machine, configuration.reward_ablation, Path(configuration.model)
-    dynamics, parameters = load_model_of(model, machine)
+    dynamics, parameters = load_dynamics(model)
+    check_machine(dynamics.specification, machine, str(model))
     return Ablation(
         machine,
         load_arm(machine, MACHINE_DIRECTORY),
         dynamics,
         parameters,
-        model_fingerprint(model),
+        dynamics_fingerprint(model),
         configuration.reward,
         configuration.episodes,
         configuration.control.action_repeats,

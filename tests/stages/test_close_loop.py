@@ -19,7 +19,8 @@ from pipeline.configuration import load_machine, load_section
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.store import save_model
 from pipeline.effects.catalogue import KNOWN
-from pipeline.effects.store import load_effects
+from pipeline.effects.effect import Setting
+from pipeline.effects.store import ActiveEffects, load_effects, save_effects
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.trajectories import LogTrajectories, load_logs
@@ -79,8 +80,8 @@ def write_model(folder: Path, joints: list[str]) -> None:
         legendre_degree=4,
         joints=joints,
         rate_hz=20.0,
-        position_lower=[-1.0] * n,
-        position_upper=[1.0] * n,
+        position_lower=MACHINE.lower.tolist(),
+        position_upper=MACHINE.upper.tolist(),
         velocity_limit=[0.5] * n,
         residual_scale=[0.002] * n,
     )
@@ -95,8 +96,12 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
     "missing model": (["model=nowhere"], "error: close_loop: nowhere.*"),
     "model of another machine": (
         ["model=other_machine"],
-        "error: close_loop: model=other_machine: is of joints swing, boom, stick, bucket at 20 Hz, "
-        "not of machine bobcat_e10; ",
+        "error: close_loop: other_machine: the model is of joints swing [-0.9, 0.9], boom [-0.6, 1.2], stick "
+        "[-2.4, -0.3], bucket [-2.2, 0.5] at 20 Hz, machine bobcat_e10 has swing ",
+    ),
+    "model with effects": (
+        ["model=with_effects"],
+        "error: close_loop: with_effects/effects.json: the model has effects around it (leakage), which this stage ",
     ),
     "unknown kind": (
         ["kind=mlp_torque"],
@@ -129,6 +134,10 @@ def mistakes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, s
     (folder / "empty").mkdir()
     write_model(folder / "other_machine", ["swing", "boom", "stick", "bucket"])
     write_model(folder / "this_machine", JOINTS)
+    write_model(folder / "with_effects", JOINTS)
+    setting = Setting(MACHINE.dt_s, MACHINE.lower, MACHINE.upper, np.ones(len(JOINTS)))
+    sagging = jax.tree.map(lambda value: value + 0.1, KNOWN["leakage"](setting).neutral())
+    save_effects(folder / "with_effects", ActiveEffects(setting, {"leakage": sagging}, {}))
     ends = {
         name: run_stage("close_loop", *given(overrides), "output=out", folder=folder)
         for name, (overrides, _) in MISTAKES.items()
