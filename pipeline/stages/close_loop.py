@@ -11,6 +11,7 @@ from pipeline.configuration import ControlConfiguration, PipelineConfiguration, 
 from pipeline.discrepancy.close_loop import close_loop
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.fit import fit
+from pipeline.dynamics.judgement import seen_again
 from pipeline.dynamics.model import DynamicsModel, Target
 from pipeline.dynamics.network import Parameterization, Parameters
 from pipeline.dynamics.settings import IdentifyConfig
@@ -54,6 +55,12 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
         load_trajectories(Path(folder), machine, configuration.ingest, configuration.control.loop_tracker)
         for folder in (configuration.nominal, configuration.measured)
     )
+    again = seen_again(nominal, measured)
+    if again is not None:
+        raise InputError(
+            f"measured={configuration.measured}: trajectory {again.name} is among nominal={configuration.nominal}, "
+            "too; give logs of the machine as it is that are none of the logs that its model describes"
+        )
     model, parameters = baseline(configuration, nominal)
     run.inputs(configuration.nominal, configuration.measured)
     print(f"close_loop: {len(nominal)} nominal and {len(measured)} measured trajectories", flush=True)

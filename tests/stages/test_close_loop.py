@@ -53,9 +53,9 @@ def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, cwd=folder, env=environment, text=True, **pipes)
 
 
-def write_session(path: Path, seconds: float) -> None:
+def write_session(path: Path, seconds: float, seed: int = 0) -> None:
     """A bag in which every joint moves a little."""
-    n_samples, random = round(50 * seconds), np.random.default_rng(0)
+    n_samples, random = round(50 * seconds), np.random.default_rng(seed)
     stamps = 1_700_000_000_000_000_000 + np.arange(n_samples, dtype=np.int64) * 20_000_000
     wander = np.cumsum(random.normal(0, 1e-3, (n_samples, 4)), axis=0)
     write_bag(
@@ -89,7 +89,7 @@ def write_model(folder: Path, joints: list[str]) -> None:
     save_model(folder, model, model.initialise(jax.random.key(0)), {}, {}, {})
 
 
-# overrides besides nominal=logs measured=logs, and what the one line says
+# overrides besides nominal=logs measured=new, and what the one line says
 MISTAKES: dict[str, tuple[list[str], str]] = {
     "missing folder": (["measured=nowhere"], "error: close_loop: nowhere: no such folder; "),
     "empty folder": (["measured=empty"], "error: close_loop: empty: holds no logs "),
@@ -102,6 +102,10 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
     "model with effects": (
         ["model=with_effects"],
         "error: close_loop: with_effects/effects.json: the model has effects around it (leakage), which this stage ",
+    ),
+    "the same recording twice": (
+        ["measured=copied"],
+        "error: close_loop: measured=copied: trajectory evening is among nominal=logs, too; ",
     ),
     "unknown kind": (
         ["kind=mlp_torque"],
@@ -122,7 +126,8 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
 def given(overrides: list[str]) -> list[str]:
     """Nominal and measured logs where a mistake does not name others."""
     named = {override.partition("=")[0] for override in overrides}
-    return [*overrides, *(f"{key}=logs" for key in ("nominal", "measured") if key not in named)]
+    usual = (("nominal", "logs"), ("measured", "new"))
+    return [*overrides, *(f"{key}={value}" for key, value in usual if key not in named)]
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +135,9 @@ def mistakes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, s
     """Exit status and standard error of every mistake."""
     folder = tmp_path_factory.mktemp("mistakes")
     write_session(folder / "logs/morning", seconds=4)
+    write_session(folder / "new/evening", seconds=4, seed=1)
     write_session(folder / "short/morning", seconds=2)
+    shutil.copytree(folder / "logs/morning", folder / "copied/evening")
     (folder / "empty").mkdir()
     write_model(folder / "other_machine", ["swing", "boom", "stick", "bucket"])
     write_model(folder / "this_machine", JOINTS)
