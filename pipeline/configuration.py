@@ -24,7 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.machine.specification import MachineSpecification
-from pipeline.places import refuse_overlap
+from pipeline.places import refuse_overlap, refuse_unusable
 from pipeline.tracking import StageRun, TrackingConfiguration, track
 
 CONFIGURATION_DIRECTORY = Path(__file__).resolve().parent.parent / "conf"
@@ -52,6 +52,7 @@ class PipelineConfiguration:
     Attributes:
         reads: Keys of stages that name what is only read. A stage that has rules of its own for them names fewer.
         writes: Keys of stages that name where is written.
+        written_files: Those of them that name a file; the others name folders.
     """
 
     reads: ClassVar[tuple[str, ...]] = (
@@ -68,6 +69,7 @@ class PipelineConfiguration:
         "tuples",
     )
     writes: ClassVar[tuple[str, ...]] = ("checkpoints", "delays", "output", "report", "storage")
+    written_files: ClassVar[tuple[str, ...]] = ("delays", "storage")
 
     machine: MachineSpecification = MISSING
     tracking: TrackingConfiguration = MISSING
@@ -188,21 +190,20 @@ def _check_checkpoints(folder: str | None) -> None:
 
 
 def check_places(configuration: PipelineConfiguration) -> None:
-    """Check that nothing is written where something is only read.
+    """Check that nothing is written where something is only read, and that what is to be written can be.
 
     Raises:
-        InputError: A place is for both.
+        InputError: A place is for both, or cannot be written to.
     """
-    # of `identify`, `model` is one of an enumeration
+    # of `identify`, `model` is one of an enumeration; a database is no place
     places = {
         key: value
         for key, value in vars(configuration).items()
-        if value and isinstance(value, str | list) and not isinstance(value, enum.Enum)
+        if isinstance(value, str | list) and not isinstance(value, enum.Enum) and "://" not in value
     }
-    refuse_overlap(
-        {key: places[key] for key in configuration.writes if key in places},
-        {key: places[key] for key in configuration.reads if key in places},
-    )
+    writes = {key: places[key] for key in configuration.writes if key in places}
+    refuse_unusable(writes, configuration.written_files)
+    refuse_overlap(writes, {key: places[key] for key in configuration.reads if places.get(key)})
 
 
 def _check_machine_name(composed: DictConfig) -> None:

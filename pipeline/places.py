@@ -1,7 +1,7 @@
-"""Where a command reads and writes: no place is for both."""
+"""Where a command reads and writes: no place is for both, and what is to be written can be."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 from pipeline.errors import InputError
@@ -22,6 +22,40 @@ def refuse_overlap(writes: Mapping[str, str], reads: Mapping[str, str | Iterable
                     raise InputError(
                         f"{written}={output}: {relation} {name}={path}, which is only read; name another {written}"
                     )
+
+
+def refuse_unusable(writes: Mapping[str, str], files: Collection[str]) -> None:
+    """Raise `InputError` if a place cannot be written to, which would else be found after the work.
+
+    Args:
+        writes: Paths by the names of the settings that give them.
+        files: Names of those that are to be files; the others are to be folders.
+    """
+    for name, path in writes.items():
+        if not path:
+            raise InputError(f"{name} is empty; name a {'file' if name in files else 'folder'} to write")
+        if name in files and Path(path).is_dir():
+            raise InputError(f"{name}={path}: is a folder; name the file to write")
+        folder = _nearest(name, Path(path).parent if name in files else Path(path))
+        if not folder.is_dir():
+            raise InputError(f"{name}={path}: {folder} is no folder; move it away, or name another {name}")
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise InputError(
+                f"{name}={path}: {folder} must not be written to; change its permissions, or name another {name}"
+            )
+
+
+def _nearest(name: str, folder: Path) -> Path:
+    """The folder, or the nearest of those around it that is there, were it a link that leads nowhere."""
+    for place in (folder, *folder.parents):
+        try:
+            place.lstat()
+            return place
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        except OSError as error:
+            raise InputError(f"{name}: {place}: {error.strerror}; name another {name}") from error
+    return Path()
 
 
 def _relation(output: str, read: str) -> str | None:

@@ -4,7 +4,7 @@ that were seen, and what safety did."""
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from omegaconf import MISSING
@@ -16,7 +16,6 @@ from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_
 from pipeline.dynamics.errors import Predictor, prediction_errors
 from pipeline.dynamics.store import load_model_of
 from pipeline.effects.store import load_predictor
-from pipeline.errors import InputError
 from pipeline.logs.bags import read_log
 from pipeline.logs.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
@@ -33,6 +32,8 @@ from pipeline.tracking import StageRun, flatten_metrics
 class EvaluateLogsStage(PipelineConfiguration):
     """Keys of `conf/evaluate_logs.yaml`."""
 
+    written_files: ClassVar[tuple[str, ...]] = ("output",)
+
     control: ControlConfiguration = MISSING
     ingest: IngestConfig = MISSING
     episodes: EpisodesConfig = MISSING
@@ -46,8 +47,6 @@ class EvaluateLogsStage(PipelineConfiguration):
 def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
     """Write one JSON file (contract, section 3)."""
     machine, output = configuration.machine, Path(configuration.output)
-    if output.is_dir():
-        raise InputError(f"output={output}: is a folder; name the JSON file to write")
     if configuration.allow_empty and not Path(configuration.logs).exists():
         note = f"{configuration.logs}: no logs"
         write_whole(output, (json.dumps({"note": note}, indent=1) + "\n").encode())

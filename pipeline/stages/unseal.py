@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from omegaconf import MISSING
 
@@ -20,6 +20,8 @@ SESSIONS = "sessions"  # beside the seal: the bags that it is about
 @dataclass
 class UnsealStage(PipelineConfiguration):
     """Keys of `conf/unseal.yaml`."""
+
+    written_files: ClassVar[tuple[str, ...]] = ("output",)
 
     closed_loop: str = MISSING
     measured: str | None = None

@@ -1,10 +1,12 @@
 """What a stage was given to read, and what it did not write, outlives its run."""
 
+import os
 from pathlib import Path
 
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.places import refuse_unusable
 from pipeline.stages.run_graph import refuse_others_logs
 from tests.stages.command import run_stage
 
@@ -85,3 +87,46 @@ def test_a_sweep_is_refused_before_any_of_its_jobs_starts(tmp_path: Path) -> Non
 def test_a_model_kind_is_no_place(tmp_path: Path) -> None:
     done = run_stage("identify", "model=mlp", "tuples=none", "output=mlp", folder=tmp_path)
     assert done.returncode == 2 and "only read" not in done.stderr and "none" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("stage", "overrides", "said"),
+    [
+        ("close_loop", ["nominal=a", "measured=b", "output=notes"], "output=notes: notes is no folder; "),
+        ("ppo", ["model=none", "output=notes/policy"], "output=notes/policy: notes is no folder; "),
+        (
+            "ppo",
+            ["model=none", "output=out", "checkpoints=notes/x"],
+            "checkpoints=notes/x: notes is no folder; ",
+        ),
+        ("ingest", ["logs=a", "output=nowhere/tuples"], "output=nowhere/tuples: nowhere is no folder; "),
+        ("ingest", ["logs=a", "output=out", "report=notes"], "report=notes: notes is no folder; "),
+        ("ingest", ["logs=a", "output="], "output is empty; name a folder to write"),
+        (
+            "evaluate_logs",
+            ["model=a", "logs=b", "output=folder"],
+            "output=folder: is a folder; name the file",
+        ),
+        ("unseal", ["output=notes/judgement.json"], "notes is no folder; "),
+        ("search", ["storage=folder"], "storage=folder: is a folder; name the file to write"),
+        ("ppo", ["model=none", f"output={'x' * 300}"], "File name too long; name another output"),
+    ],
+)
+def test_an_output_that_cannot_be_written_is_refused_before_any_work(
+    stage: str, overrides: list[str], said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "notes").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "nowhere").symlink_to("gone")
+    refused = run_stage(stage, *overrides, folder=tmp_path)
+    assert refused.returncode == 2, refused.stderr
+    (line,) = refused.stderr.splitlines()
+    assert line.startswith(f"error: {stage}: ") and said in line
+    assert (tmp_path / "notes").read_text() == "mine"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_must_not_be_written_to_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "theirs").mkdir(mode=0o500)
+    with pytest.raises(InputError, match="theirs must not be written to"):
+        refuse_unusable({"output": str(tmp_path / "theirs/out")}, ())
