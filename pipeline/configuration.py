@@ -24,6 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.machine.specification import MachineSpecification
+from pipeline.numbers_in_settings import check_numbers
 from pipeline.places import refuse_overlap, refuse_unusable
 from pipeline.tracking import StageRun, TrackingConfiguration, track
 
@@ -172,10 +173,15 @@ def check(composed: DictConfig) -> Any:
     try:
         _check_machine_name(composed)
         configuration = OmegaConf.to_object(composed)
+        resolved = OmegaConf.to_container(composed, resolve=True)
     except MissingMandatoryValue as error:
         raise InputError(
             f"`{error.full_key}` is missing; add {error.full_key}=VALUE to the command"
         ) from error
+    except OmegaConfBaseException as error:
+        line = str(error).splitlines()[0]
+        raise InputError(f"`{error.full_key}`: {line}; correct it on the command line or in conf/") from error
+    check_numbers(resolved)
     _check_checkpoints(getattr(configuration, "checkpoints", None))
     return configuration
 
@@ -201,7 +207,7 @@ def check_places(configuration: PipelineConfiguration) -> None:
         for key, value in vars(configuration).items()
         if isinstance(value, str | list) and not isinstance(value, enum.Enum) and "://" not in value
     }
-    writes = {key: places[key] for key in configuration.writes if key in places}
+    writes = {key: str(places[key]) for key in configuration.writes if key in places}
     refuse_unusable(writes, configuration.written_files)
     refuse_overlap(writes, {key: places[key] for key in configuration.reads if places.get(key)})
 

@@ -1,6 +1,6 @@
 """A model's specification from its configuration, the machine, and the training rows' scales."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -62,7 +62,7 @@ def check_machine(specification: ModelSpecification, machine: MachineSpecificati
         )
 
 
-def _described(joints: Sequence[str], lower: Sequence[float], upper: Sequence[float], rate_hz: float) -> str:
+def _described(joints: Sequence[str], lower: Iterable[float], upper: Iterable[float], rate_hz: float) -> str:
     limits = [
         f"{joint} [{low:.6g}, {high:.6g}]" for joint, low, high in zip(joints, lower, upper, strict=True)
     ]

@@ -10,12 +10,14 @@ from pipeline.atomic_files import write_whole
 from pipeline.configuration import ControlConfiguration, PipelineConfiguration, stage
 from pipeline.discrepancy.close_loop import close_loop
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY_VARIATION
 from pipeline.dynamics.fit import fit
 from pipeline.dynamics.judgement import seen_again
 from pipeline.dynamics.model import DynamicsModel, Target
 from pipeline.dynamics.network import Parameterization, Parameters
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.dynamics.store import save_model
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.store import FILE, save_effects
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
@@ -42,6 +44,16 @@ class CloseLoopStage(PipelineConfiguration):
     model: str | None = None
     kind: str = MISSING
     allow_empty: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.close_loop, CloseLoopConfig):
+            return  # OmegaConf builds the node first and the object later
+        known = [*KNOWN, SUPPLY_VARIATION]
+        for family in self.close_loop.exclude:
+            if family not in known:
+                raise InputError(
+                    f"close_loop.exclude has {family}, which is not tried anyway; choose from {', '.join(known)}"
+                )
 
 
 @stage(CloseLoopStage)

@@ -18,6 +18,7 @@ from pipeline.deployment.recording import Recorder
 from pipeline.deployment.ros1.agreement import agreement_table, paired_differences
 from pipeline.deployment.ros1.launch import graph
 from pipeline.deployment.successive import run_successive
+from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.own_folders import refuse_foreign
 from pipeline.logs.trajectories import load_logs
@@ -43,6 +44,10 @@ class RunGraphStage(GraphStage):
     """Keys of `conf/run_graph.yaml`."""
 
     ingest: IngestConfig = MISSING
+
+    def __post_init__(self) -> None:
+        if isinstance(self.targets, int) and self.targets < 1:
+            raise InputError(f"targets is {self.targets}; it must be at least 1")
 
 
 @stage(RunGraphStage)
