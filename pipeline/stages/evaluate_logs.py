@@ -59,7 +59,7 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
         make_trajectories(log, machine, configuration.ingest, configuration.control.loop_tracker)
         for log in raw
     ]
-    evaluation = evaluate_model(predictor, logs, machine)
+    evaluation = evaluate_model(predictor, logs, machine, configuration.logs)
     reaching = evaluate_reaching(logs, machine, configuration.episodes.steps)
     if reaching is not None:
         evaluation["reaching"] = reaching
@@ -81,10 +81,11 @@ def predictor_of(path: Path, machine: MachineSpecification) -> Predictor:
 
 
 def evaluate_model(
-    predictor: Predictor, logs: list[LogTrajectories], machine: MachineSpecification
+    predictor: Predictor, logs: list[LogTrajectories], machine: MachineSpecification, place: str = "logs"
 ) -> dict[str, Any]:
-    """One-step and open-loop errors over all logs, per joint in rad or m."""
-    errors = prediction_errors(predictor, [trajectory for log in logs for trajectory in log.trajectories])
+    """One-step and open-loop errors over all logs, which are from `place`, per joint in rad or m."""
+    trajectories = [trajectory for log in logs for trajectory in log.trajectories]
+    errors = prediction_errors(predictor, trajectories, place)
 
     def by_joint(values: np.ndarray) -> dict[str, float]:
         return dict(zip(machine.joint_names, values.tolist(), strict=True))

@@ -11,6 +11,7 @@ import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration import PipelineConfiguration, stage
+from pipeline.errors import InputError
 from pipeline.logs.own_folders import refuse_foreign
 from pipeline.logs.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
@@ -50,7 +51,9 @@ def main(configuration: RecordStage, run: StageRun) -> None:
         and Path(configuration.logs).resolve() != (output / "sessions").resolve()
     )
     effects: list[Effect] = []
-    if not own_logs:
+    if own_logs:
+        refuse_absent("logs", str(configuration.logs))
+    else:
         effects = draw_effects(
             configuration.effects,
             configuration.effects_seed,
@@ -73,6 +76,14 @@ def main(configuration: RecordStage, run: StageRun) -> None:
         path = output / folder / start.strftime(SESSION_NAME)
         record_bag(path, machine, effects, number, style_seed, minutes, seed, start)
     run.metrics({"recorded_minutes": sum(minutes for _, minutes in sessions)})
+
+
+def refuse_absent(name: str, given: str) -> None:
+    """Raise `InputError` where a user's own logs, for which nothing is recorded, are not there."""
+    if not Path(given).exists():
+        raise InputError(
+            f"{name}={given}: no such folder; name a folder of own logs, or none to have some recorded"
+        )
 
 
 def operator_and_sessions(seed: int, n_sessions: int) -> tuple[int, list[int]]:

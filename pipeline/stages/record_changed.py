@@ -14,7 +14,7 @@ from pipeline.plant.seal import write_seal
 from pipeline.plant.session import RecordConfig
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.undeclared import draw_effects
-from pipeline.stages.record import SEAL, SESSION_NAME, clear, operator_and_sessions, record_bag
+from pipeline.stages.record import SEAL, SESSION_NAME, clear, operator_and_sessions, record_bag, refuse_absent
 from pipeline.tracking import StageRun
 
 SESSIONS = "sessions"
@@ -71,14 +71,14 @@ def main(configuration: RecordChangedStage, run: StageRun) -> None:
         configuration.machine,
         configuration.record_changed,
     )
-    own = [
-        given
-        for given, recorded in (
-            (configuration.logs, Path(configuration.recorded)),
-            (configuration.measured, output / SESSIONS),
-        )
-        if given is not None and Path(given).resolve() != recorded.resolve()
-    ]
+    own = []
+    for name, given, recorded in (
+        ("logs", configuration.logs, Path(configuration.recorded)),
+        ("measured", configuration.measured, output / SESSIONS),
+    ):
+        if given is not None and Path(given).resolve() != recorded.resolve():
+            refuse_absent(name, given)
+            own.append(given)
     effects = []
     if not own:
         effects = draw_effects(

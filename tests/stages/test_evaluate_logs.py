@@ -205,8 +205,8 @@ def test_logs_that_cannot_be_used_are_named(folder, tmp_path, config, loop_track
     recording(100, seed=3).write(tmp_path / "short/drive", machine)
     predictor = predictor_of(folder / "model", machine)
     logs = load_logs(tmp_path / "short", machine, config, loop_tracker)
-    with pytest.raises(InputError, match="no trajectory is longer than 120 rows"):
-        evaluate_model(predictor, logs, machine)
+    with pytest.raises(InputError, match="field_day: no trajectory is longer than 120 rows"):
+        evaluate_model(predictor, logs, machine, "field_day")
     (tmp_path / "short/broken.mcap").write_bytes(b"no bag")
     with pytest.raises(InputError, match=r"broken\.mcap"):
         load_logs(tmp_path / "short", machine, config, loop_tracker)
