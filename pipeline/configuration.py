@@ -7,6 +7,7 @@ stage's dataclass; ranges are checked when the dataclasses are built, before any
 import contextlib
 import enum
 import functools
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -182,16 +183,22 @@ def check(composed: DictConfig) -> Any:
         line = str(error).splitlines()[0]
         raise InputError(f"`{error.full_key}`: {line}; correct it on the command line or in conf/") from error
     check_numbers(resolved)
-    _check_checkpoints(getattr(configuration, "checkpoints", None))
+    _check_checkpoints(getattr(configuration, "checkpoints", None), getattr(configuration, "output", None))
     return configuration
 
 
-def _check_checkpoints(folder: str | None) -> None:
+def _check_checkpoints(folder: str | None, output: str | None) -> None:
     """A finished run deletes its checkpoints; by `output=../x` their default would be the folder `x`."""
-    if folder is not None and ".." in Path(folder).parts:
+    if folder is None:
+        return
+    if ".." in Path(folder).parts:
         raise InputError(
             f"checkpoints={folder}: leads out of its own folder, which is deleted once the run is finished; "
             "add checkpoints=FOLDER to the command, or give output without .."
+        )
+    if output is not None and Path(os.path.realpath(output)).is_relative_to(os.path.realpath(folder)):
+        raise InputError(
+            f"checkpoints={folder}: holds output={output}, and is deleted once the run is finished; name another folder"
         )
 
 

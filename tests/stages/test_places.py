@@ -84,6 +84,12 @@ def test_a_sweep_is_refused_before_any_of_its_jobs_starts(tmp_path: Path) -> Non
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("output", ["kept", "kept/out"])
+def test_checkpoints_that_would_take_the_output_with_them_are_refused(output: str, tmp_path: Path) -> None:
+    refused = run_stage("ppo", "model=none", f"output={output}", "checkpoints=kept", folder=tmp_path)
+    assert refused.returncode == 2 and f"checkpoints=kept: holds output={output}" in refused.stderr
+
+
 def test_a_model_kind_is_no_place(tmp_path: Path) -> None:
     done = run_stage("identify", "model=mlp", "tuples=none", "output=mlp", folder=tmp_path)
     assert done.returncode == 2 and "only read" not in done.stderr and "none" in done.stderr
