@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.discrepancy.plausibility import complexity, is_dependence, say_the_same
+from pipeline.discrepancy.plausibility import GAIN, complexity, is_dependence, is_offset, say_the_same
 from pipeline.discrepancy.regression import Folds, t_statistic
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.search_thresholds import SearchConfig
@@ -110,13 +110,18 @@ class Comparison:
         return min(as_good, key=lambda c: (complexity(c), -self.net(c)))
 
     def equivalents(
-        self, chosen: Candidate, as_good: Sequence[Candidate], at_bound: Sequence[Candidate]
+        self,
+        chosen: Candidate,
+        as_good: Sequence[Candidate],
+        rivals: Sequence[Candidate],
+        at_bound: Sequence[Candidate],
     ) -> list[Candidate]:
         """What takes the certainty from the candidate chosen.
 
         Args:
             chosen: Of `as_good`.
             as_good: Candidates that are not worse than the best.
+            rivals: All candidates on the joint.
             at_bound: Those that explain the logs with a value beyond what is plausible.
         """
         equivalents = [
@@ -127,14 +132,21 @@ class Comparison:
             and not say_the_same(c, chosen)
         ]
         equivalents += [c for c in as_good if self.raises_doubt(c, chosen)]
+        if chosen.family == GAIN:
+            # Shifted readings change speeds only as far as these depend on the place: seldom nearly as much as a gain.
+            equivalents += [
+                c for c in rivals if is_offset(c) and DOUBT_FACTOR * self.net(c) > self.net(chosen)
+            ]
         # What explains clearly more, if only with a value that is not plausible, says that the name chosen is not it.
-        return equivalents + [c for c in at_bound if self.net(c) > DOUBT_FACTOR * self.net(chosen)]
+        equivalents += [c for c in at_bound if self.net(c) > DOUBT_FACTOR * self.net(chosen)]
+        return list({c.key: c for c in equivalents}.values())
 
     def raises_doubt(self, candidate: Candidate, chosen: Candidate) -> bool:
-        """Whether it is a dependence, of more freedom, that explains more than the name chosen."""
-        return (
-            is_dependence(candidate) and not is_dependence(chosen) and self.net(candidate) > self.net(chosen)
-        )
+        """Whether, with more freedom, it is a dependence that explains more than the name chosen, or a better name."""
+        if is_dependence(chosen):
+            return False
+        factor = 1.0 if is_dependence(candidate) else DOUBT_FACTOR
+        return self.net(candidate) > factor * self.net(chosen)
 
     def better_dependence(self, chosen: Candidate, as_good: Sequence[Candidate]) -> Candidate | None:
         """The dependence, if any, that explains clearly more than the name chosen."""

@@ -68,10 +68,7 @@ class Confirmation:
         """One judgement per effect, beside all others."""
         with_all = self._residual(self.held_out, found), self._residual(self.fitted, found)
         of_supply = self._supply(found)
-        together = self._together(found, with_all[0])
-        varied = [f.candidate.joint for f in found if f.candidate.family == SUPPLY]
-        if len(varied) > 1:
-            together[SUPPLY] = float(np.mean([of_supply[0][joint].share for joint in varied]))
+        together = self._together(found, with_all[0], of_supply[0])
         return [self._of(effect, found, with_all, of_supply, together) for effect in found]
 
     def _residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
@@ -149,14 +146,17 @@ class Confirmation:
         is_between = (stamps >= between[0]) & (stamps < between[1])
         return averaged(is_between.astype(float), self.held_out.is_used) > 0.0
 
-    def _together(self, found: Sequence[Found], everything: np.ndarray) -> dict[str, float]:
+    def _together(
+        self, found: Sequence[Found], everything: np.ndarray, of_supply: Mapping[int, Candidate]
+    ) -> dict[str, float]:
         """Lower bound of what a cause removes on all its joints together, for causes that several joints have."""
         bounds = {}
         for family in of_one_cause([f.candidate for f in found], self.excited):
-            if family == SUPPLY:
-                continue
             members = [f for f in found if f.candidate.family == family]
             joints = [f.candidate.joint for f in members]
+            if family == SUPPLY:
+                bounds[family] = float(np.mean([of_supply[joint].share for joint in joints]))
+                continue
             without = self._residual(self.held_out, [f for f in found if f not in members])
             known = ~np.any([self._may_set_in(member) for member in members], axis=0)
             scale = np.maximum(np.mean((known[:, None] * without) ** 2, axis=0), self.held_out.floor)

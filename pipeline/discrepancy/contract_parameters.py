@@ -1,15 +1,19 @@
 """From a candidate's values to the parameters that the contract names (section 4), with 95 % intervals."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from pipeline.discrepancy.refine import Coordinate
 from pipeline.discrepancy.screen import Candidate
+from pipeline.discrepancy.shared_flow import coefficients_by_source
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Effect
 
 Quantity = dict[str, object]
+
+OF_95_PERCENT = 1.96  # standard deviations of a normal variable either side of its mean
 
 
 def describe(
@@ -52,18 +56,18 @@ def describe(
             "mean_speed_ratio_down": of(1.0 + float(coefficients[1]), "1", "coefficient:1"),
         }
     if family == "flow_coupling":
-        of_source = {
-            f"loss_fraction_to:{joints[freed[0][1]]}": of(float(value), "1", f"coefficient:{index}")  # type: ignore[index]
-            for index, (freed, value) in enumerate(zip(candidate.freed, coefficients, strict=True))
-            if freed[0][1] != joint
+        by_source = coefficients_by_source(candidate)
+        result = {
+            f"loss_fraction_to:{joints[source]}": of(float(coefficients[index]), "1", f"coefficient:{index}")
+            for source, index in by_source.items()
         }
-        total = float(
-            np.sum([v for f, v in zip(candidate.freed, coefficients, strict=True) if f[0][1] != joint])
-        )
-        deviation = float(
-            np.sqrt(np.sum([spread.get(f"coefficient:{i}", 0.0) ** 2 for i in range(len(coefficients))]))
-        )
-        return {"loss_fraction": quantity(total, "1", deviation), **of_source}
+        for index, ((name, source), *_) in enumerate(candidate.freed):
+            if source is None:  # by itself
+                result[name] = of(float(coefficients[index]), "1", f"coefficient:{index}")
+        indices = list(by_source.values())
+        deviations = [spread.get(f"coefficient:{index}", 0.0) for index in indices]
+        total = quantity(float(coefficients[indices].sum()), "1", float(np.linalg.norm(deviations)))
+        return {"loss_fraction": total, **result}
     if family == "thermal_drift":
         warm = 1.0 + float(coefficients[1])
         result = {
@@ -120,8 +124,14 @@ def quantity(value: float, unit: str, deviation: float) -> Quantity:
     return {
         "value": float(value),
         "unit": unit,
-        "ci95": [float(value - 1.96 * deviation), float(value + 1.96 * deviation)],
+        "ci95": [float(value - OF_95_PERCENT * deviation), float(value + OF_95_PERCENT * deviation)],
     }
+
+
+def deviation_of(of: Mapping[str, Any]) -> float:
+    """The standard deviation that `quantity` was given; 0 of a value that has no interval."""
+    lower, upper = of.get("ci95", (0.0, 0.0))
+    return (upper - lower) / (2.0 * OF_95_PERCENT)
 
 
 def spreads(

@@ -35,8 +35,8 @@ def decide_again(
         joint = first.candidate.joint
         beside = {f.candidate.family for f in found if f is not first and f.candidate.joint == joint}
         # what several joints have in common is no matter of one of them
-        on_one = [c for c in first.equivalents if not is_dependence(c) and c.family not in OF_ONE_CAUSE]
-        named = [c for c in on_one if c.family not in beside]
+        known = beside.union(OF_ONE_CAUSE)
+        named = [c for c in first.equivalents if not is_dependence(c) and c.family not in known]
         if not named or not beside:
             continue
         trials = [found]

@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.discrepancy.contract_parameters import Quantity, describe, quantity, spreads, weighted_mean
+from pipeline.discrepancy.contract_parameters import (
+    Quantity,
+    describe,
+    deviation_of,
+    quantity,
+    spreads,
+    weighted_mean,
+)
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.grouping import OTHER, Effect, contract_family, depends_on
 from pipeline.discrepancy.held_out_errors import WindowErrors
@@ -158,7 +165,7 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
     for name in described[0]:
         of_name: list[Any] = [of[name] for of in described if name in of]
         sizes = np.array([of["value"] for of in of_name], float)
-        deviation = np.array([_deviation(of) for of in of_name])
+        deviation = np.array([deviation_of(of) for of in of_name])
         merged[name] = _of_joints(sizes, deviation, of_name[0]["unit"])
         for member, value in zip(effect.members, of_name, strict=False):
             merged[f"{name}:{loop.joints[member.candidate.joint]}"] = value
@@ -185,16 +192,11 @@ def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:
     }
 
 
-def _deviation(of: Mapping[str, Any]) -> float:
-    lower, upper = of.get("ci95", (0.0, 0.0))
-    return (upper - lower) / (2.0 * 1.96)
-
-
 def _beside_recordings_phases(loop: "Loop", latency: Mapping[str, Any]) -> Quantity:
     """A late channel's latency, known no better than the moments between two ticks at which recordings began."""
     n_logs = [int(rows.any(axis=1).sum()) for rows in (loop.rows.is_used, loop.nominal_rows.is_used)]
     of_phases = loop.machine.dt_s * np.sqrt((1.0 / n_logs[0] + 1.0 / n_logs[1]) / 12.0)
-    return quantity(latency["value"], "s", float(np.hypot(_deviation(latency), of_phases)))
+    return quantity(latency["value"], "s", float(np.hypot(deviation_of(latency), of_phases)))
 
 
 def _of_joints(values: np.ndarray, deviations: np.ndarray, unit: str) -> Quantity:

@@ -7,6 +7,7 @@ from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.late_channel import late_channel
 from pipeline.discrepancy.plausibility import DELAY, FLOW_COUPLING, LOAD, TIMING, is_dependence
 from pipeline.discrepancy.screen import Candidate
+from pipeline.discrepancy.shared_flow import coefficients_by_source
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.whole_machine import OF_ONE_CAUSE
 from pipeline.effects.catalogue import KNOWN
@@ -102,9 +103,9 @@ def depends_on(effect: Effect, joints: Sequence[str]) -> list[str]:
             entries.append("latent")
         elif candidate.family == FLOW_COUPLING:
             entries += [
-                f"command:{joints[freed[0][1]]}"  # type: ignore[index]
-                for freed, value in zip(candidate.freed, candidate.coefficients, strict=True)
-                if freed[0][1] != candidate.joint and value > SMALLEST_LOSS
+                f"command:{joints[source]}"
+                for source, index in coefficients_by_source(candidate).items()
+                if candidate.coefficients[index] > SMALLEST_LOSS
             ]
         elif candidate.family == LOAD:
             entries.append(f"position:{joints[candidate.joint]}")

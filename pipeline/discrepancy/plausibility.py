@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pipeline.discrepancy.screen import Candidate
+from pipeline.discrepancy.shared_flow import is_shared
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
@@ -15,7 +16,6 @@ ACTIVITY, DEAD_BAND = "other:activity", "other:dead_band"
 GAIN, TIMING = "gain", "timing"
 SENSOR_BIAS, BACKLASH, DELAY, OSCILLATION = "sensor_bias", "backlash", "delay", "oscillation"
 APART = 1.15  # of the larger change: by so much the two directions differ under a load, which speeds one of them up
-WARM_SHARE = 1.0  # of the speed that cold oil costs: what is lost when it is warm, too, is another effect
 AT_BOUND = 0.01  # of the range between the bounds
 
 SUPPLY_COMPLEXITY = 4.0  # as if it stood on a card: it has no wrapper
@@ -38,15 +38,15 @@ def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
     """Whether the signs are those of the cause on most of the joints, counted by what it explains there.
 
     Oil that warms up makes faster, and leaves a machine that is not much slower than nominal once it is warm; a load
-    makes a joint slower one way and faster the other; nothing loses more than all of its speed to others.
+    makes a joint slower one way and faster the other; a small pump shows where joints move at once.
     """
     if family == THERMAL_DRIFT:
-        is_right = [c.coefficients[0] > max(0.0, -c.coefficients[1] / WARM_SHARE) for c in showing]
+        is_right = [c.coefficients[0] > max(0.0, -c.coefficients[1]) for c in showing]
     elif family == LOAD:
         both_ways = [c.coefficients[:2] for c in showing]
         is_right = [np.ptp(of_joint) > APART * np.abs(of_joint).max() for of_joint in both_ways]
     elif family == FLOW_COUPLING:
-        is_right = [c.coefficients.sum() < 1.0 for c in showing]
+        is_right = [is_shared(c) for c in showing]
     else:
         return True
     gains = np.array([c.gain for c in showing])
@@ -72,12 +72,11 @@ def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:
     return False
 
 
-def say_the_same(one: Candidate, other: Candidate) -> bool:
-    """Whether naming both would say nothing.
+def is_offset(candidate: Candidate) -> bool:
+    """Whether it is an encoder that reads a shifted position."""
+    return candidate.family == SENSOR_BIAS and "offset" in candidate.point
 
-    `timing` is the delay of all joints: on one joint alone they are the same wrapper. An encoder's offset changes no
-    speed, but for the little that speeds depend on the place: it is no other reading of a gain.
-    """
-    families = {one.family, other.family}
-    offset = any(c.family == SENSOR_BIAS and "offset" in c.point for c in (one, other))
-    return families == {DELAY, TIMING} or (families == {GAIN, SENSOR_BIAS} and offset)
+
+def say_the_same(one: Candidate, other: Candidate) -> bool:
+    """Whether naming both would say nothing: `timing` is the delay of all joints, on one alone the same wrapper."""
+    return {one.family, other.family} == {DELAY, TIMING}

@@ -49,10 +49,10 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[F
             gram = a.T @ a
             step = np.linalg.solve(gram + damping[joint] * np.diag(np.diag(gram) + 1e-12), a.T @ r)
             for coordinate, change in zip(of_joint, step, strict=True):
-                value, is_linear = _value(trial, coordinate), coordinate.name is None
-                limit = 0.5 * max(
-                    abs(value), 0.1, LINEAR_ROOM * (coordinate.upper - coordinate.lower) * is_linear
-                )
+                value = _value(trial, coordinate)
+                limit = 0.5 * max(abs(value), 0.1)
+                if coordinate.name is None:
+                    limit = max(limit, 0.5 * LINEAR_ROOM * (coordinate.upper - coordinate.lower))
                 moved = float(
                     np.clip(value + np.clip(change, -limit, limit), coordinate.lower, coordinate.upper)
                 )

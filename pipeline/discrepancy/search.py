@@ -50,10 +50,8 @@ TOLD_LOSERS = 6  # of a joint's candidates
 ONSET_FACTOR, ONSET_T = 1.2, 1.5  # times the gain without onset; of the gain by blocks
 WHOLE_SECOND_SHARE = 0.5
 SECOND_CAUSE_SHARE = 0.2  # of what the first explains on all its joints
-STILL_SHARE, STILL_T = (
-    0.4,
-    2.5,
-)  # of the smallest share, and by blocks: what an effect has to do beside the others
+# What an effect has to do beside the others: of the smallest share, and by blocks.
+STILL_SHARE, STILL_T = 0.4, 2.5
 
 
 class Search:
@@ -269,7 +267,7 @@ class Search:
         best = max(rivals, key=self.comparison.net)
         as_good = self.comparison.as_good_as(best, rivals)
         chosen = self.comparison.simplest(as_good)
-        equivalents = self.comparison.equivalents(chosen, as_good, at_bound)
+        equivalents = self.comparison.equivalents(chosen, as_good, rivals, at_bound)
         better = self.comparison.better_dependence(chosen, as_good)
         if better is not None:  # a wrong name is worse than none
             chosen, equivalents = better, [chosen, *(c for c in equivalents if c is not better)]

@@ -18,9 +18,8 @@ from pipeline.effects.effect import (
     VelocityEffect,
 )
 
-LARGEST_SHARE = (
-    2.0  # of the creep at rest: the pressure of a load differs no more than that by the way it is moved
-)
+# Of the creep at rest: the pressure of a load differs no more than that by the way it is moved.
+LARGEST_SHARE = 2.0
 
 
 class Leakage(VelocityEffect):

@@ -14,6 +14,7 @@ from pipeline.plant.parameters import Parameters
 from pipeline.plant.simulator import Plant
 
 NANOSECONDS = 1_000_000_000
+SESSION_NAME = "%Y-%m-%d-%H-%M-%S"  # of a recording's bag: when it begins
 
 
 @dataclass

@@ -86,13 +86,21 @@ def controllers_of(cells: Mapping[str, Any]) -> dict[str, list[int]]:
     """Names and seeds of the controllers that `dvc repro` makes.
 
     Args:
-        cells: content of `params.yaml`: models, targets, seeds, and where iCEM is run icem_variants, icem_seeds.
+        cells: content of `params.yaml`: models, targets, seeds, and where iCEM is run icem_variants, icem_models,
+            icem_targets, icem_seeds.
     """
-    kinds = [f"{model}_{target}" for model in cells["models"] for target in cells["targets"]]
-    seeds = dict.fromkeys(cells.get("icem_variants", []), cells.get("icem_seeds", [])) | {
-        TRAINED: cells["seeds"]
+    trained = {
+        f"{TRAINED}_{kind}": list(cells["seeds"]) for kind in _kinds(cells["models"], cells["targets"])
     }
-    return {f"{algorithm}_{kind}": list(seeds[algorithm]) for algorithm in seeds for kind in kinds}
+    if not cells.get("icem_variants"):
+        return trained
+    planned = _kinds(cells["icem_models"], cells["icem_targets"])
+    names = [f"{variant}_{kind}" for variant in cells["icem_variants"] for kind in planned]
+    return {name: list(cells["icem_seeds"]) for name in names} | trained
+
+
+def _kinds(models: Sequence[str], targets: Sequence[str]) -> list[str]:
+    return [f"{model}_{target}" for model in models for target in targets]
 
 
 def read_controllers(artifacts: Path, required: Mapping[str, Sequence[int]]) -> list[ControllerResult]:

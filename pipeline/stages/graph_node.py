@@ -32,14 +32,21 @@ from pipeline.deployment.ros1.goal_errors import goal_errors
 from pipeline.deployment.ros1.node import Node
 from pipeline.deployment.ros1.observed_plc import ObservedPlc
 from pipeline.deployment.ros1.operator import Operator
+from pipeline.deployment.scripted_joystick import ScriptedJoystick
 from pipeline.deployment.supervisor_rules import build_rules
+from pipeline.deployment.teleoperation_server import TeleoperationServer
 from pipeline.deployment.velocity_estimator import VelocityEstimator
+from pipeline.deployment.viewing.live_view import live_view
 from pipeline.effects.store import load_dynamics
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
+from pipeline.plant.operator import Operator as Painter
+from pipeline.plant.operator import draw_style
+from pipeline.plant.simulated import simulated_machine
 from pipeline.reaching.episodes import Episodes, evaluation_episodes
 from pipeline.reaching.task import ReachingTask
+from pipeline.stages.sim2real import PlantMachine
 from pipeline.stages.sim2sim import Sim2SimStage, graph_parts
 from pipeline.tracking import StageRun
 
@@ -47,18 +54,23 @@ START_TIMEOUT_S = 300.0  # until all nodes have compiled what they run
 GOAL_MARGIN_S = 15.0  # beyond the time-out of a goal, before it counts as lost
 SETTLE_S = 1.0  # for connections between nodes
 OPERATOR = "operator"
-NODES = ("control_interface", "control_supervisor", "autonomous_server")
+NODES = ("control_interface", "control_supervisor")
+AUTONOMOUS = ("autonomous_server",)
+TELEOPERATED = ("teleoperation_server",)
+JOYSTICK = ScriptedJoystick.name
 
 
 class Driver(enum.StrEnum):
     """What stands in the machine's place."""
 
-    simulated = "simulated"  # bobcat_e10_sim_driver
+    simulated = "simulated"  # bobcat_e10_sim_driver with the learned model
+    plant = "plant"  # bobcat_e10_sim_driver with the plant, a stand-in for the excavator
     can = "can"  # the machine's own drivers; at the other end of the bus a simulated PLC
 
 
 DRIVERS = {
     Driver.simulated: ("bobcat_e10_sim_driver",),
+    Driver.plant: ("bobcat_e10_sim_driver",),
     Driver.can: ("plc", "emcb_200u_driver", "bobcat_e10_driver"),
 }
 
@@ -69,6 +81,9 @@ class GraphStage(Sim2SimStage):
 
     targets: int = MISSING
     driver: Driver = Driver.simulated
+    plant_seed: int = MISSING
+    operator_seed: int = MISSING
+    live_port: int | None = None
     can: CanBusConfig = MISSING
 
 
@@ -82,7 +97,8 @@ class GraphNodeStage(GraphStage):
 @stage(GraphNodeStage)
 def main(configuration: GraphNodeStage, run: StageRun) -> None:
     """Be one node until the graph is shut down; or the operator, until all targets have been pursued."""
-    known = [*NODES, *DRIVERS[Driver.simulated], *DRIVERS[Driver.can], OPERATOR]
+    driving = [*DRIVERS[Driver.simulated], *DRIVERS[Driver.can]]
+    known = [*NODES, *AUTONOMOUS, *TELEOPERATED, JOYSTICK, *driving, OPERATOR]
     if configuration.node not in known:
         raise InputError(f"node={configuration.node}: no such node; known are {', '.join(known)}")
     jax.config.update(
@@ -114,30 +130,63 @@ def freeze_loaded() -> float:
     return taken_s
 
 
-def node_commands(configuration: GraphStage, overrides: Sequence[str]) -> dict[str, list[str]]:
-    """The commands of all nodes, with those overrides of this command that a node knows."""
+def node_commands(
+    configuration: GraphStage, overrides: Sequence[str], commanding: Sequence[str] = AUTONOMOUS
+) -> dict[str, list[str]]:
+    """The commands of all nodes, with those overrides of this command that a node knows.
+
+    Args:
+        configuration: names the drivers.
+        overrides: of this command.
+        commanding: nodes that commands come from.
+    """
     known = {field.name for field in fields(GraphNodeStage)} - {"tracking"} | {"profile"}
     passed = [word for word in overrides if word.lstrip("+~").split("=")[0].split(".")[0] in known]
     command = [sys.executable, "-m", "pipeline.stages.graph_node", *passed]
-    return {name: [*command, f"node={name}"] for name in (*DRIVERS[configuration.driver], *NODES)}
+    return {
+        name: [*command, f"node={name}"] for name in (*DRIVERS[configuration.driver], *NODES, *commanding)
+    }
 
 
 def build(configuration: GraphStage, name: str) -> Node:
     """A node; what it runs is compiled before it joins the graph."""
+    if name in AUTONOMOUS:
+        return _server(configuration)
+    return Node(component(configuration, name), configuration.machine)
+
+
+def component(configuration: GraphStage, name: str) -> Component:
+    """What a node runs, of all but the server that takes goals."""
     machine, deployment = configuration.machine, configuration.deployment
     if name == "control_interface":
-        return Node(ControlInterface(machine, deployment.interface), machine)
+        return ControlInterface(machine, deployment.interface)
     if name == "control_supervisor":
         rules = build_rules(machine, deployment.supervisor, MACHINE_DIRECTORY)
-        return Node(ControlSupervisor(rules, deployment.supervisor.period_s), machine)
+        return ControlSupervisor(rules, deployment.supervisor.period_s)
+    if name == "teleoperation_server":
+        return TeleoperationServer(machine, deployment.teleoperation)
+    if name == JOYSTICK:
+        style_seed, seed = np.random.SeedSequence(configuration.operator_seed).generate_state(2).tolist()
+        painter = Painter(machine, draw_style(style_seed), seed)
+        return ScriptedJoystick(machine, deployment.teleoperation, painter)
     if name == "emcb_200u_driver":
-        return Node(CanDriver(open_bus(configuration.can), deployment.driver), machine)
+        return CanDriver(open_bus(configuration.can), deployment.driver)
     if name == "bobcat_e10_driver":
         estimator = VelocityEstimator(nanoseconds(machine.dt_s), configuration.control.loop_tracker)
-        return Node(MachineDriver(machine, CanFrames(machine, MACHINE_DIRECTORY), estimator), machine)
-    if name == "autonomous_server":
-        return _server(configuration)
-    return Node(_machine(configuration, name), machine)
+        return MachineDriver(machine, CanFrames(machine, MACHINE_DIRECTORY), estimator)
+    if configuration.driver is Driver.plant:
+        driven, estimator = plant(configuration)
+        return SimulationDriver(driven, machine.n_joint, deployment.driver, estimator)
+    return _machine(configuration, name)
+
+
+def plant(configuration: GraphStage) -> tuple[PlantMachine, VelocityEstimator]:
+    """The plant at the start of the first target, compiled, and what estimates its velocities."""
+    machine = configuration.machine
+    parameters, start = simulated_machine(machine.name), fixed_episodes(configuration).starts[0].astype(float)
+    PlantMachine(parameters, configuration.plant_seed, start).advance(np.zeros(machine.n_joint))
+    estimator = VelocityEstimator(nanoseconds(machine.dt_s), configuration.control.loop_tracker)
+    return PlantMachine(parameters, configuration.plant_seed, start), estimator
 
 
 def _machine(configuration: GraphStage, name: str) -> Component:
@@ -178,10 +227,11 @@ def operate(
     """
     machine = configuration.machine
     goals = reach_goals(configuration)
-    operator = Operator(machine)
-    operator.wait_for_server(START_TIMEOUT_S, is_running)
-    time.sleep(SETTLE_S)
-    results = operator.pursue(goals, configuration.episodes.steps * machine.dt_s + GOAL_MARGIN_S)
+    with live_view(machine, MACHINE_DIRECTORY, configuration.live_port) as taps:
+        operator = Operator(machine, taps)
+        operator.wait_for_server(START_TIMEOUT_S, is_running)
+        time.sleep(SETTLE_S)
+        results = operator.pursue(goals, configuration.episodes.steps * machine.dt_s + GOAL_MARGIN_S)
     return results, operator.recorder
 
 

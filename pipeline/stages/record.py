@@ -18,13 +18,12 @@ from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import Effect
 from pipeline.plant.operator import draw_style
 from pipeline.plant.seal import write_seal
-from pipeline.plant.session import NANOSECONDS, RecordConfig, record_session
+from pipeline.plant.session import NANOSECONDS, SESSION_NAME, RecordConfig, record_session
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.undeclared import draw_effects, parameters_of_session
 from pipeline.tracking import StageRun, progress_bar
 
 SEAL = "undeclared.seal"
-SESSION_NAME = "%Y-%m-%d-%H-%M-%S"  # of a bag: when it begins
 
 
 @dataclass
@@ -95,13 +94,14 @@ def operator_and_sessions(seed: int, n_sessions: int) -> tuple[int, list[int]]:
 def clear(output: Path, folders: Sequence[str]) -> None:
     """Make the folders anew. What this stage wrote may go (its seal lies beside it), anything else may not."""
     is_sealed = (output / SEAL).exists()
+    paths = [output / name for name in folders]
     refuse_foreign(
-        [output / name for name in folders],
+        paths,
         lambda entry: is_sealed and _is_recorded(entry),
         "record",
         "name them with logs={folder}, or move them away",
     )
-    for folder in (output / name for name in folders):
+    for folder in paths:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
 

@@ -11,10 +11,10 @@ from omegaconf import MISSING
 from pipeline.configuration import PipelineConfiguration, stage
 from pipeline.errors import InputError
 from pipeline.plant.seal import write_seal
-from pipeline.plant.session import RecordConfig
+from pipeline.plant.session import SESSION_NAME, RecordConfig
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.undeclared import draw_effects
-from pipeline.stages.record import SEAL, SESSION_NAME, clear, operator_and_sessions, record_bag, refuse_absent
+from pipeline.stages.record import SEAL, clear, operator_and_sessions, record_bag, refuse_absent
 from pipeline.tracking import StageRun
 
 SESSIONS = "sessions"

@@ -12,7 +12,7 @@ from omegaconf import MISSING
 from pipeline.atomic_files import write_whole
 from pipeline.configuration import MACHINE_DIRECTORY, stage
 from pipeline.deployment.goals import known_configurations
-from pipeline.deployment.machine import LearnedMachine
+from pipeline.deployment.machine import LearnedMachine, Machine
 from pipeline.deployment.messages import ReachResult
 from pipeline.deployment.recording import Recorder
 from pipeline.deployment.ros1.agreement import agreement_table, paired_differences
@@ -25,10 +25,12 @@ from pipeline.logs.trajectories import load_logs
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.logged_trials import logged_trials, reaching_summary
 from pipeline.stages.graph_node import (
+    Driver,
     GraphStage,
     fixed_episodes,
     node_commands,
     operate,
+    plant,
     write_bag_of,
     write_run,
 )
@@ -110,9 +112,12 @@ def simulate(configuration: GraphStage) -> Recorder:
     episodes = fixed_episodes(configuration)
     parts = graph_parts(configuration, configuration.machine)
     parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
-    machine = LearnedMachine(parts.step, episodes.starts[0])
+    machine: Machine = LearnedMachine(parts.step, episodes.starts[0])
+    estimator = None
+    if configuration.driver is Driver.plant:
+        machine, estimator = plant(configuration)
     return run_successive(
-        parts, controller_delays(configuration), machine, None, episodes.targets, time.time_ns()
+        parts, controller_delays(configuration), machine, estimator, episodes.targets, time.time_ns()
     )
 
 

@@ -23,7 +23,7 @@ from pipeline.deployment.successive import run_successive
 from pipeline.deployment.supervisor_rules import build_rules
 from pipeline.deployment.velocity_estimator import VelocityEstimator
 from pipeline.plant.parameters import Parameters
-from pipeline.plant.session import read_moment
+from pipeline.plant.session import SESSION_NAME, read_moment
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.simulator import Plant
 from pipeline.plant.undeclared import draw_effects
@@ -128,7 +128,7 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
             supervisor,
             lambda done: bar.update(done - bar.n) and None,
         )
-    bag = output / "logs" / start.strftime("%Y-%m-%d-%H-%M-%S")
+    bag = output / "logs" / start.strftime(SESSION_NAME)
     shutil.rmtree(bag, ignore_errors=True)
     recorder.write(bag, machine)
     outcomes = Counter(str(result.outcome) for result in recorder.results)

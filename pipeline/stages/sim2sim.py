@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import jax
-import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
@@ -24,10 +23,11 @@ from pipeline.deployment.simulated_time.delays import (
     PlannerEffort,
     delays_of,
     load_delays,
-    measured_effort,
 )
 from pipeline.deployment.termination import TerminalConditions
 from pipeline.deployment.trials import GraphParts, run_episodes
+from pipeline.dynamics.inference_time import count_parameters
+from pipeline.dynamics.store import load_model
 from pipeline.effects.store import load_dynamics
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
@@ -157,9 +157,8 @@ def controller_files(configuration: Sim2SimStage) -> list[str]:
 def controller_delays(configuration: Sim2SimStage) -> Mapping[str, Distribution]:
     """Delays of the graph with this controller; says in one line what of them was not measured."""
     deployment = configuration.deployment
-    path = Path(deployment.delays)
-    links = load_delays(path)
-    if configuration.kind is ControllerKind.icem and measured_effort(path) != planner_effort(configuration):
+    links, planner = load_delays(Path(deployment.delays))
+    if configuration.kind is ControllerKind.icem and planner != planner_effort(configuration):
         links.pop(PLANNING, None)  # another planner's decisions say nothing of this one's
     delays, is_measured = delays_of(links, configuration.kind, deployment.unmeasured_planning_s)
     if not is_measured:
@@ -172,10 +171,9 @@ def controller_delays(configuration: Sim2SimStage) -> Mapping[str, Distribution]
 
 def planner_effort(configuration: Sim2SimStage) -> PlannerEffort:
     """What a decision of iCEM costs on this model."""
-    _, parameters = load_dynamics(Path(configuration.model))
+    model, _ = load_model(Path(configuration.model))
     return PlannerEffort(
-        configuration.icem.model_steps(configuration.control.action_repeats),
-        sum(np.size(leaf) for leaf in jax.tree.leaves(parameters)),
+        configuration.icem.model_steps(configuration.control.action_repeats), count_parameters(model)
     )
 
 

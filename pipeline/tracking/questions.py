@@ -13,7 +13,9 @@ class Question:
 
 
 QUESTIONS = (
-    Question("data", "What was recorded, and is it sound?", ("record", "record_changed", "ingest")),
+    Question(
+        "data", "What was recorded, and is it sound?", ("record", "record_changed", "teleoperate", "ingest")
+    ),
     Question("models", "Which model predicts the machine best?", ("identify", "judge", "search", "select")),
     Question(
         "controllers",

@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
+from flax.serialization import msgpack_restore
 
-from pipeline.configuration import load_section
+from pipeline.configuration import ControlConfiguration, load_section
 from pipeline.control.evaluate import controller_evaluation
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_controller
@@ -26,20 +27,25 @@ from pipeline.deployment.simulated_time.delays import (
     Sampler,
     delays_of,
     load_delays,
-    measured_effort,
     no_delays,
     save_delays,
 )
 from pipeline.deployment.termination import TerminalConditions
 from pipeline.deployment.trials import GraphParts, run_episodes
+from pipeline.dynamics.model import DynamicsModel
+from pipeline.dynamics.store import save_model
+from pipeline.effects.effect import Setting
+from pipeline.effects.gain import Gain
+from pipeline.effects.store import ActiveEffects, save_effects
 from pipeline.errors import InputError
+from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.logged_trials import trial_traces
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
 from pipeline.stages import sim2sim
-from pipeline.stages.sim2sim import Sim2SimStage, controller_delays
-from tests.deployment.machines import MIDDLE, arm, bobcat, paper
+from pipeline.stages.sim2sim import Sim2SimStage, controller_delays, planner_effort
+from tests.deployment.machines import MIDDLE, arm, bobcat, paper, specification
 from tests.reaching.lag import lag_dynamics
 
 TICKS, REPEATS, SEED = 20, 4, 3
@@ -141,16 +147,16 @@ def test_a_planner_s_decisions_take_their_own_time(tmp_path) -> None:
     with pytest.raises(InputError, match="unmeasured_planning_s"):
         delays_of(measured, ControllerKind.icem, None)
     save_delays(tmp_path / "delays.json", measured | {PLANNING: Distribution.constant(0.2)}, {})
-    planner, is_measured = delays_of(load_delays(tmp_path / "delays.json"), ControllerKind.icem, 0.05)
+    planner, is_measured = delays_of(load_delays(tmp_path / "delays.json").links, ControllerKind.icem, 0.05)
     assert is_measured and planner["inference"].quantiles_s[0] == 0.2
 
 
 def test_a_file_of_delays_says_of_which_planner_it_is(tmp_path) -> None:
     path, effort = tmp_path / "delays.json", PlannerEffort(model_steps=5984, model_parameters=14468)
     save_delays(path, no_delays() | {PLANNING: Distribution.constant(0.2)}, {"planner": effort._asdict()})
-    assert measured_effort(path) == effort
+    assert load_delays(path).planner == effort
     save_delays(path, no_delays() | {PLANNING: Distribution.constant(0.2)}, {})
-    assert measured_effort(path) is None
+    assert load_delays(path).planner is None
 
 
 def test_delays_of_another_planner_are_not_this_one_s(tmp_path, capsys, monkeypatch) -> None:
@@ -164,6 +170,26 @@ def test_delays_of_another_planner_are_not_this_one_s(tmp_path, capsys, monkeypa
     monkeypatch.setattr(sim2sim, "planner_effort", lambda _: effort._replace(model_steps=200_000))
     assert controller_delays(stage)["inference"].quantiles_s[0] == 0.09
     assert "0.09 s" in capsys.readouterr().out
+
+
+def test_a_decision_costs_what_the_network_does_whatever_effects_lie_around_it(
+    tmp_path, config: IcemConfig
+) -> None:
+    model = DynamicsModel(specification())
+    save_model(tmp_path, model, model.initialise(jax.random.key(0)), {}, {}, {})
+    stage = Sim2SimStage(
+        model=str(tmp_path), icem=config, control=ControlConfiguration(REPEATS, LoopTrackerConfig(10.0, 60.0))
+    )
+    n_saved = sum(
+        value.size
+        for value in jax.tree.leaves(msgpack_restore((tmp_path / "parameters.msgpack").read_bytes()))
+    )
+    effort = PlannerEffort(config.model_steps(REPEATS), n_saved)
+    assert planner_effort(stage) == effort
+    setting = Setting(bobcat().dt_s, bobcat().lower, bobcat().upper, np.ones(bobcat().n_joint))
+    slower = {"ratio_positive": np.full(bobcat().n_joint, 0.7)}
+    save_effects(tmp_path, ActiveEffects(setting, {"gain": Gain(setting).neutral() | slower}, {}))
+    assert planner_effort(stage) == effort
 
 
 def test_nothing_is_compiled_once_a_server_has_rehearsed(parts: GraphParts) -> None:

@@ -87,7 +87,7 @@ def test_quantiles_come_back_from_their_samples_and_from_the_file(tmp_path) -> N
     )
     path = tmp_path / "delays.json"
     save_delays(path, dict.fromkeys(LINKS, measured), {"command": "test"})
-    loaded = load_delays(path)["inference"]
+    loaded = load_delays(path).links["inference"]
     np.testing.assert_allclose(loaded.quantiles_s, measured.quantiles_s, atol=1e-7)
     assert loaded.loss_probability == measured.loss_probability
 
@@ -98,7 +98,37 @@ def test_files_that_are_none_are_named(tmp_path) -> None:
     (tmp_path / "delays.json").write_text("{}")
     with pytest.raises(InputError, match="not a file of delays"):
         load_delays(tmp_path / "delays.json")
-    links = {name: {"loss_probability": 0.0, "quantiles_s": [0.2, 0.1]} for name in LINKS}
-    (tmp_path / "delays.json").write_text(json.dumps({"schema_version": 1, "links": links}))
-    with pytest.raises(InputError, match="not ascending"):
-        load_delays(tmp_path / "delays.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda content: content.pop("measured"), "not a file of delays .*measured"),
+        (lambda content: content.update(measured=[]), "not a file of delays"),
+        (lambda content: content["measured"].update(planner=5984), "not a file of delays"),
+        (lambda content: content["measured"].update(planner={"model_steps": 5984}), "model_parameters"),
+        (
+            lambda content: content["measured"].update(planner={"model_steps": "a", "model_parameters": 9}),
+            "whole positive",
+        ),
+        (lambda content: content["links"].pop("timer"), "not a file of delays .*timer"),
+        (lambda content: content["links"]["timer"].update(quantiles_s=[0.2, 0.1]), "timer are not ascending"),
+        (
+            lambda content: content["links"]["timer"].update(quantiles_s=[0.0, np.inf]),
+            "timer are not ascending",
+        ),
+        (lambda content: content["links"]["timer"].update(quantiles_s=0.1), "timer are not ascending"),
+        (lambda content: content.update(schema_version=2), "schema_version 2"),
+    ],
+)
+def test_what_is_damaged_in_a_file_is_said_in_one_line(tmp_path, change, said: str) -> None:
+    path = tmp_path / "delays.json"
+    effort = {"planner": {"model_steps": 5984, "model_parameters": 14468}}
+    save_delays(path, no_delays(), effort)
+    assert load_delays(path).planner is not None
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=said) as caught:
+        load_delays(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)

@@ -28,6 +28,14 @@ def candidate(family: str, joint: int, gain: float, coefficients=(), point=None,
     return Candidate(family, joint, None, point or {}, freed, np.array(coefficients), gain, 0.3, blocks)
 
 
+def coupling(joint: int, gain: float, coefficients: tuple[float, ...] = (0.2, 0.1)) -> Candidate:
+    """A joint of three that loses speed by the two others and, of more coefficients, by itself."""
+    others = [("loss_fraction", source) for source in range(3) if source != joint]
+    alone = [("loss_alone_positive", None), ("loss_alone_negative", None)]
+    freed = tuple((one,) for one in (others + alone)[: len(coefficients)])
+    return candidate("flow_coupling", joint, gain, coefficients, freed=freed)
+
+
 def chosen(*candidates: Candidate, factor: float = COMMON_FACTOR) -> list[tuple[str, int]]:
     best = max(candidates, key=lambda c: c.gain)
     found = common_cause(best, candidates, lambda c: c.gain, lambda c: c.gain > 1.0, factor)
@@ -46,17 +54,14 @@ def test_one_joint_alone_is_no_common_cause() -> None:
 
 
 def test_a_cause_that_explains_a_little_more_on_all_its_joints_only_raises_doubt() -> None:
-    coupled = [
-        candidate("flow_coupling", 0, 90.0, (0.2, 0.1)),
-        candidate("flow_coupling", 1, 20.0, (0.2, 0.1)),
-    ]
+    coupled = [coupling(0, 90.0), coupling(1, 20.0)]
     gain = candidate("gain", 0, 95.0)
     assert chosen(*coupled, gain) == []
     assert chosen(*coupled, gain, factor=DOUBTED_FACTOR) == [("flow_coupling", 0), ("flow_coupling", 1)]
 
 
 def test_a_dependence_on_activity_has_to_explain_more_than_a_cause_with_an_equation() -> None:
-    coupled = [candidate("flow_coupling", joint, 60.0, (0.2, 0.1)) for joint in range(3)]
+    coupled = [coupling(joint, 60.0) for joint in range(3)]
     active = [candidate("other:activity", joint, 63.0) for joint in range(3)]
     assert {family for family, _ in chosen(*coupled, *active)} == {"flow_coupling"}
     active = [candidate("other:activity", joint, 75.0) for joint in range(3)]
@@ -73,13 +78,32 @@ def test_a_dependence_on_activity_has_to_explain_more_than_a_cause_with_an_equat
         ("thermal_drift", (-0.3, 0.0), False),
         ("thermal_drift", (0.3, -0.1), True),
         ("thermal_drift", (0.1, -0.2), False),  # a joint that stays slow when it is warm
-        ("flow_coupling", (0.3, 0.2), True),
-        ("flow_coupling", (0.9, 0.4), False),
         ("gain", (-0.5,), True),
     ],
 )
 def test_signs_of_the_cause(family, coefficients, expected) -> None:
     assert is_plausible(family, [candidate(family, 0, 1.0, coefficients)]) is expected
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "expected"),
+    [
+        ((0.3, 0.2), True),
+        ((0.9, 0.4), False),  # more than all of the speed
+        ((0.3, 0.2, 0.1, 0.4), True),  # the pump is too small for the joint alone, too
+        ((0.1, 0.1, 0.3, 0.0), False),  # a gain
+        ((0.4, 0.3, 0.0, 0.35), False),
+    ],
+)
+def test_a_shared_supply_shows_where_joints_move_at_once(coefficients, expected) -> None:
+    assert is_plausible("flow_coupling", [coupling(1, 1.0, coefficients)]) is expected
+
+
+def test_a_joint_slowed_alone_belongs_to_the_pump_that_slows_the_others() -> None:
+    alone = coupling(0, 90.0, (0.0, 0.0, 0.2, 0.1))
+    coupled = [coupling(1, 60.0), coupling(2, 60.0)]
+    assert {family for family, _ in chosen(alone, *coupled)} == {"flow_coupling"}
+    assert chosen(alone, candidate("gain", 0, 95.0), candidate("gain", 1, 20.0)) == []
 
 
 def test_a_value_at_its_bound_is_no_name() -> None:
@@ -129,7 +153,8 @@ def test_a_dependence_that_explains_more_than_the_name_takes_its_certainty() -> 
     gain = candidate("gain", 0, 100.0)
     assert looking.comparison.raises_doubt(candidate("other:warmth", 0, 104.0), gain)
     assert not looking.comparison.raises_doubt(candidate("other:warmth", 0, 99.5), gain)
-    assert not looking.comparison.raises_doubt(candidate("load", 0, 104.0), gain)
+    assert not looking.comparison.raises_doubt(candidate("load", 0, 104.0), gain)  # with more freedom
+    assert looking.comparison.raises_doubt(candidate("load", 0, 115.0), gain)
     assert not looking.comparison.raises_doubt(
         candidate("other:warmth", 0, 104.0), candidate("other:travel", 0, 100.0)
     )
@@ -145,3 +170,16 @@ def test_what_explains_clearly_more_with_an_implausible_value_takes_a_names_cert
         (found,) = looking._choose([gain, lag], [gain, lag])
         assert found.candidate is gain
         assert [c.family for c in found.equivalents] == expected
+
+
+def test_a_shifted_encoder_that_explains_nearly_as_much_takes_a_gains_certainty() -> None:
+    looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
+    gain = candidate("gain", 0, 100.0, (-0.2,), {}, ((("ratio_positive", None),),))
+    for point, of_encoder, expected in (
+        ({"offset": 0.1}, 95.0, ["sensor_bias"]),
+        ({"offset": 0.1}, 80.0, []),
+        ({"scale": 0.9}, 95.0, []),
+    ):
+        encoder = candidate("sensor_bias", 0, of_encoder, (), point)
+        equivalents = looking.comparison.equivalents(gain, [gain], [gain, encoder], [])
+        assert [c.family for c in equivalents] == expected

@@ -22,7 +22,11 @@ VALUES = {
     "gain": {"ratio_positive": [1.3, 0.8], "ratio_negative": [0.7, 1.0]},
     "delay": {"added_delay": [0.13, 0.06]},
     "lag": {"added_time_constant": [0.12, -0.15]},
-    "flow_coupling": {"loss_fraction": [[0.0, 0.35], [0.25, 0.0]]},
+    "flow_coupling": {
+        "loss_fraction": [[0.0, 0.35], [0.25, 0.0]],
+        "loss_alone_positive": [0.1, 0.2],
+        "loss_alone_negative": [0.15, 0.0],
+    },
     "load": {
         "mean_speed_ratio_up": [0.8, 1.1],
         "mean_speed_ratio_down": [1.2, 0.9],

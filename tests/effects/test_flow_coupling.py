@@ -9,7 +9,11 @@ from .conftest import SETTING, respond
 
 pytestmark = pytest.mark.usefixtures("float64")
 
-LOSS = {"loss_fraction": np.array([[0.7, 0.4], [0.2, 0.7]])}  # a joint's own entry does not count
+NONE_ALONE = {"loss_alone_positive": np.zeros(2), "loss_alone_negative": np.zeros(2)}
+LOSS = {
+    "loss_fraction": np.array([[0.7, 0.4], [0.2, 0.7]]),
+    **NONE_ALONE,
+}  # a joint's own entry does not count
 
 
 def test_a_joint_loses_by_the_demand_of_the_other():
@@ -18,12 +22,19 @@ def test_a_joint_loses_by_the_demand_of_the_other():
     np.testing.assert_allclose(respond(FlowCoupling(SETTING), LOSS, u), expected, rtol=1e-12)
 
 
+def test_a_joint_loses_by_itself_what_the_pump_lacks_for_it():
+    alone = {"loss_alone_positive": np.array([0.3, 0.0]), "loss_alone_negative": np.array([0.1, 0.0])}
+    u = np.array([[0.5, 0.0], [-0.5, 0.0], [0.2, 0.1]])
+    expected = [[0.5 * 0.7, 0.0], [-0.5 * 0.9, 0.0], [0.2 * (0.7 - 0.4), 0.1 * (1 - 0.2 * 0.4)]]
+    np.testing.assert_allclose(respond(FlowCoupling(SETTING), LOSS | alone, u), expected, rtol=1e-12)
+
+
 def test_demand_and_loss_are_bounded():
     u = np.array([[0.1, 50.0]])
     np.testing.assert_allclose(
         respond(FlowCoupling(SETTING), LOSS, u)[0, 0], 0.1 * (1 - 0.4 * 1.5), rtol=1e-12
     )
-    most = {"loss_fraction": np.full((2, 2), 0.9)}
+    most = {"loss_fraction": np.full((2, 2), 0.9), **NONE_ALONE}
     np.testing.assert_allclose(respond(FlowCoupling(SETTING), most, u)[0, 0], 0.1 * 0.1, rtol=1e-12)
 
 

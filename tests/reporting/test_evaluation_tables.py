@@ -21,9 +21,21 @@ CELLS = {
     "targets": ["dqdot"],
     "seeds": SEEDS,
     "icem_variants": ["icem_dagger"],
+    "icem_models": ["mlp"],
+    "icem_targets": ["dqdot"],
     "icem_seeds": [0],
 }
 NUMBER = re.compile(r"(-?\d+\.\d\d) ± (\d+\.\d\d)")
+
+
+def test_planners_are_those_of_their_own_models_and_targets():
+    cells = CELLS | {"models": ["mlp", "kan"], "targets": ["dq", "dqdot"]}
+    assert controllers_of(cells) == {
+        "icem_dagger_mlp_dqdot": [0],
+        **{f"ppo_{kind}": [*SEEDS] for kind in ("mlp_dq", "mlp_dqdot", "kan_dq", "kan_dqdot")},
+    }
+    planless = {"models": ["kan"], "targets": ["dq"], "seeds": [1]}
+    assert controllers_of(planless) == {"ppo_kan_dq": [1]}
 
 
 @pytest.fixture(scope="module")

@@ -65,6 +65,18 @@ class Distribution:
         return cls(np.full(2, delay_s), 0.0)
 
 
+class MeasuredDelays(NamedTuple):
+    """What a file of delays holds.
+
+    Attributes:
+        links: by name of the link (`LINKS`, and `PLANNING` where it was measured with a planner).
+        planner: whose decisions took as long as `PLANNING` says; None where the file says nothing of it.
+    """
+
+    links: dict[str, Distribution]
+    planner: PlannerEffort | None
+
+
 class Sampler:
     """Draws delays from a distribution by inverting its quantile function (linear in between)."""
 
@@ -100,7 +112,7 @@ def save_delays(path: Path, links: Mapping[str, Distribution], measured: Mapping
     write_whole(path, (json.dumps(content, indent=1) + "\n").encode())
 
 
-def load_delays(path: Path) -> dict[str, Distribution]:
+def load_delays(path: Path) -> MeasuredDelays:
     """Read the file.
 
     Raises:
@@ -117,23 +129,30 @@ def load_delays(path: Path) -> dict[str, Distribution]:
             )
             for name in (*LINKS, *({PLANNING} & set(content["links"])))
         }
+        planner = content["measured"].get("planner")
+        effort = None if planner is None else PlannerEffort(**planner)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; measure it with measure_delays") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except OSError as error:
+        raise InputError(
+            f"{path}: {error.strerror}; deployment.delays names a file of measure_delays"
+        ) from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: not a file of delays ({error!r}); run measure_delays anew") from None
     for name, link in links.items():
-        quantiles = link.quantiles_s
-        if len(quantiles) < 2 or not (np.diff(quantiles) >= 0).all() or not quantiles[0] >= 0:
+        if not _is_ascending_from_zero(link.quantiles_s):
             raise InputError(
                 f"{path}: quantiles of {name} are not ascending from zero; run measure_delays anew"
             )
-    return links
+    if effort is not None and not all(type(number) is int and number > 0 for number in effort):
+        raise InputError(f"{path}: {effort} has to be of whole positive numbers; run measure_delays anew")
+    return MeasuredDelays(links, effort)
 
 
-def measured_effort(path: Path) -> PlannerEffort | None:
-    """Of the planner whose decisions the file holds; None where it holds none, or says nothing of it."""
-    planner = json.loads(path.read_text())["measured"].get("planner")
-    return None if planner is None else PlannerEffort(**planner)
+def _is_ascending_from_zero(quantiles_s: np.ndarray) -> bool:
+    if quantiles_s.ndim != 1 or len(quantiles_s) < 2 or not np.isfinite(quantiles_s).all():
+        return False
+    return bool(quantiles_s[0] >= 0 and (np.diff(quantiles_s) >= 0).all())
 
 
 def delays_of(

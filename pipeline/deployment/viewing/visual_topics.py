@@ -27,6 +27,16 @@ from pipeline.machine.sector import sector_edges
 from pipeline.machine.specification import MachineSpecification
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
+TOPICS = {
+    "/robot_description": "std_msgs/msg/String",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/joints": "sensor_msgs/msg/JointState",
+    "/workspace": "sensor_msgs/msg/PointCloud2",
+    "/events": "rcl_interfaces/msg/Log",
+    "/target": "geometry_msgs/msg/PoseStamped",
+    "/target_mark": "sensor_msgs/msg/PointCloud2",
+}
 POINT_SPACING_M = 0.01
 TARGET_ARM_M = 0.1  # half the length of the cross that marks a target; the chisel's side is longer
 TARGET_CHISEL_M = 0.3
@@ -49,31 +59,54 @@ def visual_topics(
     Raises:
         InputError: the machine has no arm or no workspace.
     """
-    time_ns, q = whole(log.joint_log_time_ns), whole(log.q)
-    start_ns = int(time_ns[0])
-    urdf = urdf_path(machine, directory)
-    by_joint = dict(zip(machine.joint_names, q.T, strict=True))
-    transforms = joint_transforms(urdf, by_joint)
-    fixed = [joint for joint in transforms if len(joint.position) < len(time_ns)]
-    moving = [joint for joint in transforms if len(joint.position) == len(time_ns)]
-    names = list(machine.joint_names)
-    topics = [
-        RecordedTopic("/robot_description", "std_msgs/msg/String", [(start_ns, _text(urdf.read_text()))]),
-        RecordedTopic("/tf_static", "tf2_msgs/msg/TFMessage", [(start_ns, _frames(fixed, 0, start_ns))]),
-        RecordedTopic(
-            "/tf",
-            "tf2_msgs/msg/TFMessage",
-            [(int(t), _frames(moving, row, int(t))) for row, t in enumerate(time_ns)],
-        ),
-        RecordedTopic("/joints", "sensor_msgs/msg/JointState", _joints(log, names)),
-        RecordedTopic(
-            "/workspace",
-            "sensor_msgs/msg/PointCloud2",
-            [(start_ns, _cloud(_polylines(sector_edges(workspace_of(machine))), start_ns))],
-        ),
-        RecordedTopic("/events", "rcl_interfaces/msg/Log", _events(log, graph)),
+    start_ns = int(whole(log.joint_log_time_ns)[0])
+    return [
+        *standing_topics(machine, directory, start_ns),
+        *moving_topics(log, graph, machine, directory),
     ]
-    return [*topics, *_targets(log)]
+
+
+def standing_topics(machine: MachineSpecification, directory: Path, time_ns: int) -> list[RecordedTopic]:
+    """What does not change: the robot description, its fixed frames, W+; each as one message.
+
+    Args:
+        machine: with arm and workspace.
+        directory: where conf/machine lies.
+        time_ns: of the messages.
+
+    Raises:
+        InputError: the machine has no arm or no workspace.
+    """
+    urdf = urdf_path(machine, directory)
+    moved = dict.fromkeys(machine.joint_names, np.zeros(2))
+    fixed = [joint for joint in joint_transforms(urdf, moved) if len(joint.position) == 1]
+    outline = _polylines(sector_edges(workspace_of(machine)))
+    return [
+        _topic("/robot_description", [(time_ns, _text(urdf.read_text()))]),
+        _topic("/tf_static", [(time_ns, _frames(fixed, 0, time_ns))]),
+        _topic("/workspace", [(time_ns, _cloud(outline, time_ns))]),
+    ]
+
+
+def moving_topics(
+    log: RawLog, graph: GraphRecord, machine: MachineSpecification, directory: Path
+) -> list[RecordedTopic]:
+    """What changes: frames, positions and commands, targets, events; arguments and errors of `visual_topics`."""
+    time_ns, q = whole(log.joint_log_time_ns), whole(log.q)
+    by_joint = dict(zip(machine.joint_names, q.T, strict=True))
+    transforms = joint_transforms(urdf_path(machine, directory), by_joint)
+    moving = [joint for joint in transforms if len(joint.position) == len(time_ns)]
+    frames = [(int(t), _frames(moving, row, int(t))) for row, t in enumerate(time_ns)]
+    return [
+        _topic("/tf", frames),
+        _topic("/joints", _joints(log, list(machine.joint_names))),
+        _topic("/events", _events(log, graph)),
+        *_targets(log),
+    ]
+
+
+def _topic(name: str, messages: list[tuple[int, "Msg"]]) -> RecordedTopic:
+    return RecordedTopic(name, TOPICS[name], messages)
 
 
 def _targets(log: RawLog) -> list[RecordedTopic]:
@@ -87,10 +120,7 @@ def _targets(log: RawLog) -> list[RecordedTopic]:
         pose = _type("geometry_msgs/msg/Pose")(position=_vector("Point", p), orientation=_quaternion(w))
         poses.append((t, _type("geometry_msgs/msg/PoseStamped")(header=_header(t), pose=pose)))
         marks.append((t, _cloud(p + _rotated(w, target_mark()), t)))
-    return [
-        RecordedTopic("/target", "geometry_msgs/msg/PoseStamped", poses),
-        RecordedTopic("/target_mark", "sensor_msgs/msg/PointCloud2", marks),
-    ]
+    return [_topic("/target", poses), _topic("/target_mark", marks)]
 
 
 def target_mark() -> np.ndarray:

@@ -1,0 +1,179 @@
+"""A server of the Foxglove WebSocket protocol, v1: what it publishes, Foxglove draws as it happens.
+
+Protocol: https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md. It serves this computer only.
+"""
+
+import contextlib
+import json
+import queue
+import struct
+import threading
+from collections.abc import Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, NamedTuple, Self
+
+from rosbags.typesys.store import Typestore
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import ServerConnection, serve
+from websockets.typing import Subprotocol
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Msg
+
+from pipeline.errors import InputError
+
+HOST = "127.0.0.1"
+PROTOCOL = Subprotocol("foxglove.websocket.v1")
+MESSAGE_DATA = struct.Struct("<BIQ")  # opcode, subscription, time in ns; the message follows
+MESSAGE_DATA_OPCODE = 1
+CLOSE_S = 1.0  # for a viewer to say goodbye
+WAITING = 256  # messages for a viewer that is slow; what comes then is left out for it
+
+
+class Channel(NamedTuple):
+    """A topic and its ROS 2 type."""
+
+    topic: str
+    type_name: str
+
+
+class _Viewer:
+    """One connection: which channels it wants, and what it has still to be sent."""
+
+    def __init__(self, connection: ServerConnection) -> None:
+        self.connection = connection
+        self.subscriptions: dict[int, int] = {}  # by channel
+        self._waiting: queue.Queue[bytes | None] = queue.Queue(WAITING)
+
+    def offer(self, channel: int, time_ns: int, data: bytes) -> None:
+        """Hand a message over without waiting for the network."""
+        if channel in self.subscriptions:
+            header = MESSAGE_DATA.pack(MESSAGE_DATA_OPCODE, self.subscriptions[channel], time_ns)
+            with contextlib.suppress(queue.Full):
+                self._waiting.put_nowait(header + data)
+
+    def send(self) -> None:
+        """Send what was offered until the connection ends."""
+        with contextlib.suppress(ConnectionClosed):
+            while (frame := self._waiting.get()) is not None:
+                self.connection.send(frame)
+
+    def end(self) -> None:
+        """Nothing more will be offered."""
+        while True:
+            try:
+                return self._waiting.put_nowait(None)
+            except queue.Full:
+                with contextlib.suppress(queue.Empty):
+                    self._waiting.get_nowait()
+
+
+class LiveServer:
+    """Publishes messages to all viewers that are connected; a new one is given the newest of each channel.
+
+    Use it as a context manager: it serves from entering to leaving.
+    """
+
+    def __init__(self, port: int, store: Typestore, channels: Sequence[Channel]) -> None:
+        """Takes the port.
+
+        Args:
+            port: on this computer; 0 for any that is free.
+            store: knows the channels' types.
+            channels: all that will be published.
+
+        Raises:
+            InputError: the port is taken.
+        """
+        self._store = store
+        self._channels = {channel.topic: (number, channel) for number, channel in enumerate(channels)}
+        self._lock = threading.Lock()
+        self._viewers: set[_Viewer] = set()
+        self._newest: dict[int, tuple[int, bytes]] = {}
+        try:
+            self._server = serve(
+                self._serve, HOST, port, subprotocols=[PROTOCOL], compression=None, close_timeout=CLOSE_S
+            )
+        except (OSError, OverflowError) as error:
+            raise InputError(f"live_port={port}: {error}; name another port") from None
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+
+    @property
+    def address(self) -> str:
+        """Where viewers connect to."""
+        return f"ws://{HOST}:{self._server.socket.getsockname()[1]}"
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._server.shutdown()
+        self._thread.join()
+        with self._lock:
+            viewers = list(self._viewers)
+        for viewer in viewers:
+            viewer.connection.close()
+
+    def publish(self, topic: str, time_ns: int, message: "Msg") -> None:
+        """Send a message of a channel to whoever wants it."""
+        number, channel = self._channels[topic]
+        data = bytes(self._store.serialize_cdr(message, channel.type_name))
+        with self._lock:
+            self._newest[number] = time_ns, data
+            for viewer in self._viewers:
+                viewer.offer(number, time_ns, data)
+
+    def _serve(self, connection: ServerConnection) -> None:
+        viewer = _Viewer(connection)
+        connection.send(
+            json.dumps({"op": "serverInfo", "name": "hydraulic-arm-pipeline", "capabilities": []})
+        )
+        connection.send(json.dumps({"op": "advertise", "channels": self._advertised()}))
+        sender = threading.Thread(target=viewer.send, daemon=True)
+        sender.start()
+        with self._lock:
+            self._viewers.add(viewer)
+        try:
+            for text in connection:
+                self._answer(viewer, text)
+        except (ConnectionClosed, ValueError, KeyError, TypeError):
+            pass  # it is gone, or speaks another language
+        finally:
+            with self._lock:
+                self._viewers.discard(viewer)
+            viewer.end()
+            sender.join()
+
+    def _answer(self, viewer: _Viewer, text: str | bytes) -> None:
+        request = json.loads(text)
+        with self._lock:
+            if request["op"] == "subscribe":
+                for wanted in request["subscriptions"]:
+                    channel = int(wanted["channelId"])
+                    viewer.subscriptions[channel] = int(wanted["id"])
+                    if channel in self._newest:
+                        viewer.offer(channel, *self._newest[channel])
+            elif request["op"] == "unsubscribe":
+                ended = set(request["subscriptionIds"])
+                viewer.subscriptions = {
+                    channel: number for channel, number in viewer.subscriptions.items() if number not in ended
+                }
+
+    def _advertised(self) -> list[dict[str, object]]:
+        return [
+            {
+                "id": number,
+                "topic": channel.topic,
+                "encoding": "cdr",
+                "schemaName": channel.type_name,
+                "schema": self._store.generate_msgdef(channel.type_name, ros_version=2)[0],
+                "schemaEncoding": "ros2msg",
+            }
+            for number, channel in self._channels.values()
+        ]

@@ -1,0 +1,92 @@
+"""The graph as it runs, for Foxglove: a tap that turns its messages into what `view` writes of a log."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.deployment.component import nanoseconds
+from pipeline.deployment.graph_topics import GraphRecord
+from pipeline.deployment.messages import Message, Topic
+from pipeline.deployment.recording import Recorder
+from pipeline.deployment.simulated_time.graph import Tap
+from pipeline.deployment.viewing.live_server import Channel, LiveServer
+from pipeline.deployment.viewing.visual_topics import STORE, TOPICS, moving_topics, standing_topics
+from pipeline.logs.raw_log import RawLog
+from pipeline.machine.specification import MachineSpecification
+
+PERIOD_NS = nanoseconds(0.05)  # of pictures; joint states come more often
+PAIR = 2  # joint states that a picture is made of: the newest, and the one that its velocity counts from
+
+
+class LiveView:
+    """Publishes a picture of the machine at most every 50 ms of the graph's time."""
+
+    def __init__(self, server: LiveServer, machine: MachineSpecification, directory: Path) -> None:
+        """Nothing is published before the first joint states.
+
+        Args:
+            server: of the channels `visual_topics.TOPICS`.
+            machine: with arm and workspace.
+            directory: where conf/machine lies.
+        """
+        self._server = server
+        self._machine, self._directory = machine, directory
+        self._heard = Recorder()
+        self._due_ns: int | None = None
+
+    def __call__(self, topic: Topic, message: Message, time_ns: int) -> None:
+        """Take a message in."""
+        heard = self._heard
+        heard(topic, message, time_ns)
+        if topic is not Topic.joint_states or len(heard.states) < PAIR:
+            return
+        if self._due_ns is None:
+            for standing in standing_topics(self._machine, self._directory, time_ns):
+                self._server.publish(standing.name, *standing.messages[-1])
+        elif time_ns < self._due_ns:
+            del heard.states[:-PAIR]
+            return
+        self._due_ns = time_ns + PERIOD_NS
+        record = GraphRecord(
+            [],
+            [(result.stamp_ns, result) for result in heard.results],
+            [(stop.stamp_ns, stop) for stop in heard.stops],
+        )
+        for moving in moving_topics(self._log(), record, self._machine, self._directory):
+            newest = moving.messages[-1:] if moving.name in ("/tf", "/joints") else moving.messages
+            for message_ns, content in newest:
+                self._server.publish(moving.name, message_ns, content)
+        self._heard = Recorder(states=heard.states[-1:], commands=heard.commands[-1:])
+
+    def _log(self) -> RawLog:
+        states, commands = self._heard.states[-PAIR:], self._heard.commands
+        n_joint = self._machine.n_joint
+        times_ns = np.array([time_ns for time_ns, _ in states], np.int64)
+        return RawLog(
+            "live",
+            Path(),
+            times_ns,
+            times_ns,
+            np.array([state.position for _, state in states], float),
+            np.array([time_ns for time_ns, _ in commands], np.int64),
+            np.array([command.values for _, command in commands], float).reshape(-1, n_joint),
+            self._heard.target_poses() if self._heard.targets else None,
+        )
+
+
+@contextlib.contextmanager
+def live_view(machine: MachineSpecification, directory: Path, port: int | None) -> Iterator[list[Tap]]:
+    """A tap that shows the graph on a port of this computer; none where no port is named.
+
+    Raises:
+        InputError: the port is taken.
+    """
+    if port is None:
+        yield []
+        return
+    channels = [Channel(name, type_name) for name, type_name in TOPICS.items()]
+    with LiveServer(port, STORE, channels) as server:
+        print(f"watch it in Foxglove: Open connection, Foxglove WebSocket, {server.address}", flush=True)
+        yield [LiveView(server, machine, directory)]

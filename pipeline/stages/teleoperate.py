@@ -1,0 +1,156 @@
+"""Stage `teleoperate`: somebody at a joystick drives the machine through the graph, and it is recorded as a bag."""
+
+import contextlib
+import enum
+import os
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from omegaconf import MISSING
+
+from pipeline.configuration import MACHINE_DIRECTORY, stage
+from pipeline.deployment.component import NANOSECONDS, nanoseconds
+from pipeline.deployment.controllers import ControllerKind
+from pipeline.deployment.recording import Recorder
+from pipeline.deployment.ros1.launch import graph
+from pipeline.deployment.ros1.listener import Listener
+from pipeline.deployment.simulated_time.delays import delays_of, load_delays
+from pipeline.deployment.simulated_time.graph import SimulatedGraph, Tap
+from pipeline.deployment.simulated_time.pace import run_at_real_time
+from pipeline.deployment.viewing.live_view import live_view
+from pipeline.errors import InputError
+from pipeline.plant.session import SESSION_NAME
+from pipeline.stages.graph_node import (
+    DRIVERS,
+    JOYSTICK,
+    NODES,
+    SETTLE_S,
+    START_TIMEOUT_S,
+    TELEOPERATED,
+    Driver,
+    GraphStage,
+    component,
+    node_commands,
+)
+from pipeline.tracking import StageRun
+
+
+class GraphKind(enum.StrEnum):
+    """What carries the graph's messages."""
+
+    ros = "ros"
+    simulated_time = "simulated_time"
+
+
+class Sticks(enum.StrEnum):
+    """Who moves the sticks."""
+
+    scripted = "scripted"
+    device = "device"  # a node of the joystick's own
+
+
+@dataclass
+class TeleoperateStage(GraphStage):
+    """Keys of `conf/teleoperate.yaml`."""
+
+    graph: GraphKind = MISSING
+    joystick: Sticks = MISSING
+    seconds: float = MISSING
+
+    def __post_init__(self) -> None:
+        if not self.seconds > 0:
+            raise InputError(f"seconds={self.seconds}: it must be positive")
+        if self.driver is not Driver.plant and not self.model:
+            raise InputError(
+                f"`model` is missing; driver={self.driver} takes model=FOLDER that identify wrote"
+            )
+        if self.graph is GraphKind.simulated_time and (
+            self.driver is Driver.can or self.joystick is Sticks.device
+        ):
+            raise InputError(
+                "graph=simulated_time: takes neither driver=can nor joystick=device, which keep real time"
+            )
+
+    @property
+    def commanding(self) -> tuple[str, ...]:
+        """Nodes that commands come from."""
+        return (*TELEOPERATED, JOYSTICK) if self.joystick is Sticks.scripted else TELEOPERATED
+
+
+@stage(TeleoperateStage)
+def main(configuration: TeleoperateStage, run: StageRun) -> None:
+    """Run the graph for so many seconds; write what it heard as one more bag in the folder `logs` of the output."""
+    for name in configuration.commanding:
+        component(configuration, name)  # a mistake in their settings is told here, not in a node's log
+    run_graph = simulate if configuration.graph is GraphKind.simulated_time else drive
+    with live_view(configuration.machine, MACHINE_DIRECTORY, configuration.live_port) as taps:
+        recorder = run_graph(configuration, taps)
+    moves = sum(bool(np.any(command.values)) for _, command in recorder.commands)
+    for stop in recorder.stops:
+        print(f"teleoperate: control_supervisor stopped the machine by {stop.rule}: {stop.detail}")
+    if not (recorder.states and recorder.commands):
+        raise InputError("no stick was moved while it was recorded, so there is no bag; see the nodes' logs")
+    begun_s = recorder.states[0][0] // NANOSECONDS
+    session = datetime.fromtimestamp(begun_s, UTC).strftime(SESSION_NAME)
+    bag = Path(configuration.output) / "logs" / session
+    recorder.write(bag, configuration.machine)
+    print(f"teleoperate: {bag}: {len(recorder.states)} joint states, {moves} commands that move a joint")
+    run.metrics(
+        {"joint_states": len(recorder.states), "moving_commands": moves, "stops": len(recorder.stops)}
+    )
+
+
+def drive(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
+    """The graph as ROS 1 nodes, at wall-clock time.
+
+    Raises:
+        InputError: ROS 1 is not installed, or a node ended.
+    """
+    nodes = node_commands(configuration, passed_on(configuration, sys.argv[1:]), configuration.commanding)
+    with graph(nodes, Path(configuration.output) / "nodes") as processes:
+
+        def is_running() -> bool:
+            return all(process.poll() is None for process in processes.values())
+
+        if configuration.joystick is Sticks.device:
+            print(
+                f"teleoperate: waits for a joystick on /joystick, ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}",
+                flush=True,
+            )
+        listener = Listener(configuration.machine, "recorder", taps)
+        listener.wait_for_nodes(len(nodes), START_TIMEOUT_S, is_running)
+        time.sleep(SETTLE_S)
+        with contextlib.suppress(KeyboardInterrupt):  # whoever has seen enough keeps what was recorded
+            listener.listen(configuration.seconds, is_running)
+    return listener.recorder
+
+
+def passed_on(configuration: TeleoperateStage, overrides: list[str]) -> list[str]:
+    """The overrides of this command, and what it has other than a node by default."""
+    own: Mapping[str, str] = {"driver": configuration.driver, "model": configuration.model}
+    others = [word for word in overrides if word.split("=")[0] not in own]
+    return [*others, *(f"{key}={value}" for key, value in own.items())]
+
+
+def simulate(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
+    """The same components in simulated time, at real time where somebody watches."""
+    recorder, deployment = Recorder(), configuration.deployment
+    names = (*DRIVERS[configuration.driver], *NODES, *configuration.commanding)
+    components = [component(configuration, name) for name in names]
+    delays, _ = delays_of(load_delays(Path(deployment.delays)).links, ControllerKind.ppo, None)
+    start_ns = time.time_ns()
+    simulated = SimulatedGraph(
+        components, delays, np.random.SeedSequence(deployment.seed), start_ns, taps=[recorder, *taps]
+    )
+    run = SimulatedGraph.run if not taps else run_at_real_time
+    run(simulated, start_ns + nanoseconds(configuration.seconds))
+    return recorder
+
+
+if __name__ == "__main__":
+    main()
