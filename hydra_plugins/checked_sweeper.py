@@ -13,7 +13,7 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from pipeline.configuration import INPUT_ERROR_STATUS, JobError, check
+from pipeline.configuration import INPUT_ERROR_STATUS, JobError, check, check_places
 from pipeline.errors import InputError
 
 
@@ -40,7 +40,7 @@ class CheckedSweeper(BasicSweeper):
             for overrides in batch:
                 composed = self.hydra_context.config_loader.load_sweep_config(self.config, list(overrides))
                 HydraConfig.instance().set_config(composed)
-                check(_without_hydra(composed))
+                check_places(check(_without_hydra(composed)))
         finally:
             HydraConfig.instance().cfg = own
 

@@ -5,13 +5,15 @@ stage's dataclass; ranges are checked when the dataclasses are built, before any
 """
 
 import contextlib
+import enum
 import functools
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import hydra
 from hydra.core.config_store import ConfigStore
@@ -23,6 +25,8 @@ from omegaconf.errors import OmegaConfBaseException
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.machine.specification import MachineSpecification
+from pipeline.numbers_in_settings import check_numbers
+from pipeline.places import refuse_overlap, refuse_unusable
 from pipeline.tracking import StageRun, TrackingConfiguration, track
 
 CONFIGURATION_DIRECTORY = Path(__file__).resolve().parent.parent / "conf"
@@ -45,7 +49,29 @@ class ControlConfiguration:
 
 @dataclass
 class PipelineConfiguration:
-    """What every stage shares. A stage's own class types the sections that it reads; the others pass untyped."""
+    """What every stage shares. A stage's own class types the sections that it reads; the others pass untyped.
+
+    Attributes:
+        reads: Keys of stages that name what is only read. A stage that has rules of its own for them names fewer.
+        writes: Keys of stages that name where is written.
+        written_files: Those of them that name a file; the others name folders.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = (
+        "closed_loop",
+        "held_out",
+        "logs",
+        "measured",
+        "model",
+        "models",
+        "nominal",
+        "policy",
+        "seal",
+        "sessions",
+        "tuples",
+    )
+    writes: ClassVar[tuple[str, ...]] = ("checkpoints", "delays", "output", "report", "storage")
+    written_files: ClassVar[tuple[str, ...]] = ("delays", "storage")
 
     machine: MachineSpecification = MISSING
     tracking: TrackingConfiguration = MISSING
@@ -115,6 +141,7 @@ def stage(
         def job(composed: DictConfig) -> None:
             with _failing_in_one_line(name):
                 typed = check(composed)
+                check_places(typed)
                 resolved: Any = OmegaConf.to_container(composed, resolve=True)
                 text = OmegaConf.to_yaml(composed, resolve=True)
                 run_folder = Path(HydraConfig.get().runtime.output_dir)
@@ -147,21 +174,49 @@ def check(composed: DictConfig) -> Any:
     try:
         _check_machine_name(composed)
         configuration = OmegaConf.to_object(composed)
+        resolved = OmegaConf.to_container(composed, resolve=True)
     except MissingMandatoryValue as error:
         raise InputError(
             f"`{error.full_key}` is missing; add {error.full_key}=VALUE to the command"
         ) from error
-    _check_checkpoints(getattr(configuration, "checkpoints", None))
+    except OmegaConfBaseException as error:
+        line = str(error).splitlines()[0]
+        raise InputError(f"`{error.full_key}`: {line}; correct it on the command line or in conf/") from error
+    check_numbers(resolved)
+    _check_checkpoints(getattr(configuration, "checkpoints", None), getattr(configuration, "output", None))
     return configuration
 
 
-def _check_checkpoints(folder: str | None) -> None:
+def _check_checkpoints(folder: str | None, output: str | None) -> None:
     """A finished run deletes its checkpoints; by `output=../x` their default would be the folder `x`."""
-    if folder is not None and ".." in Path(folder).parts:
+    if folder is None:
+        return
+    if ".." in Path(folder).parts:
         raise InputError(
             f"checkpoints={folder}: leads out of its own folder, which is deleted once the run is finished; "
             "add checkpoints=FOLDER to the command, or give output without .."
         )
+    if output is not None and Path(os.path.realpath(output)).is_relative_to(os.path.realpath(folder)):
+        raise InputError(
+            f"checkpoints={folder}: holds output={output}, and is deleted once the run is finished; name another folder"
+        )
+
+
+def check_places(configuration: PipelineConfiguration) -> None:
+    """Check that nothing is written where something is only read, and that what is to be written can be.
+
+    Raises:
+        InputError: A place is for both, or cannot be written to.
+    """
+    # of `identify`, `model` is one of an enumeration; a database is no place
+    places = {
+        key: value
+        for key, value in vars(configuration).items()
+        if isinstance(value, str | list) and not isinstance(value, enum.Enum) and "://" not in value
+    }
+    writes = {key: str(places[key]) for key in configuration.writes if key in places}
+    refuse_unusable(writes, configuration.written_files)
+    refuse_overlap(writes, {key: places[key] for key in configuration.reads if places.get(key)})
 
 
 def _check_machine_name(composed: DictConfig) -> None:

@@ -251,6 +251,25 @@ def test_a_line_left_unfinished_is_cut_off(tmp_path):
     assert len(study.trials()) == len(Study(str(journal), "study", settings(), EPOCHS).trials()) == 4
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        "my notes",
+        "my notes\nof two lines\n",
+        '{"a": 1}\n',
+        "[1]\n",
+        '{"op_code":0}\n',
+        '{"op_code":0,\nmine\nx\n',
+    ],
+)
+def test_a_file_of_something_else_is_no_journal(content: str, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.txt"
+    mine.write_text(content)
+    with pytest.raises(InputError, match=r"mine\.txt: no journal of studies"):
+        open_storage(str(mine))
+    assert mine.read_text() == content
+
+
 def test_a_process_is_known_dead_when_it_is():
     process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
     identity = own_identity().replace(f"{os.getpid()}-", f"{process.pid}-")

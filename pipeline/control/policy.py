@@ -134,12 +134,17 @@ def load_policy(directory: Path) -> tuple[Policy, dict[str, Any]]:
         raise InputError(f"{error.filename}: no such file; name a folder that `ppo` wrote") from None
     except ValueError as error:
         raise InputError(f"{directory}: not readable as a policy ({error}); train it again") from None
+    if not isinstance(meta, dict):
+        raise InputError(f"{directory / META_FILE}: not a JSON object; train the policy again")
     if meta.get("schema_version") != POLICY_SCHEMA_VERSION:
         raise InputError(
             f"{directory / META_FILE}: schema_version {meta.get('schema_version')}, this pipeline reads "
             f"{POLICY_SCHEMA_VERSION}; train the policy again"
         )
-    return policy_from_content(content), meta
+    try:
+        return policy_from_content(content), meta
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{directory / POLICY_FILE}: holds no policy ({error}); train it again") from error
 
 
 def load_policy_of(directory: Path, model: Path) -> Policy:

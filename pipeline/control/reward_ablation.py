@@ -9,7 +9,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pipeline.atomic_files import write_whole
 from pipeline.control.checkpoint import identity
@@ -17,7 +17,7 @@ from pipeline.control.curve import CurvePoint
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.ppo import PPOConfig, train
 from pipeline.dynamics.model import DynamicsModel
-from pipeline.dynamics.network import Parameters
+from pipeline.effects.augmented_model import AugmentedModel
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import Arm
 from pipeline.machine.specification import MachineSpecification
@@ -86,9 +86,9 @@ class Ablation:
 
     machine: MachineSpecification
     arm: Arm
-    dynamics: DynamicsModel
-    parameters: Parameters
-    fingerprint: str  # of the dynamics model
+    dynamics: DynamicsModel | AugmentedModel
+    parameters: Any
+    fingerprint: str  # of the dynamics model and its effects
     reward: RewardConfig
     episodes: EpisodesConfig
     action_repeats: int

@@ -56,29 +56,44 @@ class PredictionErrors:
     n_steps: int
 
 
-def prediction_errors(predictor: Predictor, trajectories: Sequence[Trajectory]) -> PredictionErrors:
-    """Both errors at once; see `one_step_rmse` and `open_loop_rmse_80`."""
-    one_step, n_steps = one_step_rmse(predictor, trajectories)
-    open_loop, n_windows = open_loop_rmse_80(predictor, trajectories)
+def prediction_errors(
+    predictor: Predictor, trajectories: Sequence[Trajectory], place: str = "logs"
+) -> PredictionErrors:
+    """Both errors at once; see `one_step_rmse` and `open_loop_rmse_80`.
+
+    Args:
+        predictor: The model.
+        trajectories: What it is judged on.
+        place: Where they are from, for the message.
+
+    Raises:
+        InputError: No trajectory is long enough.
+    """
+    one_step, n_steps = one_step_rmse(predictor, trajectories, place)
+    open_loop, n_windows = open_loop_rmse_80(predictor, trajectories, place)
     return PredictionErrors(one_step, open_loop, n_windows=n_windows, n_steps=n_steps)
 
 
-def one_step_rmse(predictor: Predictor, trajectories: Sequence[Trajectory]) -> tuple[np.ndarray, int]:
+def one_step_rmse(
+    predictor: Predictor, trajectories: Sequence[Trajectory], place: str = "logs"
+) -> tuple[np.ndarray, int]:
     """RMSE of q̂[t+1] − q[t+1] from measured history, over rows t = 40, 41, … of each trajectory.
 
     Returns:
         (n_joint,) rad or m, and the number of predictions.
     """
-    return _rmse(predictor, trajectories, one_step_starts, horizon=1)
+    return _rmse(predictor, trajectories, one_step_starts, 1, place)
 
 
-def open_loop_rmse_80(predictor: Predictor, trajectories: Sequence[Trajectory]) -> tuple[np.ndarray, int]:
+def open_loop_rmse_80(
+    predictor: Predictor, trajectories: Sequence[Trajectory], place: str = "logs"
+) -> tuple[np.ndarray, int]:
     """RMSE over all steps of windows of 80 steps that start at rows 40, 60, 80, … as long as the window fits.
 
     Returns:
         (n_joint,) rad or m, and the number of windows.
     """
-    return _rmse(predictor, trajectories, open_loop_starts, horizon=OPEN_LOOP_HORIZON)
+    return _rmse(predictor, trajectories, open_loop_starts, OPEN_LOOP_HORIZON, place)
 
 
 def one_step_starts(n_rows: int) -> np.ndarray:
@@ -120,6 +135,7 @@ def _rmse(
     trajectories: Sequence[Trajectory],
     starts_of: Callable[[int], np.ndarray],
     horizon: int,
+    place: str,
 ) -> tuple[np.ndarray, int]:
     squares, n_values, n_windows = 0.0, 0, 0
     for trajectory in trajectories:
@@ -132,7 +148,7 @@ def _rmse(
         n_windows += len(starts)
     if n_windows == 0:
         raise InputError(
-            f"logs: no trajectory is longer than {FIRST_JUDGED_ROW + horizon} rows, which a prediction over "
+            f"{place}: no trajectory is longer than {FIRST_JUDGED_ROW + horizon} rows, which a prediction over "
             f"{horizon} steps from row {FIRST_JUDGED_ROW} needs; give longer logs"
         )
     return np.sqrt(squares / n_values), n_windows

@@ -133,23 +133,35 @@ def flat_metrics(judgements: Mapping[str, Judgement], machine: MachineSpecificat
 
 
 def check_unseen(learning: Sequence[Trajectory], held_out: Sequence[Trajectory]) -> None:
-    """Raise InputError if a held-out trajectory holds rows that were learned from, whatever its file is called.
+    """Raise InputError if a held-out trajectory holds rows that were learned from, whatever its file is called."""
+    again = seen_again(learning, held_out)
+    if again is not None:
+        raise InputError(
+            f"held_out: trajectory {again.name} was learned from; give a recording that neither training "
+            "nor selection saw"
+        )
+
+
+def seen_again(known: Sequence[Trajectory], others: Sequence[Trajectory]) -> Trajectory | None:
+    """The first of `others` that holds rows of `known`, whatever its file is called; None: there is none.
 
     A row is known by its time and positions. Tables' times may all begin at zero, from one rest position, so a few
     equal rows say nothing.
     """
-    learned = {
-        (stamp, q.tobytes())
-        for trajectory in learning
-        for stamp, q in zip(trajectory.stamp_ns.tolist(), trajectory.q, strict=True)
-    }
-    for trajectory in held_out:
-        rows = zip(trajectory.stamp_ns.tolist(), trajectory.q, strict=True)
-        if np.mean([(stamp, q.tobytes()) in learned for stamp, q in rows]) > SEEN_SHARE:
-            raise InputError(
-                f"held_out: trajectory {trajectory.name} was learned from; give a recording that neither training "
-                "nor selection saw"
-            )
+    stamps_ns = np.concatenate([trajectory.stamp_ns for trajectory in known])
+    for other in others:
+        at_known_time = np.isin(other.stamp_ns, stamps_ns)
+        if np.mean(at_known_time) <= SEEN_SHARE:
+            continue
+        rows = {
+            (stamp, q.tobytes())
+            for trajectory in known
+            for stamp, q in zip(trajectory.stamp_ns.tolist(), trajectory.q, strict=True)
+        }
+        own = zip(other.stamp_ns.tolist(), other.q, strict=True)
+        if np.mean([(stamp, q.tobytes()) in rows for stamp, q in own]) > SEEN_SHARE:
+            return other
+    return None
 
 
 def judge(

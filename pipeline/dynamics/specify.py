@@ -1,6 +1,6 @@
 """A model's specification from its configuration, the machine, and the training rows' scales."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -36,6 +36,37 @@ def specify(
         ).tolist(),
         residual_scale=residual_scales(trajectories, target).tolist(),
     )
+
+
+def check_machine(specification: ModelSpecification, machine: MachineSpecification, name: str) -> None:
+    """Raise `InputError` if a model is of another machine: of other joints, limits or another rate.
+
+    Names do not tell machines apart: all excavators have a boom.
+
+    Args:
+        specification: The model's.
+        machine: What it is to be used for.
+        name: Of the model, for the message.
+    """
+    own = _described(
+        specification.joints,
+        specification.position_lower,
+        specification.position_upper,
+        specification.rate_hz,
+    )
+    expected = _described(machine.joint_names, machine.lower, machine.upper, machine.rate_hz)
+    if own != expected:
+        raise InputError(
+            f"{name}: the model is of joints {own}, machine {machine.name} has {expected}; give the model's "
+            "machine=NAME, or identify again if the machine's limits were changed"
+        )
+
+
+def _described(joints: Sequence[str], lower: Iterable[float], upper: Iterable[float], rate_hz: float) -> str:
+    limits = [
+        f"{joint} [{low:.6g}, {high:.6g}]" for joint, low, high in zip(joints, lower, upper, strict=True)
+    ]
+    return f"{', '.join(limits)} at {rate_hz:.6g} Hz"
 
 
 def velocity_limits(trajectories: Sequence[Trajectory], joints: Sequence[str], quantile: float) -> np.ndarray:

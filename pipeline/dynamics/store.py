@@ -16,6 +16,7 @@ from flax import serialization
 from pipeline.atomic_files import write_whole
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.network import Parameters
+from pipeline.dynamics.specify import check_machine
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 
@@ -92,24 +93,11 @@ def load_model_of(directory: Path, machine: MachineSpecification) -> tuple[Dynam
     """Read a model folder that must be of this machine.
 
     Raises:
-        InputError: As `load_model`, or the model is of other joints or another rate.
+        InputError: As `load_model`, or the model is of another machine.
     """
     model, parameters = load_model(directory)
-    if not is_of(model, machine):
-        joints, rate_hz = model.specification.joints, model.specification.rate_hz
-        raise InputError(
-            f"{directory}: the model is of joints {', '.join(joints)} at {rate_hz:g} Hz, machine {machine.name} has "
-            f"{', '.join(machine.joint_names)} at {machine.rate_hz:g} Hz; give the model's machine=NAME"
-        )
+    check_machine(model.specification, machine, str(directory))
     return model, parameters
-
-
-def is_of(model: DynamicsModel, machine: MachineSpecification) -> bool:
-    """Whether the model has the machine's joints and rate."""
-    specification = model.specification
-    return (
-        list(specification.joints) == list(machine.joint_names) and specification.rate_hz == machine.rate_hz
-    )
 
 
 def model_fingerprint(directory: Path) -> str:

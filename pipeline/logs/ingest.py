@@ -106,16 +106,9 @@ def ingest(
     Raises:
         InputError: The folder holds no logs (unless allowed), or the output cannot be written.
     """
-    output = Path(
-        os.path.realpath(output_directory)
-    )  # unlike `resolve` it does not mind links that are loops
-    if output == Path(os.path.realpath(logs_directory)):
-        raise InputError(f"{output_directory}: is the folder of the logs; name another folder for the output")
-    entries = [
-        entry
-        for entry in _find(logs_directory, allow_empty)
-        if not Path(os.path.realpath(entry.path)).is_relative_to(output)
-    ]
+    entries = _outside(_find(logs_directory, allow_empty), logs_directory, output_directory)
+    if not entries and not allow_empty:
+        raise InputError(f"{logs_directory}: holds no logs but tuples in the output; name a folder of logs")
     try:
         output_directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -157,6 +150,27 @@ def _find(directory: Path, allow_empty: bool) -> list[LogEntry]:
     if allow_empty and (not directory.exists() or not any(directory.iterdir())):
         return []
     return find_logs(directory)
+
+
+def _outside(entries: list[LogEntry], logs_directory: Path, output_directory: Path) -> list[LogEntry]:
+    """The logs less the tuples of an earlier run, where the output lies among the logs.
+
+    Raises:
+        InputError: A log lies in the output, where it would be taken for tuples of a log that is gone.
+    """
+    # unlike `resolve` it does not mind links that are loops
+    output, logs = (Path(os.path.realpath(path)) for path in (output_directory, logs_directory))
+    if output == logs:
+        raise InputError(f"{output_directory}: is the folder of the logs; name another folder for the output")
+    outside = []
+    for entry in entries:
+        if not Path(os.path.realpath(entry.path)).is_relative_to(output):
+            outside.append(entry)
+        elif not (entry.path.suffix == SUFFIX and are_tuples(entry.path)) or logs.is_relative_to(output):
+            raise InputError(
+                f"{entry.path}: lies in the output {output_directory}; move the logs out of it, or name another output"
+            )
+    return outside
 
 
 def _run(entries: list[LogEntry], settings: _Settings, n_processes: int) -> Iterator[tuple[str, _Outcome]]:

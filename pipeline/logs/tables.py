@@ -110,12 +110,13 @@ def _batches(
 
 def _selected(table: polars.LazyFrame, wanted: tuple[str, ...], path: Path, place: str) -> polars.LazyFrame:
     seen = table.collect_schema().names()
-    missing = [name for name in wanted if name not in seen]
+    missing = [name for name in dict.fromkeys(wanted) if name not in seen]
     if missing:
         listed = ", ".join(name[:LISTED_CHARACTERS] for name in seen[:LISTED_COLUMNS])
         more = f" and {len(seen) - LISTED_COLUMNS} more" if len(seen) > LISTED_COLUMNS else ""
         raise InputError(
-            f"{path}: column {', '.join(missing)} is missing; map it in {place}; columns seen: {listed}{more}"
+            f"{path}: column {', '.join(missing)} is missing; map it in {place}, or move the table away if it is no "
+            f"log; columns seen: {listed}{more}"
         )
     return table.select(list(dict.fromkeys(wanted)))
 

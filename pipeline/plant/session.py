@@ -33,17 +33,30 @@ class RecordConfig:
             )
         if not self.held_out_minutes > 0.0:
             raise InputError(f"record.held_out_minutes is {self.held_out_minutes}; it must be positive")
-        try:
-            zone = datetime.fromisoformat(self.first_session).tzinfo
-        except ValueError:
-            zone = None
-        if zone is None:
-            raise InputError(
-                f"record.first_session is {self.first_session}; write date and "
-                f"time with zone, such as 2024-05-06T09:00:00+00:00"
-            )
+        read_moment("record.first_session", self.first_session)
         if self.seed < 0:
             raise InputError(f"record.seed is {self.seed}; it must not be negative")
+
+
+def read_moment(name: str, text: str) -> datetime:
+    """A moment with its time zone.
+
+    Args:
+        name: Of the setting, for the message.
+        text: ISO 8601.
+
+    Raises:
+        InputError: It is none, or has no time zone.
+    """
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        moment = None
+    if moment is None or moment.tzinfo is None:
+        raise InputError(
+            f"{name} is {text}; write date and time with zone, such as 2024-05-06T09:00:00+00:00"
+        )
+    return moment
 
 
 @dataclass(frozen=True)

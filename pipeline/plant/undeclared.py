@@ -26,8 +26,10 @@ def draw_effects(
         first_session_s: Duration of the first session, within which a change point lies.
 
     Raises:
-        InputError: No such kind.
+        InputError: No such kind, or the size is not positive.
     """
+    if not size > 0.0:
+        raise InputError(f"effect_size is {size}; it must be positive")
     drawn = []
     for number, kind in enumerate(kinds):
         random = np.random.default_rng([seed, number])

@@ -11,8 +11,8 @@ import numpy as np
 
 from pipeline.dynamics.held_command import hold
 from pipeline.dynamics.model import DynamicsModel
+from pipeline.dynamics.specify import check_machine
 from pipeline.effects.augmented_model import AugmentedModel
-from pipeline.errors import InputError
 from pipeline.machine.kinematics import Arm, Pose
 from pipeline.machine.poses import workspace_of
 from pipeline.machine.specification import MachineSpecification
@@ -100,17 +100,7 @@ class ReachingTask:
         Raises:
             InputError: the model is of another machine, or the machine has no workspace.
         """
-        if list(dynamics.specification.joints) != list(machine.joint_names):
-            raise InputError(
-                f"the dynamics model has joints {', '.join(dynamics.specification.joints)}, "
-                f"machine {machine.name} has {', '.join(machine.joint_names)}; "
-                "name the machine that the model was identified on"
-            )
-        if dynamics.specification.rate_hz != machine.rate_hz:
-            raise InputError(
-                f"the dynamics model steps at {dynamics.specification.rate_hz} Hz, machine {machine.name} at "
-                f"{machine.rate_hz} Hz; identify the model anew"
-            )
+        check_machine(dynamics.specification, machine, "model")
         self.machine = machine
         self.arm = arm
         self.dynamics: Any = dynamics  # both kinds begin, step and observe alike

@@ -10,16 +10,20 @@ from pipeline.atomic_files import write_whole
 from pipeline.configuration import ControlConfiguration, PipelineConfiguration, stage
 from pipeline.discrepancy.close_loop import close_loop
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY_VARIATION
 from pipeline.dynamics.fit import fit
+from pipeline.dynamics.judgement import seen_again
 from pipeline.dynamics.model import DynamicsModel, Target
 from pipeline.dynamics.network import Parameterization, Parameters
 from pipeline.dynamics.settings import IdentifyConfig
-from pipeline.dynamics.store import is_of, load_model, save_model
+from pipeline.dynamics.store import save_model
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.store import FILE, save_effects
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import Trajectory
+from pipeline.plain_model import load_plain_model_of
 from pipeline.registry.publish import publish_dynamics_model
 from pipeline.reporting.closed_loop import write_closed_loop_report
 from pipeline.reporting.page import render_page
@@ -41,6 +45,16 @@ class CloseLoopStage(PipelineConfiguration):
     kind: str = MISSING
     allow_empty: bool = False
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.close_loop, CloseLoopConfig):
+            return  # OmegaConf builds the node first and the object later
+        known = [*KNOWN, SUPPLY_VARIATION]
+        for family in self.close_loop.exclude:
+            if family not in known:
+                raise InputError(
+                    f"close_loop.exclude has {family}, which is not tried anyway; choose from {', '.join(known)}"
+                )
+
 
 @stage(CloseLoopStage)
 def main(configuration: CloseLoopStage, run: StageRun) -> None:
@@ -53,6 +67,12 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
         load_trajectories(Path(folder), machine, configuration.ingest, configuration.control.loop_tracker)
         for folder in (configuration.nominal, configuration.measured)
     )
+    again = seen_again(nominal, measured)
+    if again is not None:
+        raise InputError(
+            f"measured={configuration.measured}: trajectory {again.name} is among nominal={configuration.nominal}, "
+            "too; give logs of the machine as it is that are none of the logs that its model describes"
+        )
     model, parameters = baseline(configuration, nominal)
     run.inputs(configuration.nominal, configuration.measured)
     print(f"close_loop: {len(nominal)} nominal and {len(measured)} measured trajectories", flush=True)
@@ -112,7 +132,7 @@ def write_note(configuration: CloseLoopStage) -> None:
     if configuration.model is None:
         raise InputError(f"measured={configuration.measured}: holds no logs, and no model is named; name one")
     note = f"{configuration.measured} holds no logs; name logs of the machine as it is (params.yaml: measured_logs)"
-    model, parameters = load_model(Path(configuration.model))
+    model, parameters = load_plain_model_of(Path(configuration.model), configuration.machine)
     for name in ("model_before", "model_after"):
         save_model(output / name, model, parameters, {"machine": configuration.machine.name}, {}, {})
         (output / name / FILE).unlink(missing_ok=True)
@@ -126,18 +146,11 @@ def baseline(configuration: CloseLoopStage, nominal: list[Trajectory]) -> tuple[
     """The model that was given, or one identified from the nominal logs.
 
     Raises:
-        InputError: The model is of another machine, or cannot be read.
+        InputError: The model is of another machine, has effects already, or cannot be read.
     """
     machine = configuration.machine
     if configuration.model is not None:
-        model, parameters = load_model(Path(configuration.model))
-        specification = model.specification
-        if not is_of(model, machine):
-            raise InputError(
-                f"model={configuration.model}: is of joints {', '.join(specification.joints)} at "
-                f"{specification.rate_hz:g} Hz, not of machine {machine.name}; name its machine or another model"
-            )
-        return model, parameters
+        return load_plain_model_of(Path(configuration.model), machine)
     parameterization, _, target = configuration.kind.partition("_")
     try:
         kind = Parameterization(parameterization), Target(target)

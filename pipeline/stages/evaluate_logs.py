@@ -4,7 +4,7 @@ that were seen, and what safety did."""
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from omegaconf import MISSING
@@ -15,9 +15,7 @@ from pipeline.deployment.graph_topics import GraphRecord, read_graph_topics
 from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
 from pipeline.dynamics.errors import Predictor, prediction_errors
 from pipeline.dynamics.store import load_model_of
-from pipeline.effects.store import load_effects
-from pipeline.effects.store import predictor as build_predictor
-from pipeline.errors import InputError
+from pipeline.effects.store import load_predictor
 from pipeline.logs.bags import read_log
 from pipeline.logs.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
@@ -34,6 +32,8 @@ from pipeline.tracking import StageRun, flatten_metrics
 class EvaluateLogsStage(PipelineConfiguration):
     """Keys of `conf/evaluate_logs.yaml`."""
 
+    written_files: ClassVar[tuple[str, ...]] = ("output",)
+
     control: ControlConfiguration = MISSING
     ingest: IngestConfig = MISSING
     episodes: EpisodesConfig = MISSING
@@ -47,8 +47,6 @@ class EvaluateLogsStage(PipelineConfiguration):
 def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
     """Write one JSON file (contract, section 3)."""
     machine, output = configuration.machine, Path(configuration.output)
-    if output.is_dir():
-        raise InputError(f"output={output}: is a folder; name the JSON file to write")
     if configuration.allow_empty and not Path(configuration.logs).exists():
         note = f"{configuration.logs}: no logs"
         write_whole(output, (json.dumps({"note": note}, indent=1) + "\n").encode())
@@ -61,7 +59,7 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
         make_trajectories(log, machine, configuration.ingest, configuration.control.loop_tracker)
         for log in raw
     ]
-    evaluation = evaluate_model(predictor, logs, machine)
+    evaluation = evaluate_model(predictor, logs, machine, configuration.logs)
     reaching = evaluate_reaching(logs, machine, configuration.episodes.steps)
     if reaching is not None:
         evaluation["reaching"] = reaching
@@ -77,17 +75,17 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
 
 
 def predictor_of(path: Path, machine: MachineSpecification) -> Predictor:
-    """The saved model, which must be of this machine."""
-    model, parameters = load_model_of(path, machine)
-    effects = load_effects(path)
-    return build_predictor(model, parameters, effects)
+    """The saved model with its effects, which must be of this machine."""
+    load_model_of(path, machine)
+    return load_predictor(path)
 
 
 def evaluate_model(
-    predictor: Predictor, logs: list[LogTrajectories], machine: MachineSpecification
+    predictor: Predictor, logs: list[LogTrajectories], machine: MachineSpecification, place: str = "logs"
 ) -> dict[str, Any]:
-    """One-step and open-loop errors over all logs, per joint in rad or m."""
-    errors = prediction_errors(predictor, [trajectory for log in logs for trajectory in log.trajectories])
+    """One-step and open-loop errors over all logs, which are from `place`, per joint in rad or m."""
+    trajectories = [trajectory for log in logs for trajectory in log.trajectories]
+    errors = prediction_errors(predictor, trajectories, place)
 
     def by_joint(values: np.ndarray) -> dict[str, float]:
         return dict(zip(machine.joint_names, values.tolist(), strict=True))

@@ -10,7 +10,7 @@ from omegaconf import MISSING
 from pipeline.configuration import PipelineConfiguration, stage
 from pipeline.dynamics.arx import fit_arx
 from pipeline.dynamics.fit import fit
-from pipeline.dynamics.judgement import judge, long_prediction
+from pipeline.dynamics.judgement import check_unseen, judge, long_prediction
 from pipeline.dynamics.model import Target
 from pipeline.dynamics.network import Parameterization
 from pipeline.dynamics.predictor import LearnedPredictor
@@ -51,6 +51,8 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
     rows = split_by_purpose(Path(configuration.tuples), held_out, configuration.hold_out, machine)
     if rows.judged_on == VALIDATION:
         print("identify: no held-out recording; judged on the validation rows, which early stopping saw")
+    else:
+        check_unseen(rows.learning, rows.judged)
     run.inputs(configuration.tuples, *([configuration.held_out] if configuration.held_out else []))
     with progress_bar(f"identify {kind}", training.maximum_epochs, "epoch") as bar:
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from omegaconf import MISSING
 
@@ -16,6 +17,8 @@ from pipeline.tracking import StageRun, flatten_metrics
 @dataclass
 class IngestStage(PipelineConfiguration):
     """Keys of `conf/ingest.yaml`."""
+
+    reads: ClassVar[tuple[str, ...]] = ()  # the output may lie among the logs: see pipeline.logs.ingest
 
     control: ControlConfiguration = MISSING
     ingest: IngestConfig = MISSING

@@ -14,9 +14,9 @@ from pipeline.dynamics.judgement import JudgeConfig, Judgement, check_unseen, fl
 from pipeline.dynamics.predictor import LearnedPredictor
 from pipeline.dynamics.purposes import VALIDATION, split_by_purpose
 from pipeline.dynamics.references import References, fit_references
-from pipeline.dynamics.store import load_model_of
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
+from pipeline.plain_model import load_plain_model_of
 from pipeline.reporting.judgement_tables import (
     Comparison,
     display_name,
@@ -100,7 +100,7 @@ def load_models(paths: Sequence[str], machine: MachineSpecification) -> dict[str
     models: dict[str, Predictor] = {}
     for path in paths:
         name = Path(path).resolve().name
-        model, parameters = load_model_of(Path(path), machine)
+        model, parameters = load_plain_model_of(Path(path), machine)
         if name in models or name in References.__dataclass_fields__:
             raise InputError(f"{path}: another predictor is called {name} already; rename the folder")
         models[name] = LearnedPredictor(model, parameters)

@@ -5,12 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration import PipelineConfiguration, stage
 from pipeline.errors import InputError
+from pipeline.logs.own_folders import refuse_foreign
 from pipeline.logs.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import Effect
@@ -27,6 +29,8 @@ SEAL = "undeclared.seal"
 @dataclass
 class RecordStage(PipelineConfiguration):
     """Keys of `conf/record.yaml`."""
+
+    reads: ClassVar[tuple[str, ...]] = ()  # `logs` may name what is recorded here, which is then no input
 
     record: RecordConfig = MISSING
     logs: str | None = None
@@ -46,7 +50,9 @@ def main(configuration: RecordStage, run: StageRun) -> None:
         and Path(configuration.logs).resolve() != (output / "sessions").resolve()
     )
     effects: list[Effect] = []
-    if not own_logs:
+    if own_logs:
+        refuse_absent("logs", str(configuration.logs))
+    else:
         effects = draw_effects(
             configuration.effects,
             configuration.effects_seed,
@@ -71,6 +77,14 @@ def main(configuration: RecordStage, run: StageRun) -> None:
     run.metrics({"recorded_minutes": sum(minutes for _, minutes in sessions)})
 
 
+def refuse_absent(name: str, given: str) -> None:
+    """Raise `InputError` where a user's own logs, for which nothing is recorded, are not there."""
+    if not Path(given).exists():
+        raise InputError(
+            f"{name}={given}: no such folder; name a folder of own logs, or none to have some recorded"
+        )
+
+
 def operator_and_sessions(seed: int, n_sessions: int) -> tuple[int, list[int]]:
     """Seeds of the operator's style and of each session; the style's is the same for any number of sessions."""
     style_seed, *seeds = np.random.SeedSequence(seed).generate_state(1 + n_sessions).tolist()
@@ -81,11 +95,12 @@ def clear(output: Path, folders: Sequence[str]) -> None:
     """Make the folders anew. What this stage wrote may go (its seal lies beside it), anything else may not."""
     is_sealed = (output / SEAL).exists()
     paths = [output / name for name in folders]
-    for folder in paths:  # all of them are looked at before any is touched
-        if any(not (is_sealed and _is_recorded(entry)) for entry in folder.glob("[!.]*")):
-            raise InputError(
-                f"{folder}: holds logs that record did not write; name them with logs={folder}, or move them away"
-            )
+    refuse_foreign(
+        paths,
+        lambda entry: is_sealed and _is_recorded(entry),
+        "record",
+        "name them with logs={folder}, or move them away",
+    )
     for folder in paths:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from omegaconf import MISSING
@@ -13,7 +14,7 @@ from pipeline.plant.seal import write_seal
 from pipeline.plant.session import SESSION_NAME, RecordConfig
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.undeclared import draw_effects
-from pipeline.stages.record import SEAL, clear, operator_and_sessions, record_bag
+from pipeline.stages.record import SEAL, clear, operator_and_sessions, record_bag, refuse_absent
 from pipeline.tracking import StageRun
 
 SESSIONS = "sessions"
@@ -47,6 +48,10 @@ class RecordChangedConfig:
 class RecordChangedStage(PipelineConfiguration):
     """Keys of `conf/record_changed.yaml`."""
 
+    reads: ClassVar[
+        tuple[str, ...]
+    ] = ()  # `logs` and `measured` may name what is recorded, which is then no input
+
     record: RecordConfig = MISSING
     record_changed: RecordChangedConfig = MISSING
     logs: str | None = None
@@ -66,14 +71,14 @@ def main(configuration: RecordChangedStage, run: StageRun) -> None:
         configuration.machine,
         configuration.record_changed,
     )
-    own = [
-        given
-        for given, recorded in (
-            (configuration.logs, Path(configuration.recorded)),
-            (configuration.measured, output / SESSIONS),
-        )
-        if given is not None and Path(given).resolve() != recorded.resolve()
-    ]
+    own = []
+    for name, given, recorded in (
+        ("logs", configuration.logs, Path(configuration.recorded)),
+        ("measured", configuration.measured, output / SESSIONS),
+    ):
+        if given is not None and Path(given).resolve() != recorded.resolve():
+            refuse_absent(name, given)
+            own.append(given)
     effects = []
     if not own:
         effects = draw_effects(

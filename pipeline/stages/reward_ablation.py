@@ -8,7 +8,6 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
 from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
@@ -22,10 +21,12 @@ from pipeline.control.reward_ablation import (
     load_cell,
     save_cell,
 )
-from pipeline.dynamics.store import load_model_of, model_fingerprint
+from pipeline.dynamics.specify import check_machine
+from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.episodes import EpisodesConfig
 from pipeline.reaching.reward import RewardConfig
+from pipeline.reporting.cells import read_cells
 from pipeline.reporting.paper import KIND_NAMES, origin_of
 from pipeline.reporting.report import write_table
 from pipeline.reporting.reward_ablation import ablation_beside_paper, ablation_page, ablation_table
@@ -51,6 +52,7 @@ class RewardAblationStage(PipelineConfiguration):
 def main(configuration: RewardAblationStage, run: StageRun) -> None:
     """Train what is not finished; after each training write tables and page anew."""
     settings, output = configuration.reward_ablation, Path(configuration.output)
+    logs_of(configuration)  # so that a mistake is told before the trainings
     ablation = shared(configuration)
     run.inputs(f"{configuration.model}/parameters.msgpack")
     for cell in cells(settings):
@@ -77,13 +79,14 @@ def main(configuration: RewardAblationStage, run: StageRun) -> None:
 def shared(configuration: RewardAblationStage) -> Ablation:
     """The task and the training that all cells share."""
     machine, settings, model = configuration.machine, configuration.reward_ablation, Path(configuration.model)
-    dynamics, parameters = load_model_of(model, machine)
+    dynamics, parameters = load_dynamics(model)
+    check_machine(dynamics.specification, machine, str(model))
     return Ablation(
         machine,
         load_arm(machine, MACHINE_DIRECTORY),
         dynamics,
         parameters,
-        model_fingerprint(model),
+        dynamics_fingerprint(model),
         configuration.reward,
         configuration.episodes,
         configuration.control.action_repeats,
@@ -95,10 +98,15 @@ def shared(configuration: RewardAblationStage) -> Ablation:
     )
 
 
+def logs_of(configuration: RewardAblationStage) -> str:
+    """The folder of logs that the model is from."""
+    return str(read_cells(Path(configuration.cells), "logs")["logs"])
+
+
 def write(configuration: RewardAblationStage, ablation: Ablation) -> None:
     """Tables and page of what is finished."""
     output = Path(configuration.output)
-    logs = yaml.safe_load(Path(configuration.cells).read_text(encoding="utf-8"))["logs"]
+    logs = logs_of(configuration)
     rows = finished(output / "cells", configuration.reward_ablation, ablation.identity)
     specification = ablation.dynamics.specification
     title, origin = KIND_NAMES[f"{specification.parameterization}_{specification.target}"], origin_of(logs)

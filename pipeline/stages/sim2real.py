@@ -7,7 +7,6 @@ import shutil
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from pathlib import Path
 
 import jax
@@ -24,7 +23,7 @@ from pipeline.deployment.successive import run_successive
 from pipeline.deployment.supervisor_rules import build_rules
 from pipeline.deployment.velocity_estimator import VelocityEstimator
 from pipeline.plant.parameters import Parameters
-from pipeline.plant.session import SESSION_NAME
+from pipeline.plant.session import SESSION_NAME, read_moment
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.simulator import Plant
 from pipeline.plant.undeclared import draw_effects
@@ -102,6 +101,7 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
         until_goal = replace(configuration.deployment.termination, at_goal=True)
         configuration.deployment = replace(configuration.deployment, termination=until_goal)
     machine, deployment, output = configuration.machine, configuration.deployment, Path(configuration.output)
+    start = read_moment("start_time", configuration.start_time)
     parts, conditions = graph_parts(configuration, machine), configuration.episodes
     run.inputs(*controller_files(configuration))
     plans = configuration.kind is ControllerKind.icem
@@ -112,7 +112,6 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
     plant = PlantMachine(
         changed_machine(configuration), configuration.plant_seed, np.asarray(episodes.starts[0], float)
     )
-    start = datetime.fromisoformat(configuration.start_time)
     supervisor: tuple[Component, ...] = ()
     if deployment.supervisor.rules:
         rules = build_rules(machine, deployment.supervisor, MACHINE_DIRECTORY)

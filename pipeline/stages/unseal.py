@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from omegaconf import MISSING
 
@@ -20,6 +20,8 @@ SESSIONS = "sessions"  # beside the seal: the bags that it is about
 @dataclass
 class UnsealStage(PipelineConfiguration):
     """Keys of `conf/unseal.yaml`."""
+
+    written_files: ClassVar[tuple[str, ...]] = ("output",)
 
     closed_loop: str = MISSING
     measured: str | None = None
@@ -39,7 +41,14 @@ def main(configuration: UnsealStage, run: StageRun) -> None:
         content = {"note": "the loop was not closed: there is nothing to judge"}
     else:
         run.inputs(configuration.closed_loop, seal)
-        content = asdict(judge_verdict(open_seal(seal), document))
+        truth = open_seal(seal)
+        try:
+            content = asdict(judge_verdict(truth, document))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(
+                f"{configuration.closed_loop}: is not what close_loop writes ({type(error).__name__}: {error}); run it "
+                "again"
+            ) from error
         run.metrics({key: float(value) for key, value in content.items() if isinstance(value, bool)})
     write_whole(Path(configuration.output), (json.dumps(content, indent=1) + "\n").encode())
     print(f"unseal: {content.get('note') or ('right' if content['verdict_right'] else 'not right')}")

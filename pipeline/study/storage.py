@@ -14,6 +14,7 @@ from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 from pipeline.errors import InputError
 
 _CREATION_LOCK = 0x68617264  # any number that other programs on the database do not lock
+_JOURNAL_BEGINNING = b'{"op_code":'  # of every line that Optuna writes
 CONNECT_TIMEOUT_S = 10
 
 
@@ -31,7 +32,7 @@ class FileLock(JournalFileOpenLock):
 
     def acquire(self) -> bool:
         """Wait for the lock; then cut off a line that a computer's crash or a full disk left unfinished."""
-        self._file = self._journal.with_name(f"{self._journal.name}.lock").open("w")
+        self._file = self._journal.with_name(f"{self._journal.name}.lock").open("a")
         fcntl.flock(self._file, fcntl.LOCK_EX)
         self._cut_unfinished_line()
         return True
@@ -60,12 +61,10 @@ def open_storage(storage: str) -> optuna.storages.BaseStorage:
         storage: A path (a journal file), or the URL of a database: `postgresql://…`, `sqlite:///…`.
 
     Raises:
-        InputError: if the database cannot be reached, or its driver is not installed.
+        InputError: if the database cannot be reached, its driver is not installed, or the file is no journal.
     """
     if "://" not in storage:
-        path = Path(storage)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return optuna.storages.JournalStorage(JournalFileBackend(storage, FileLock(path)))
+        return _open_journal(Path(storage))
     url = _parse(storage)
     try:
         with _creating(url):
@@ -80,6 +79,27 @@ def open_storage(storage: str) -> optuna.storages.BaseStorage:
             f"storage={shown(storage)}: {getattr(error, 'orig', None) or error}; "
             "is the database up, and may this user create tables in it?"
         ) from error
+
+
+def _open_journal(path: Path) -> optuna.storages.BaseStorage:
+    """A file of anything else is left as it is: opening a journal cuts off what looks like an unfinished line."""
+    refusal = InputError(
+        f"storage={path}: no journal of studies, or a damaged one; name another file, or one that is not there"
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists():
+        with path.open("rb") as file:
+            beginning = file.read(len(_JOURNAL_BEGINNING))
+        if not _JOURNAL_BEGINNING.startswith(beginning):  # shorter where a crash cut it off
+            raise refusal
+    try:
+        return optuna.storages.JournalStorage(JournalFileBackend(str(path), FileLock(path)))
+    except (
+        ValueError,
+        LookupError,
+        TypeError,
+    ) as error:  # what Optuna makes of lines that are none of its own
+        raise refusal from error
 
 
 def shown(storage: str) -> str:
@@ -131,7 +151,7 @@ def _creating(url: sqlalchemy.URL) -> Iterator[None]:
     elif url.get_backend_name() == "sqlite" and url.database not in (None, "", ":memory:"):
         path = Path(str(url.database))
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.with_name(f"{path.name}.lock").open("w") as file:
+        with path.with_name(f"{path.name}.lock").open("a") as file:
             fcntl.flock(file, fcntl.LOCK_EX)
             yield
     else:

@@ -13,6 +13,7 @@ from pipeline.atomic_files import PARTIAL_SUFFIX, replacing
 from pipeline.errors import InputError
 from pipeline.tracking import processes
 from pipeline.tracking.configuration import SQLITE, TrackingConfiguration
+from pipeline.tracking.first_answer import ask_database, impatient
 from pipeline.tracking.metrics import flatten
 from pipeline.tracking.place import project_folder
 from pipeline.tracking.questions import Question
@@ -61,14 +62,16 @@ def open_store(configuration: TrackingConfiguration) -> Any:
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # nothing is told to anyone, as by DVC
     from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
+    from sqlalchemy.exc import SQLAlchemyError
 
     uri = configuration.resolved_uri()
-    with locked(uri):  # processes that create one SQLite database at once crash
+    with locked(uri), impatient():  # processes that create one SQLite database at once crash
         try:
             _create_file(uri)
+            ask_database(uri)
             client = MlflowClient(tracking_uri=uri)
             client.search_experiments(max_results=1)
-        except (MlflowException, ImportError) as error:
+        except (MlflowException, ImportError, SQLAlchemyError) as error:
             raise _no_answer(configuration, error) from error
     return client
 

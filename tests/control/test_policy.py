@@ -76,3 +76,11 @@ def test_unusable_folders_are_named(policy, tmp_path):
     (tmp_path / "cut" / "policy.msgpack").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match="cut"):
         load_policy(tmp_path / "cut")
+    save_policy(tmp_path / "list", policy, {})
+    (tmp_path / "list" / "meta.json").write_text("[]")
+    with pytest.raises(InputError, match=r"list/meta\.json: not a JSON object"):
+        load_policy(tmp_path / "list")
+    save_policy(tmp_path / "other", policy, {})
+    (tmp_path / "other" / "policy.msgpack").write_bytes(b"\x90")  # an empty list
+    with pytest.raises(InputError, match=r"other/policy\.msgpack: holds no policy"):
+        load_policy(tmp_path / "other")

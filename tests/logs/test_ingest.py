@@ -1,6 +1,7 @@
 import json
 import os
 import resource
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -126,6 +127,23 @@ def test_output_among_the_logs(machine, config, loop_tracker, folder):
         assert summary.n_skipped == n_skipped and len(summary.reports) == 3 and not summary.failures
     with pytest.raises(InputError, match="is the folder of the logs"):
         ingest(machine, folder, folder, config, loop_tracker)
+
+
+def test_logs_in_the_output_are_refused(machine, config, loop_tracker, folder, tmp_path):
+    """They were passed over, and the tuples of an earlier run removed as those of logs that are gone."""
+    output = tmp_path / "out"
+    ingest(machine, folder, output, config, loop_tracker)
+    before = contents(output)
+    shutil.copytree(folder, output / "logs")
+    for logs in (output / "logs", tmp_path, output / "bag0.parquet"):
+        with pytest.raises(InputError, match="lies in the output"):
+            ingest(machine, logs, output, config, loop_tracker)
+        assert all((output / name).read_bytes() == content for name, content in before.items())
+    shutil.rmtree(output / "logs")
+    shutil.rmtree(folder)
+    with pytest.raises(InputError, match="holds no logs but tuples in the output"):
+        ingest(machine, tmp_path, output, config, loop_tracker)
+    assert contents(output) == before
 
 
 def test_empty_folder(tmp_path, machine, config, loop_tracker):

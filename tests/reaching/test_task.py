@@ -150,3 +150,7 @@ def test_a_model_of_another_machine_is_refused(bobcat, arm, paper_reward):
     dynamics.specification.joints = ["swing", "boom", "stick", "bucket"]
     with pytest.raises(InputError, match="stick"):
         ReachingTask(bobcat, arm, dynamics, {}, paper_reward)
+    dynamics = lag_dynamics(bobcat)
+    dynamics.specification.position_upper = [2.1, 0.12, 0.14, 0.108]  # of joints of the same names
+    with pytest.raises(InputError, match=r"bucket \[-2.2, 0.108\] at 20 Hz, machine bobcat_e10 has swing"):
+        ReachingTask(bobcat, arm, dynamics, {}, paper_reward)

@@ -19,7 +19,8 @@ from pipeline.configuration import load_machine, load_section
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.store import save_model
 from pipeline.effects.catalogue import KNOWN
-from pipeline.effects.store import load_effects
+from pipeline.effects.effect import Setting
+from pipeline.effects.store import ActiveEffects, load_effects, save_effects
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.trajectories import LogTrajectories, load_logs
@@ -52,9 +53,9 @@ def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, cwd=folder, env=environment, text=True, **pipes)
 
 
-def write_session(path: Path, seconds: float) -> None:
+def write_session(path: Path, seconds: float, seed: int = 0) -> None:
     """A bag in which every joint moves a little."""
-    n_samples, random = round(50 * seconds), np.random.default_rng(0)
+    n_samples, random = round(50 * seconds), np.random.default_rng(seed)
     stamps = 1_700_000_000_000_000_000 + np.arange(n_samples, dtype=np.int64) * 20_000_000
     wander = np.cumsum(random.normal(0, 1e-3, (n_samples, 4)), axis=0)
     write_bag(
@@ -79,8 +80,8 @@ def write_model(folder: Path, joints: list[str]) -> None:
         legendre_degree=4,
         joints=joints,
         rate_hz=20.0,
-        position_lower=[-1.0] * n,
-        position_upper=[1.0] * n,
+        position_lower=MACHINE.lower.tolist(),
+        position_upper=MACHINE.upper.tolist(),
         velocity_limit=[0.5] * n,
         residual_scale=[0.002] * n,
     )
@@ -88,15 +89,23 @@ def write_model(folder: Path, joints: list[str]) -> None:
     save_model(folder, model, model.initialise(jax.random.key(0)), {}, {}, {})
 
 
-# overrides besides nominal=logs measured=logs, and what the one line says
+# overrides besides nominal=logs measured=new, and what the one line says
 MISTAKES: dict[str, tuple[list[str], str]] = {
     "missing folder": (["measured=nowhere"], "error: close_loop: nowhere: no such folder; "),
     "empty folder": (["measured=empty"], "error: close_loop: empty: holds no logs "),
     "missing model": (["model=nowhere"], "error: close_loop: nowhere.*"),
     "model of another machine": (
         ["model=other_machine"],
-        "error: close_loop: model=other_machine: is of joints swing, boom, stick, bucket at 20 Hz, "
-        "not of machine bobcat_e10; ",
+        "error: close_loop: other_machine: the model is of joints swing [-0.9, 0.9], boom [-0.6, 1.2], stick "
+        "[-2.4, -0.3], bucket [-2.2, 0.5] at 20 Hz, machine bobcat_e10 has swing ",
+    ),
+    "model with effects": (
+        ["model=with_effects"],
+        "error: close_loop: with_effects/effects.json: the model has effects around it (leakage), which this stage ",
+    ),
+    "the same recording twice": (
+        ["measured=copied"],
+        "error: close_loop: measured=copied: trajectory evening is among nominal=logs, too; ",
     ),
     "unknown kind": (
         ["kind=mlp_torque"],
@@ -117,7 +126,8 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
 def given(overrides: list[str]) -> list[str]:
     """Nominal and measured logs where a mistake does not name others."""
     named = {override.partition("=")[0] for override in overrides}
-    return [*overrides, *(f"{key}=logs" for key in ("nominal", "measured") if key not in named)]
+    usual = (("nominal", "logs"), ("measured", "new"))
+    return [*overrides, *(f"{key}={value}" for key, value in usual if key not in named)]
 
 
 @pytest.fixture(scope="module")
@@ -125,10 +135,16 @@ def mistakes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, s
     """Exit status and standard error of every mistake."""
     folder = tmp_path_factory.mktemp("mistakes")
     write_session(folder / "logs/morning", seconds=4)
+    write_session(folder / "new/evening", seconds=4, seed=1)
     write_session(folder / "short/morning", seconds=2)
+    shutil.copytree(folder / "logs/morning", folder / "copied/evening")
     (folder / "empty").mkdir()
     write_model(folder / "other_machine", ["swing", "boom", "stick", "bucket"])
     write_model(folder / "this_machine", JOINTS)
+    write_model(folder / "with_effects", JOINTS)
+    setting = Setting(MACHINE.dt_s, MACHINE.lower, MACHINE.upper, np.ones(len(JOINTS)))
+    sagging = jax.tree.map(lambda value: value + 0.1, KNOWN["leakage"](setting).neutral())
+    save_effects(folder / "with_effects", ActiveEffects(setting, {"leakage": sagging}, {}))
     ends = {
         name: run_stage("close_loop", *given(overrides), "output=out", folder=folder)
         for name, (overrides, _) in MISTAKES.items()

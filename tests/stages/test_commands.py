@@ -22,6 +22,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 STAGES = sorted(path.stem for path in (ROOT / "pipeline/stages").glob("[a-z]*.py"))
+LOOP = ["nominal=a", "measured=b", "output=c"]
 PROFILES = sorted(path.stem for path in (ROOT / "conf/profile").glob("*.yaml"))
 
 
@@ -108,6 +109,67 @@ def test_a_value_out_of_range_is_refused_before_work_starts(logs: Path, tmp_path
     assert result.returncode == 2
     assert "ingest.maximum_gap_s is -1.0; it must be positive" in result.stderr
     assert not (tmp_path / "tuples").exists()
+
+
+@pytest.mark.parametrize(
+    ("stage", "overrides", "said"),
+    [
+        ("ingest", ["logs=a", "output=${nope}"], "`output`: Interpolation key 'nope' not found; correct it"),
+        (
+            "ingest",
+            ["logs=a", "output=b", "ingest.maximum_gap_s=inf"],
+            "ingest.maximum_gap_s is inf; it must be a",
+        ),
+        (
+            "close_loop",
+            [*LOOP, "close_loop.gate.largest_p=nan"],
+            "close_loop.gate.largest_p is nan; it must be",
+        ),
+        ("close_loop", [*LOOP, "close_loop.seed=-1"], "close_loop.seed is -1; it must not be negative"),
+        (
+            "close_loop",
+            [*LOOP, "close_loop.exclude=[dealy]"],
+            "close_loop.exclude has dealy, which is not tried",
+        ),
+        ("ppo", ["model=a", "output=b", "seed=-1"], "seed is -1; it must not be negative"),
+        (
+            "record",
+            ["effects=[gain]", "effect_size=-1", "output=b"],
+            "effect_size is -1.0; it must be positive",
+        ),
+        (
+            "sim2real",
+            ["model=a", "output=b", "policy=c", "start_time=noon"],
+            "start_time is noon; write date and",
+        ),
+        (
+            "sim2real",
+            ["model=a", "output=b", "policy=c", "start_time=2026-04-01"],
+            "write date and time with zone",
+        ),
+        (
+            "run_graph",
+            ["model=a", "output=b", "policy=c", "targets=0"],
+            "targets is 0; it must be at least 1",
+        ),
+        (
+            "pictures",
+            ["cells=nowhere.yaml"],
+            "cells=nowhere.yaml: cannot be read (No such file or directory); ",
+        ),
+        ("report", ["cells=list.yaml"], "cells=list.yaml: has no models, targets, seeds, logs; name the"),
+        ("reward_ablation", ["cells=broken.yaml"], "cells=broken.yaml: not YAML ("),
+    ],
+)
+def test_a_value_that_cannot_be_is_one_line(
+    stage: str, overrides: list[str], said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "list.yaml").write_text("[1, 2]")
+    (tmp_path / "broken.yaml").write_text("{")
+    result = run_stage(stage, *overrides, folder=tmp_path)
+    assert result.returncode == 2, result.stderr
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"error: {stage}: ") and said in line
 
 
 def test_own_logs_take_the_place_of_recorded_ones(logs: Path, tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ import pytest
 from pipeline.configuration import load_machine, load_section
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.store import save_model
+from pipeline.effects.effect import Setting
+from pipeline.effects.store import ActiveEffects, save_effects
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
@@ -187,8 +189,15 @@ def test_models_that_cannot_be_used_are_named(folder, model, parameters):
     joints = ["swing", "boom", "arm", "hammer"]
     other = DynamicsModel(ModelSpecification(**(vars(model.specification) | {"joints": joints})))
     save_model(folder / "other", other, parameters, {}, {}, {})
-    with pytest.raises(InputError, match="other: the model is of joints swing, boom, arm, hammer at 20 Hz"):
+    with pytest.raises(
+        InputError, match=r"other: the model is of joints swing .*, hammer \[-2.2, 0.5\] at 20 Hz"
+    ):
         predictor_of(folder / "other", machine)
+    save_model(folder / "mixed", model, parameters, {}, {}, {})
+    setting = Setting(0.05, np.zeros(2), np.ones(2), np.ones(2))
+    save_effects(folder / "mixed", ActiveEffects(setting, {}, {}))
+    with pytest.raises(InputError, match=r"effects\.json: effects of 2 joints .* the model has 4 joints"):
+        predictor_of(folder / "mixed", machine)
 
 
 def test_logs_that_cannot_be_used_are_named(folder, tmp_path, config, loop_tracker):
@@ -196,8 +205,8 @@ def test_logs_that_cannot_be_used_are_named(folder, tmp_path, config, loop_track
     recording(100, seed=3).write(tmp_path / "short/drive", machine)
     predictor = predictor_of(folder / "model", machine)
     logs = load_logs(tmp_path / "short", machine, config, loop_tracker)
-    with pytest.raises(InputError, match="no trajectory is longer than 120 rows"):
-        evaluate_model(predictor, logs, machine)
+    with pytest.raises(InputError, match="field_day: no trajectory is longer than 120 rows"):
+        evaluate_model(predictor, logs, machine, "field_day")
     (tmp_path / "short/broken.mcap").write_bytes(b"no bag")
     with pytest.raises(InputError, match=r"broken\.mcap"):
         load_logs(tmp_path / "short", machine, config, loop_tracker)

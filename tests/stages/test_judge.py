@@ -131,7 +131,9 @@ def test_models_that_cannot_be_judged_are_refused(folder: Path) -> None:
     with pytest.raises(InputError, match="another predictor is called mlp_dqdot already"):
         load_models([model, model], load_machine("rc_excavator"))
     other = MachineSpecification("one", 20.0, [JointSpecification("only", 0.0, 1.0)])
-    with pytest.raises(InputError, match=r"machine one has only at 20 Hz; give the model's machine=NAME"):
+    with pytest.raises(
+        InputError, match=r"machine one has only \[0, 1\] at 20 Hz; give the model's machine=NAME"
+    ):
         load_models([model], other)
     with pytest.raises(InputError, match=r"models=\[PATH\]"):
         load_models([], load_machine("rc_excavator"))

@@ -59,6 +59,9 @@ def test_the_effect_is_in_the_logs_and_nothing_else_differs(folder: Path, tmp_pa
 
 @pytest.mark.parametrize("own", ["logs=mine", "measured=mine"])
 def test_with_own_logs_nothing_is_recorded(own: str, tmp_path: Path) -> None:
+    refused = record_changed(tmp_path, own)
+    assert refused.returncode == 2 and f"{own}: no such folder; " in refused.stderr
+    (tmp_path / "mine").mkdir()
     result = record_changed(tmp_path, own)
     assert result.returncode == 0, result.stderr
     assert "the logs in mine are your own; nothing is recorded" in result.stdout

@@ -185,3 +185,15 @@ def test_a_verdict_that_is_not_there_is_one_line(folder: Path) -> None:
     result = unseal(folder, "closed_loop=nowhere.json")
     assert result.returncode == 2
     assert result.stderr.splitlines() == ["error: unseal: nowhere.json: no such file; run close_loop first"]
+
+
+@pytest.mark.parametrize(
+    "effects", [[{}], ["gain"], 3, [{"family": "gain", "parameters": {"speed_ratio": 2}}]]
+)
+def test_a_document_of_something_else_is_one_line(folder: Path, effects: object) -> None:
+    (folder / "odd.json").write_text(json.dumps({"verdict": "named", "effects": effects}))
+    result = unseal(folder, "closed_loop=odd.json", "output=odd_judgement.json")
+    assert result.returncode == 2
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("error: unseal: odd.json: is not what close_loop writes (")
+    assert not (folder / "odd_judgement.json").exists()

@@ -96,11 +96,24 @@ def test_runs_and_artifacts_are_the_server_s(
     assert not list(tmp_path.glob("mlflow.db*"))
 
 
-def test_a_server_that_is_down_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
-    configuration = configuration_of("http://127.0.0.1:9")
-    with pytest.raises(InputError) as error, track("identify", configuration, RESOLVED, ""):
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "http://127.0.0.1:9",
+        "postgresql+psycopg://nobody@127.0.0.1:9/studies",
+        "oracle9://nobody@127.0.0.1:9/studies",
+        "sqlite:///{}/notes.txt",
+    ],
+)
+def test_a_store_that_does_not_answer_is_one_line_within_seconds(uri: str, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine\n" * 100)
+    uri = uri.format(tmp_path)
+    before, begin_s = dict(os.environ), time.monotonic()
+    with pytest.raises(InputError) as error, track("identify", configuration_of(uri), RESOLVED, ""):
         pass
+    assert time.monotonic() - begin_s < 60  # alone some ten seconds
     line = str(error.value)
-    assert line.startswith("tracking.uri=http://127.0.0.1:9: ") and "\n" not in line
+    assert line.startswith(f"tracking.uri={uri}: ") and "\n" not in line
     assert line.endswith("is the tracking server up? (tracking=none goes without)")
+    assert {name for name in os.environ if name.startswith("MLFLOW_HTTP")} <= set(before)
+    assert (tmp_path / "notes.txt").read_text() == "mine\n" * 100
