@@ -26,9 +26,10 @@ from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.machine.specification import MachineSpecification
 from pipeline.numbers_in_settings import check_numbers
-from pipeline.places import refuse_overlap, refuse_unusable
+from pipeline.places import Reading, Writing, refuse_overlap, refuse_unusable
 from pipeline.tracking import StageRun, TrackingConfiguration, track
 
+LOGS = ("logs", "measured", "nominal", "sessions")  # keys of stages whose folders are searched for logs
 CONFIGURATION_DIRECTORY = Path(__file__).resolve().parent.parent / "conf"
 MACHINE_DIRECTORY = CONFIGURATION_DIRECTORY / "machine"
 CONFIGURATION_FILE = "configuration.yaml"  # in Hydra's run folder: what was run, resolved
@@ -55,6 +56,7 @@ class PipelineConfiguration:
         reads: Keys of stages that name what is only read. A stage that has rules of its own for them names fewer.
         writes: Keys of stages that name where is written.
         written_files: Those of them that name a file; the others name folders.
+        replaced: Entries of `output` that are deleted or written over as a whole.
     """
 
     reads: ClassVar[tuple[str, ...]] = (
@@ -72,6 +74,7 @@ class PipelineConfiguration:
     )
     writes: ClassVar[tuple[str, ...]] = ("checkpoints", "delays", "output", "report", "storage")
     written_files: ClassVar[tuple[str, ...]] = ("delays", "storage")
+    replaced: ClassVar[tuple[str, ...]] = ()
 
     machine: MachineSpecification = MISSING
     tracking: TrackingConfiguration = MISSING
@@ -203,7 +206,7 @@ def _check_checkpoints(folder: str | None, output: str | None) -> None:
 
 
 def check_places(configuration: PipelineConfiguration) -> None:
-    """Check that nothing is written where something is only read, and that what is to be written can be.
+    """Check that nothing that is only read would be changed, and that what is to be written can be.
 
     Raises:
         InputError: A place is for both, or cannot be written to.
@@ -216,7 +219,18 @@ def check_places(configuration: PipelineConfiguration) -> None:
     }
     writes = {key: str(places[key]) for key in configuration.writes if key in places}
     refuse_unusable(writes, configuration.written_files)
-    refuse_overlap(writes, {key: places[key] for key in configuration.reads if places.get(key)})
+    replaced = {"output": configuration.replaced, "checkpoints": (".",)}
+    refuse_overlap(
+        {
+            key: Writing(path, key in configuration.written_files, replaced.get(key, ()))
+            for key, path in writes.items()
+        },
+        {
+            key: Reading((given,) if isinstance(given, str) else tuple(given), key in LOGS)
+            for key in configuration.reads
+            if (given := places.get(key))
+        },
+    )
 
 
 def _check_machine_name(composed: DictConfig) -> None:

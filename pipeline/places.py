@@ -1,27 +1,74 @@
-"""Where a command reads and writes: no place is for both, and what is to be written can be."""
+"""Where a command reads and writes: nothing that is only read is changed, and what is to be written can be."""
 
 import os
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.errors import InputError
 
 
-def refuse_overlap(writes: Mapping[str, str], reads: Mapping[str, str | Iterable[str]]) -> None:
-    """Raise `InputError` if a place to write is, contains or lies in a place to read, links followed.
+@dataclass(frozen=True)
+class Writing:
+    """How a setting's path is written to.
+
+    Attributes:
+        path: As given.
+        is_file: Whether it is a file, not a folder.
+        replaced: Entries of the folder that are deleted or written over; `.` is all of it.
+    """
+
+    path: str
+    is_file: bool = False
+    replaced: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a setting's paths are read.
+
+    Attributes:
+        paths: As given.
+        is_of_logs: Whether every log in such a folder is read, so that a new one there would be one of them.
+    """
+
+    paths: tuple[str, ...]
+    is_of_logs: bool = False
+
+
+def refuse_overlap(writes: Mapping[str, Writing], reads: Mapping[str, Reading]) -> None:
+    """Raise `InputError` if writing would change what is only read, links followed.
+
+    A result may lie beside or around what it was made from, or in it; but not in its place.
 
     Args:
-        writes: Paths by the names of the settings that give them.
-        reads: The same; a setting may give several paths.
+        writes: By the names of the settings that give them.
+        reads: The same.
     """
-    for name, given in reads.items():
-        for path in [given] if isinstance(given, str) else given:
-            for written, output in writes.items():
-                relation = _relation(output, path)
+    for name, reading in reads.items():
+        for path in reading.paths:
+            for written, writing in writes.items():
+                relation = _harm(writing, Path(os.path.realpath(path)), reading.is_of_logs)
                 if relation:
                     raise InputError(
-                        f"{written}={output}: {relation} {name}={path}, which is only read; name another {written}"
+                        f"{written}={writing.path}: {relation} {name}={path}, which is only read; "
+                        f"name another {written}"
                     )
+
+
+def _harm(writing: Writing, read: Path, is_of_logs: bool) -> str | None:
+    """How writing would change a place that is read; None: it would not."""
+    own = Path(os.path.realpath(writing.path))  # unlike Path.resolve it does not mind links that are loops
+    if own == read:
+        return "is"
+    if any(read.is_relative_to(own / entry) for entry in writing.replaced):
+        return "contains"
+    if not own.is_relative_to(read):
+        return None
+    if writing.is_file:
+        is_earlier_report = is_of_logs and own.suffix == ".json"
+        return "is a file of" if own.exists() and not is_earlier_report else None
+    return "lies in" if is_of_logs else None
 
 
 def refuse_unusable(writes: Mapping[str, str], files: Collection[str]) -> None:
@@ -56,14 +103,3 @@ def _nearest(name: str, folder: Path) -> Path:
         except OSError as error:
             raise InputError(f"{name}: {place}: {error.strerror}; name another {name}") from error
     return Path()
-
-
-def _relation(output: str, read: str) -> str | None:
-    """How a place to write stands to one to read; None: apart."""
-    # unlike Path.resolve it does not mind links that are loops
-    own, other = (Path(os.path.realpath(path)) for path in (output, read))
-    if own == other:
-        return "is"
-    if other.is_relative_to(own):
-        return "contains"
-    return "lies in" if own.is_relative_to(other) else None

@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from omegaconf import MISSING
 
@@ -33,6 +34,8 @@ from pipeline.tracking import StageRun, flatten_metrics
 @dataclass
 class CloseLoopStage(PipelineConfiguration):
     """Keys of `conf/close_loop.yaml`."""
+
+    replaced: ClassVar[tuple[str, ...]] = ("model_before", "model_after")
 
     control: ControlConfiguration = MISSING
     ingest: IngestConfig = MISSING

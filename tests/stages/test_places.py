@@ -38,9 +38,9 @@ def test_run_graph_takes_an_earlier_runs_bags_for_its_own(tmp_path: Path) -> Non
         ("view", ["logs=mine", "output=mine"], "output=mine: is logs=mine"),
         ("view", ["logs=mine", "output=mine/../mine/seen"], "lies in logs=mine"),
         ("view", ["logs=mine", "output=link"], "output=link: is logs=mine"),
-        ("evaluate_logs", ["model=model", "logs=mine", "output=mine/day.mcap"], "lies in logs=mine"),
+        ("evaluate_logs", ["model=model", "logs=mine", "output=mine/day.mcap"], "is a file of logs=mine"),
         ("evaluate_logs", ["model=model", "logs=mine/day.mcap", "output=mine/day.mcap"], "is logs="),
-        ("evaluate_logs", ["model=model", "logs=mine", "output=model/meta.json"], "lies in model=model"),
+        ("evaluate_logs", ["model=model", "logs=mine", "output=model/meta.json"], "is a file of model=model"),
         (
             "unseal",
             ["closed_loop=said.json", "seal=a.seal", "output=a.seal"],
@@ -54,12 +54,8 @@ def test_run_graph_takes_an_earlier_runs_bags_for_its_own(tmp_path: Path) -> Non
         ),
         ("close_loop", ["nominal=mine", "measured=other", "output=mine"], "output=mine: is nominal=mine"),
         ("identify", ["tuples=mine", "output=out", "checkpoints=mine"], "checkpoints=mine: is tuples=mine"),
-        (
-            "search",
-            ["tuples=mine", "output=out", "storage=mine/x.journal"],
-            "storage=mine/x.journal: lies in",
-        ),
-        ("judge", ["models=[model]", "output=model/judged"], "lies in models=model"),
+        ("identify", ["tuples=mine/x", "output=out", "checkpoints=mine"], "checkpoints=mine: contains"),
+        ("search", ["tuples=mine", "output=out", "storage=mine/day.mcap"], "is a file of tuples=mine"),
     ],
 )
 def test_nothing_is_written_where_something_is_only_read(
@@ -75,6 +71,26 @@ def test_nothing_is_written_where_something_is_only_read(
     assert said in line and "which is only read; name another" in line
     files = [path for path in tmp_path.rglob("*") if path.is_file() and "runs" not in path.parts]
     assert len(files) == 5 and all(path.read_text() == "mine" for path in files)
+
+
+@pytest.mark.parametrize(
+    ("stage", "overrides"),
+    [
+        ("close_loop", ["nominal=day/nominal", "measured=day/measured", "model=day/model", "output=day"]),
+        ("identify", ["tuples=mine", "output=mine/model"]),
+        ("evaluate_logs", ["model=loop/model_after", "logs=mine", "output=loop/errors.json"]),
+        ("evaluate_logs", ["model=none", "logs=mine", "output=mine/errors.json"]),
+        ("judge", ["models=[model]", "output=model/judged"]),
+    ],
+)
+def test_a_result_may_lie_beside_around_or_in_what_it_was_made_from(
+    stage: str, overrides: list[str], tmp_path: Path
+) -> None:
+    for folder in ("mine", "model", "loop/model_after", "day/nominal", "day/measured"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "mine/errors.json").write_text("of an earlier run")
+    refused = run_stage(stage, *overrides, folder=tmp_path)
+    assert refused.returncode == 2 and "only read" not in refused.stderr  # there is nothing in the folders
 
 
 def test_a_sweep_is_refused_before_any_of_its_jobs_starts(tmp_path: Path) -> None:
