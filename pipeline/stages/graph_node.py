@@ -39,6 +39,7 @@ from pipeline.deployment.velocity_estimator import VelocityEstimator
 from pipeline.deployment.viewing.live_view import live_view
 from pipeline.effects.store import load_dynamics
 from pipeline.errors import InputError
+from pipeline.logs.own_folders import refuse_foreign
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.operator import Operator as Painter
@@ -54,6 +55,7 @@ START_TIMEOUT_S = 300.0  # until all nodes have compiled what they run
 GOAL_MARGIN_S = 15.0  # beyond the time-out of a goal, before it counts as lost
 SETTLE_S = 1.0  # for connections between nodes
 OPERATOR = "operator"
+RESULTS, LOGS, BAG = "results.json", "logs", "targets"  # what a run over targets writes
 NODES = ("control_interface", "control_supervisor")
 AUTONOMOUS = ("autonomous_server",)
 TELEOPERATED = ("teleoperation_server",)
@@ -86,6 +88,10 @@ class GraphStage(Sim2SimStage):
     live_port: int | None = None
     can: CanBusConfig = MISSING
 
+    def __post_init__(self) -> None:
+        if isinstance(self.targets, int) and self.targets < 1:
+            raise InputError(f"targets is {self.targets}; it must be at least 1")
+
 
 @dataclass
 class GraphNodeStage(GraphStage):
@@ -105,6 +111,7 @@ def main(configuration: GraphNodeStage, run: StageRun) -> None:
         "jax_cpu_enable_async_dispatch", False
     )  # calls are so short that handing them over costs more
     if configuration.node == OPERATOR:
+        refuse_others_logs(Path(configuration.output), [LOGS])
         results, recorder = operate(configuration)
         write_run(configuration, results, recorder)
         return
@@ -250,15 +257,26 @@ def write_run(configuration: GraphStage, results: Sequence[ReachResult], recorde
     output = Path(configuration.output)
     output.mkdir(parents=True, exist_ok=True)
     content = [asdict(result) for result in results]
-    (output / "results.json").write_text(json.dumps(content, indent=1) + "\n")
-    write_bag_of(recorder, output / "logs", configuration.machine)
+    (output / RESULTS).write_text(json.dumps(content, indent=1) + "\n")
+    write_bag_of(recorder, output / LOGS, configuration.machine)
     print(f"{len(results)} goals: {', '.join(result.outcome for result in results)}")
 
 
 def write_bag_of(recorder: Recorder, folder: Path, machine: MachineSpecification) -> None:
     """One bag in place of what is in `folder`."""
     shutil.rmtree(folder, ignore_errors=True)
-    recorder.write(folder / "targets", machine)
+    recorder.write(folder / BAG, machine)
+
+
+def refuse_others_logs(output: Path, folders: Sequence[str]) -> None:
+    """Raise `InputError` where folders of bags, which are made anew, hold anything but an earlier run's bag."""
+    is_run = (output / RESULTS).exists()  # written before any bag
+    refuse_foreign(
+        [output / folder for folder in folders],
+        lambda entry: is_run and entry.name == BAG,
+        "this stage",
+        "move them away, or name another output",
+    )
 
 
 def fixed_episodes(configuration: GraphStage) -> Episodes:

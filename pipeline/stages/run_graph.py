@@ -18,27 +18,26 @@ from pipeline.deployment.recording import Recorder
 from pipeline.deployment.ros1.agreement import agreement_table, paired_differences
 from pipeline.deployment.ros1.launch import graph
 from pipeline.deployment.successive import run_successive
-from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.own_folders import refuse_foreign
 from pipeline.logs.trajectories import load_logs
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.logged_trials import logged_trials, reaching_summary
 from pipeline.stages.graph_node import (
+    LOGS,
     Driver,
     GraphStage,
     fixed_episodes,
     node_commands,
     operate,
     plant,
+    refuse_others_logs,
     write_bag_of,
     write_run,
 )
 from pipeline.stages.sim2sim import controller_delays, graph_parts
 from pipeline.tracking import StageRun
 
-RESULTS, BAG = "results.json", "targets"  # as graph_node's `write_run` calls them
-FOLDERS = ("logs", "simulated")
+FOLDERS = (LOGS, "simulated")
 
 
 @dataclass
@@ -47,16 +46,12 @@ class RunGraphStage(GraphStage):
 
     ingest: IngestConfig = MISSING
 
-    def __post_init__(self) -> None:
-        if isinstance(self.targets, int) and self.targets < 1:
-            raise InputError(f"targets is {self.targets}; it must be at least 1")
-
 
 @stage(RunGraphStage)
 def main(configuration: RunGraphStage, run: StageRun) -> None:
     """Launch the graph and give it its targets; write how they ended, bags of it and of simulated time, and compare."""
     output = Path(configuration.output)
-    refuse_others_logs(output)
+    refuse_others_logs(output, FOLDERS)
     results, recorder = run_targets(configuration, sys.argv[1:])
     write_run(configuration, results, recorder)
     write_bag_of(simulate(configuration), output / "simulated", configuration.machine)
@@ -70,17 +65,6 @@ def main(configuration: RunGraphStage, run: StageRun) -> None:
     table = agreement_table(differences)
     write_whole(output / "agreement.md", table.encode())
     print(table, end="")
-
-
-def refuse_others_logs(output: Path) -> None:
-    """Raise `InputError` where the folders of bags, which are made anew, hold anything but an earlier run's bag."""
-    is_run = (output / RESULTS).exists()  # written before any bag
-    refuse_foreign(
-        [output / folder for folder in FOLDERS],
-        lambda entry: is_run and entry.name == BAG,
-        "run_graph",
-        "move them away, or name another output",
-    )
 
 
 def trials_of(folder: Path, configuration: RunGraphStage) -> list[dict[str, Any]]:

@@ -63,6 +63,7 @@ class TeleoperateStage(GraphStage):
     seconds: float = MISSING
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.seconds > 0:
             raise InputError(f"seconds={self.seconds}: it must be positive")
         if self.driver is not Driver.plant and not self.model:
