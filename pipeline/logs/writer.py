@@ -19,6 +19,7 @@ from rosbags.typesys.store import Typestore
 if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
+from pipeline.atomic_files import PARTIAL_SUFFIX
 from pipeline.errors import InputError
 from pipeline.logs.columns import whole
 from pipeline.logs.message_definitions import parse_definition
@@ -92,13 +93,18 @@ def write_bag(
     ]
     if target_poses is not None:
         channels.append(_targets(store, machine, target_poses))
-    partial = path.with_name(f".{path.name}.partial")
+    partial = partial_bag(path)
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     file_name = f"{path.name}_0.mcap"
     _write_mcap(partial / file_name, store, channels, COMPRESSIONS[compression])
     _write_metadata(partial / "metadata.yaml", file_name, store, channels)
     partial.rename(path)
+
+
+def partial_bag(path: Path) -> Path:
+    """Where a bag is until it is whole; a killed process may leave it."""
+    return path.with_name(f".{path.name}{PARTIAL_SUFFIX}")
 
 
 def _joint_states(

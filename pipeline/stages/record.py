@@ -1,7 +1,6 @@
 """Stage `record`: a scripted operator teleoperates the simulated machine; genuine bags are written."""
 
-import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -12,7 +11,7 @@ from omegaconf import MISSING
 
 from pipeline.configuration import PipelineConfiguration, stage
 from pipeline.errors import InputError
-from pipeline.logs.own_folders import refuse_foreign
+from pipeline.logs.own_folders import clear_recorded, list_recorded
 from pipeline.logs.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import Effect
@@ -45,14 +44,9 @@ def main(configuration: RecordStage, run: StageRun) -> None:
     """Record the sessions to learn from and the held-out one, unless the user named logs of their own."""
     output, record, machine = Path(configuration.output), configuration.record, configuration.machine
     folders = {"sessions": record.session_minutes, "held_out": [record.held_out_minutes]}
-    own_logs = (
-        configuration.logs is not None
-        and Path(configuration.logs).resolve() != (output / "sessions").resolve()
-    )
+    own_logs = own_logs_among({"logs": (configuration.logs, output / "sessions")})
     effects: list[Effect] = []
-    if own_logs:
-        refuse_absent("logs", str(configuration.logs))
-    else:
+    if not own_logs:
         effects = draw_effects(
             configuration.effects,
             configuration.effects_seed,
@@ -60,7 +54,7 @@ def main(configuration: RecordStage, run: StageRun) -> None:
             configuration.effect_size,
             60.0 * record.session_minutes[0],
         )
-    clear(output, list(folders))
+    clear_recorded(output, folders, "record", own_logs)
     write_seal(output / SEAL, effects)
     if own_logs:
         print(
@@ -70,49 +64,41 @@ def main(configuration: RecordStage, run: StageRun) -> None:
     sessions = [(folder, minutes) for folder, durations in folders.items() for minutes in durations]
     style_seed, seeds = operator_and_sessions(record.seed, len(sessions))
     first = datetime.fromisoformat(record.first_session)
-    for number, ((folder, minutes), seed) in enumerate(zip(sessions, seeds, strict=True)):
-        start = first + timedelta(days=number)
-        path = output / folder / start.strftime(SESSION_NAME)
+    starts = [first + timedelta(days=number) for number in range(len(sessions))]
+    paths = [
+        output / folder / start.strftime(SESSION_NAME)
+        for (folder, _), start in zip(sessions, starts, strict=True)
+    ]
+    list_recorded(output, paths)
+    for number, (path, (_, minutes), seed, start) in enumerate(
+        zip(paths, sessions, seeds, starts, strict=True)
+    ):
         record_bag(path, machine, effects, number, style_seed, minutes, seed, start)
     run.metrics({"recorded_minutes": sum(minutes for _, minutes in sessions)})
 
 
-def refuse_absent(name: str, given: str) -> None:
-    """Raise `InputError` where a user's own logs, for which nothing is recorded, are not there."""
-    if not Path(given).exists():
-        raise InputError(
-            f"{name}={given}: no such folder; name a folder of own logs, or none to have some recorded"
-        )
+def own_logs_among(settings: Mapping[str, tuple[str | None, Path]]) -> dict[str, str]:
+    """Of settings with the folder that each gives and the recorded one, those that name a user's own logs.
+
+    Raises:
+        InputError: They are not there; nothing is recorded for them.
+    """
+    own = {}
+    for name, (given, recorded) in settings.items():
+        if given is None or Path(given).resolve() == recorded.resolve():
+            continue
+        if not Path(given).exists():
+            raise InputError(
+                f"{name}={given}: no such folder; name a folder of own logs, or none to have some recorded"
+            )
+        own[name] = given
+    return own
 
 
 def operator_and_sessions(seed: int, n_sessions: int) -> tuple[int, list[int]]:
     """Seeds of the operator's style and of each session; the style's is the same for any number of sessions."""
     style_seed, *seeds = np.random.SeedSequence(seed).generate_state(1 + n_sessions).tolist()
     return style_seed, seeds
-
-
-def clear(output: Path, folders: Sequence[str]) -> None:
-    """Make the folders anew. What this stage wrote may go (its seal lies beside it), anything else may not."""
-    is_sealed = (output / SEAL).exists()
-    paths = [output / name for name in folders]
-    refuse_foreign(
-        paths,
-        lambda entry: is_sealed and _is_recorded(entry),
-        "record",
-        "name them with logs={folder}, or move them away",
-    )
-    for folder in paths:
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-
-
-def _is_recorded(entry: Path) -> bool:
-    """Whether it bears a name that this stage gives to sessions."""
-    try:
-        datetime.strptime(entry.name, SESSION_NAME)
-    except ValueError:
-        return False
-    return True
 
 
 def record_bag(

@@ -10,11 +10,12 @@ from omegaconf import MISSING
 
 from pipeline.configuration import PipelineConfiguration, stage
 from pipeline.errors import InputError
+from pipeline.logs.own_folders import clear_recorded, list_recorded
 from pipeline.plant.seal import write_seal
 from pipeline.plant.session import SESSION_NAME, RecordConfig
 from pipeline.plant.simulated import simulated_machine
 from pipeline.plant.undeclared import draw_effects
-from pipeline.stages.record import SEAL, clear, operator_and_sessions, record_bag, refuse_absent
+from pipeline.stages.record import SEAL, operator_and_sessions, own_logs_among, record_bag
 from pipeline.tracking import StageRun
 
 SESSIONS = "sessions"
@@ -71,14 +72,12 @@ def main(configuration: RecordChangedStage, run: StageRun) -> None:
         configuration.machine,
         configuration.record_changed,
     )
-    own = []
-    for name, given, recorded in (
-        ("logs", configuration.logs, Path(configuration.recorded)),
-        ("measured", configuration.measured, output / SESSIONS),
-    ):
-        if given is not None and Path(given).resolve() != recorded.resolve():
-            refuse_absent(name, given)
-            own.append(given)
+    own = own_logs_among(
+        {
+            "logs": (configuration.logs, Path(configuration.recorded)),
+            "measured": (configuration.measured, output / SESSIONS),
+        }
+    )
     effects = []
     if not own:
         effects = draw_effects(
@@ -88,19 +87,21 @@ def main(configuration: RecordChangedStage, run: StageRun) -> None:
             configuration.effect_size,
             60.0 * settings.session_minutes[0],
         )
-    clear(output, [SESSIONS])
+    clear_recorded(output, [SESSIONS], "record_changed", own)
     write_seal(output / SEAL, effects)
     if own:
-        print(f"record_changed: the logs in {', '.join(own)} are your own; nothing is recorded")
+        print(f"record_changed: the logs in {', '.join(own.values())} are your own; nothing is recorded")
         return
     style_seed, _ = operator_and_sessions(configuration.record.seed, 0)
     seeds = np.random.SeedSequence([configuration.record.seed, settings.seed]).generate_state(
         len(settings.session_minutes)
     )
     first = datetime.fromisoformat(configuration.record.first_session) + timedelta(days=settings.days_later)
-    for number, (minutes, seed) in enumerate(zip(settings.session_minutes, seeds.tolist(), strict=True)):
-        start = first + timedelta(days=number)
-        path = output / SESSIONS / start.strftime(SESSION_NAME)
+    starts = [first + timedelta(days=number) for number in range(len(settings.session_minutes))]
+    paths = [output / SESSIONS / start.strftime(SESSION_NAME) for start in starts]
+    list_recorded(output, paths)
+    sessions = zip(paths, settings.session_minutes, seeds.tolist(), starts, strict=True)
+    for number, (path, minutes, seed, start) in enumerate(sessions):
         record_bag(path, machine, effects, number, style_seed, minutes, seed, start)
     run.metrics({"recorded_minutes": sum(settings.session_minutes)})
 

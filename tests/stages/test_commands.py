@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -179,18 +180,98 @@ def test_own_logs_take_the_place_of_recorded_ones(logs: Path, tmp_path: Path) ->
     assert not list(tmp_path.rglob("*.mcap"))
 
 
-def test_a_bag_laid_beside_recorded_ones_is_not_deleted_with_them(logs: Path, tmp_path: Path) -> None:
-    first = run_stage("record", f"logs={logs}", "output=raw", "profile=smoke", folder=tmp_path)
-    assert first.returncode == 0 and (tmp_path / "raw/undeclared.seal").exists()
-    (tmp_path / "raw/sessions/2026-03-02-09-00-00").mkdir()  # as recorded ones are called
-    for mine in ("sessions/my_field_day", "held_out/my_field_day"):
-        (tmp_path / "raw" / mine).mkdir()
-        refused = run_stage("record", f"logs={logs}", "output=raw", "profile=smoke", folder=tmp_path)
-        assert refused.returncode == 2 and "holds logs that record did not write" in refused.stderr
-        assert (tmp_path / "raw/sessions/2026-03-02-09-00-00").is_dir()
-        (tmp_path / "raw" / mine).rmdir()
-    again = run_stage("record", f"logs={logs}", "output=raw", "profile=smoke", folder=tmp_path)
-    assert again.returncode == 0 and not any((tmp_path / "raw/sessions").iterdir())
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which sessions were recorded, and own logs laid beside."""
+    folder = tmp_path_factory.mktemp("recorded")
+    short = ["record.session_minutes=[0.05]", "record.held_out_minutes=0.05"]
+    result = run_stage("record", *short, "output=raw", "profile=smoke", folder=folder)
+    assert result.returncode == 0, result.stderr
+    result = run_stage(
+        "record_changed",
+        "record_changed.session_minutes=[0.05]",
+        "output=raw/changed",
+        "profile=smoke",
+        folder=folder,
+    )
+    assert result.returncode == 0, result.stderr
+    (folder / "mine").mkdir()
+    (folder / "mine/day.bag").write_text("mine")
+    return folder
+
+
+OWN_NAME = "2024-05-06-09-00-00"  # as `rosbag record` calls bags, and `record` its own
+
+
+def everything(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and "runs" not in path.parts
+    }
+
+
+@pytest.mark.parametrize(
+    ("stage", "place"),
+    [
+        ("record", "raw/sessions"),
+        ("record", "raw/held_out"),
+        ("record_changed", "raw/changed/sessions"),
+    ],
+)
+@pytest.mark.parametrize("own", [["logs=mine"], []])
+def test_a_bag_laid_beside_recorded_ones_is_not_deleted_with_them(
+    stage: str, place: str, own: list[str], recorded: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(recorded, tmp_path / "copy")
+    (folder / place / OWN_NAME).mkdir()
+    (folder / place / OWN_NAME / "day.bag").write_text("mine")
+    before = everything(folder)
+    output = "raw/changed" if stage == "record_changed" else "raw"
+    refused = run_stage(stage, *own, f"output={output}", "profile=smoke", folder=folder)
+    assert refused.returncode == 2
+    (line,) = refused.stderr.splitlines()
+    assert f"{place}: holds logs that {stage} did not write ({OWN_NAME}); move them" in line
+    assert everything(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("stage", "logs", "said"),
+    [
+        ("record", "raw/held_out", "lies in raw/held_out"),
+        ("record", "raw/sessions/2026-03-02-09-00-00", "lies in raw/sessions"),
+        ("record", "link", "lies in raw/held_out"),
+        ("record", "raw", "contains raw/sessions"),
+        ("record_changed", "raw/changed/sessions", "lies in raw/changed/sessions"),
+        ("record_changed", "raw", "contains raw/changed/sessions"),
+    ],
+)
+def test_recorded_bags_that_are_named_as_own_logs_are_not_deleted(
+    stage: str, logs: str, said: str, recorded: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(recorded, tmp_path / "copy")
+    (folder / "link").symlink_to("raw/held_out")
+    before = everything(folder)
+    output = "raw/changed" if stage == "record_changed" else "raw"
+    refused = run_stage(stage, f"logs={logs}", f"output={output}", "profile=smoke", folder=folder)
+    assert refused.returncode == 2
+    (line,) = refused.stderr.splitlines()
+    assert f"logs={logs}: {said}, whose recordings are deleted where own logs take their place; " in line
+    assert everything(folder) == before
+
+
+def test_own_logs_leave_no_recorded_ones_to_be_taken_for_data(recorded: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(recorded, tmp_path / "copy")
+    (folder / "raw/sessions/.2026-03-02-09-00-00.partial").mkdir()  # which a killed run left
+    (folder / "raw/sessions/.note").write_text("mine")
+    for stage, output in (("record", "raw"), ("record_changed", "raw/changed")):
+        assert list((folder / output / "sessions").glob("*/*.mcap"))
+        result = run_stage(stage, "logs=mine", f"output={output}", "profile=smoke", folder=folder)
+        assert result.returncode == 0, result.stderr
+        assert not list((folder / output).glob("recorded.txt"))
+    assert not list(folder.rglob("*.mcap"))
+    assert (folder / "raw/held_out").is_dir()
+    assert [path.name for path in (folder / "raw/sessions").iterdir()] == [".note"]
 
 
 def test_a_sweep_runs_every_value(logs: Path, tmp_path: Path) -> None:
