@@ -155,8 +155,11 @@ def _find(directory: Path, allow_empty: bool) -> list[LogEntry]:
 def _outside(entries: list[LogEntry], logs_directory: Path, output_directory: Path) -> list[LogEntry]:
     """The logs less the tuples of an earlier run, where the output lies among the logs.
 
+    Logs may lie in folders of the output: written over or removed is only what lies in it directly.
+
     Raises:
-        InputError: A log lies in the output, where it would be taken for tuples of a log that is gone.
+        InputError: The output is the folder of the logs, or a log lies where tuples are written, or removed as those
+            of a log that is gone.
     """
     # unlike `resolve` it does not mind links that are loops
     output, logs = (Path(os.path.realpath(path)) for path in (output_directory, logs_directory))
@@ -164,13 +167,30 @@ def _outside(entries: list[LogEntry], logs_directory: Path, output_directory: Pa
         raise InputError(f"{output_directory}: is the folder of the logs; name another folder for the output")
     outside = []
     for entry in entries:
-        if not Path(os.path.realpath(entry.path)).is_relative_to(output):
-            outside.append(entry)
-        elif not (entry.path.suffix == SUFFIX and are_tuples(entry.path)) or logs.is_relative_to(output):
+        is_within = Path(os.path.realpath(entry.path)).is_relative_to(output)
+        if is_within and not logs.is_relative_to(output) and _holds_tuples(entry):
+            continue
+        if any(_would_be_lost(path, output) for path in (entry.path, *entry.files)):
             raise InputError(
-                f"{entry.path}: lies in the output {output_directory}; move the logs out of it, or name another output"
+                f"{entry.path}: lies where the output {output_directory} has its tuples; move the logs into a folder "
+                "of their own, or name another output"
             )
+        outside.append(entry)
     return outside
+
+
+def _holds_tuples(entry: LogEntry) -> bool:
+    return entry.path.suffix == SUFFIX and are_tuples(entry.path)
+
+
+def _would_be_lost(path: Path, output: Path) -> bool:
+    """Whether a file is one that is written over or removed in the output, be it by a link from there or to there."""
+    for place in (Path(os.path.realpath(path.parent)) / path.name, Path(os.path.realpath(path))):
+        if place.parent == output and place.suffix == SUFFIX:
+            return True
+        if place.is_relative_to(output) and place.relative_to(output).parts[0].endswith(SCRATCH_SUFFIX):
+            return True
+    return False
 
 
 def _run(entries: list[LogEntry], settings: _Settings, n_processes: int) -> Iterator[tuple[str, _Outcome]]:
@@ -304,4 +324,5 @@ def _remove_stale(directory: Path, names: Iterable[str]) -> None:
     for scratch in directory.glob(f".*{SCRATCH_SUFFIX}"):
         shutil.rmtree(scratch, ignore_errors=True)
     for partial in directory.glob(f".*{PARTIAL_SUFFIX}"):
-        partial.unlink(missing_ok=True)
+        if not partial.is_dir():  # which is a bag's, where logs are recorded into the same folder
+            partial.unlink(missing_ok=True)

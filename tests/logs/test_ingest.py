@@ -129,21 +129,49 @@ def test_output_among_the_logs(machine, config, loop_tracker, folder):
         ingest(machine, folder, folder, config, loop_tracker)
 
 
-def test_logs_in_the_output_are_refused(machine, config, loop_tracker, folder, tmp_path):
-    """They were passed over, and the tuples of an earlier run removed as those of logs that are gone."""
+def test_logs_in_a_folder_of_the_output(machine, config, loop_tracker, folder, monkeypatch):
+    """`cd case; ingest logs=logs output=.`, also where one log is named, or one that lies in the output itself."""
+    monkeypatch.chdir(folder.parent)
+    shutil.copy("logs/bag0/bag0_0.mcap", "alone.mcap")
+    Path(".bag9.partial").mkdir()  # a bag that is being recorded
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    for logs, names in (
+        ("logs", ["bag0", "bag1", "bag2"]),
+        ("logs", ["bag0", "bag1", "bag2"]),
+        ("logs/bag1", ["bag1"]),
+        ("alone.mcap", ["alone"]),
+    ):
+        summary = ingest(machine, Path(logs), Path(), config, loop_tracker)
+        assert [report.name for report in summary.reports] == names and not summary.failures
+        assert sorted(path.stem for path in Path().glob("*.parquet")) == names
+        assert all(path.read_bytes() == content for path, content in before.items())
+    assert Path(".bag9.partial").is_dir()
+
+
+def test_logs_where_the_output_has_its_tuples_are_refused(machine, config, loop_tracker, folder, tmp_path):
+    """They would be written over, or removed as tuples of a log that is gone."""
     output = tmp_path / "out"
     ingest(machine, folder, output, config, loop_tracker)
-    before = contents(output)
-    shutil.copytree(folder, output / "logs")
-    for logs in (output / "logs", tmp_path, output / "bag0.parquet"):
-        with pytest.raises(InputError, match="lies in the output"):
-            ingest(machine, logs, output, config, loop_tracker)
-        assert all((output / name).read_bytes() == content for name, content in before.items())
-    shutil.rmtree(output / "logs")
+    (output / "link.parquet").symlink_to(shutil.copy(output / "bag1.parquet", tmp_path / "bag1.parquet"))
+    polars.DataFrame({"mine": [1.0]}).write_parquet(
+        output / "table.parquet"
+    )  # its tuples would have its name
+    (output / ".day.scratch").mkdir()
+    shutil.copy(folder / "bag0/bag0_0.mcap", output / ".day.scratch/day.mcap")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    for logs in ("out/bag0.parquet", "out/link.parquet", "out/table.parquet", "out/.day.scratch", "."):
+        with pytest.raises(InputError, match=r"lies where the output .* has its tuples; move the logs"):
+            ingest(machine, tmp_path / logs, output, config, loop_tracker)
+        assert all(path.read_bytes() == content for path, content in before.items())
+
+
+def test_an_earlier_runs_tuples_are_no_logs(machine, config, loop_tracker, folder, tmp_path):
+    ingest(machine, folder, tmp_path / "out", config, loop_tracker)
+    before = contents(tmp_path / "out")
     shutil.rmtree(folder)
     with pytest.raises(InputError, match="holds no logs but tuples in the output"):
-        ingest(machine, tmp_path, output, config, loop_tracker)
-    assert contents(output) == before
+        ingest(machine, tmp_path, tmp_path / "out", config, loop_tracker)
+    assert contents(tmp_path / "out") == before
 
 
 def test_empty_folder(tmp_path, machine, config, loop_tracker):
