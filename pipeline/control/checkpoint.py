@@ -48,6 +48,11 @@ def identity(*parts: Any) -> str:
     return digest.hexdigest()
 
 
+def is_checkpoint(path: Path) -> bool:
+    """Whether it is a file of `save_checkpoint`."""
+    return path.name == _CHECKPOINT_FILE
+
+
 def save_checkpoint(directory: Path, training: str, checkpoint: Checkpoint) -> None:
     """Replace the directory's checkpoint.
 
@@ -76,7 +81,7 @@ def load_checkpoint(directory: Path, training: str, template: Any) -> Checkpoint
         template: parameters of the same structure.
 
     Raises:
-        InputError: the file is broken.
+        InputError: the file is broken, or none of `save_checkpoint`.
     """
     path = Path(directory) / _CHECKPOINT_FILE
     if not path.exists():
@@ -85,6 +90,8 @@ def load_checkpoint(directory: Path, training: str, template: Any) -> Checkpoint
         content = serialization.msgpack_restore(path.read_bytes())
     except ValueError as error:
         raise InputError(f"{path}: not readable as a checkpoint ({error}); delete it to train anew") from None
+    if not isinstance(content, dict) or "training" not in content:
+        raise InputError(f"{path}: is no checkpoint of a training; name another folder for checkpoints")
     if content["training"] != training:
         return None
     kept = content["kept"]

@@ -1,6 +1,7 @@
 """An evaluation in chunks of episodes: each is kept once done, so that a killed evaluation goes on from there."""
 
 import io
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,11 @@ def evaluate_in_chunks(
         parts.append(part)
         progress(len(index))
     return jax.tree.map(lambda *values: np.concatenate(values), *parts)
+
+
+def is_chunk(path: Path) -> bool:
+    """Whether it bears the name of a chunk that `evaluate_in_chunks` kept."""
+    return re.fullmatch(r"episodes_\d{6,}_\d+\.npz", path.name) is not None
 
 
 def _first(part: EvaluatedEpisodes, n: int) -> EvaluatedEpisodes:

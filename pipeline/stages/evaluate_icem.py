@@ -1,6 +1,5 @@
 """Stage `evaluate_icem`: iCEM plans through the fixed episodes, on the model that it plans with."""
 
-import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -9,13 +8,14 @@ from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.control.checkpoint import identity
-from pipeline.control.chunks import evaluate_in_chunks
+from pipeline.control.chunks import evaluate_in_chunks, is_chunk
 from pipeline.control.evaluate import controller_evaluation
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_controller
 from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.effects.store import load_dynamics
 from pipeline.machine.kinematics import load_arm
+from pipeline.own_checkpoints import remove_checkpoints
 from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes
 from pipeline.reaching.evaluation_files import write_evaluation
 from pipeline.reaching.metrics import reaching_metrics
@@ -88,7 +88,7 @@ def main(configuration: EvaluateIcemStage, run: StageRun) -> None:
     run.metrics(flatten_metrics(metrics))
     run.artifact(output, "evaluation")
     if checkpoints:  # a finished evaluation must not be taken up again by changed code
-        shutil.rmtree(checkpoints, ignore_errors=True)
+        remove_checkpoints(checkpoints, is_chunk)
 
 
 if __name__ == "__main__":

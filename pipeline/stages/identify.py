@@ -1,6 +1,6 @@
 """Stage `identify`: a dynamics model is trained by back-propagation through time and judged beside a linear ARX."""
 
-import shutil
+import re
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.dynamics.store import save_model
 from pipeline.dynamics.windows import FIRST_JUDGED_ROW
 from pipeline.errors import InputError
+from pipeline.own_checkpoints import remove_checkpoints
 from pipeline.registry.publish import publish_dynamics_model
 from pipeline.tracking import StageRun, flatten_metrics, progress_bar
 
@@ -89,7 +90,13 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
     run.artifact(output, "model")
     publish_dynamics_model(run, output, result.model, f"{machine.name}-{kind}", rows.learning[0])
     if configuration.checkpoints:  # a finished run must not be taken up again by changed code
-        shutil.rmtree(configuration.checkpoints, ignore_errors=True)
+        remove_checkpoints(Path(configuration.checkpoints), is_training)
+
+
+def is_training(path: Path) -> bool:
+    """Whether it is a folder of `dynamics.checkpoint`: named by a digest, a folder in it for each epoch kept."""
+    is_named = re.fullmatch("[0-9a-f]{16}", path.name) is not None
+    return is_named and path.is_dir() and all(entry.name.split(".")[0].isdigit() for entry in path.iterdir())
 
 
 if __name__ == "__main__":

@@ -1,18 +1,19 @@
 """Stage `ppo`: a reaching policy is learned on an identified model with PPO and discretised proto-actions."""
 
 import json
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.control.checkpoint import is_checkpoint
 from pipeline.control.curve import CurvePoint, write_curve
 from pipeline.control.policy import save_policy
 from pipeline.control.ppo import PPOConfig, train
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.machine.kinematics import load_arm
+from pipeline.own_checkpoints import remove_checkpoints
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses
 from pipeline.reaching.reward import RewardConfig
@@ -83,7 +84,7 @@ def main(configuration: PPOStage, run: StageRun) -> None:
     run.metrics(metrics)
     run.artifact(output, "policy")
     if configuration.checkpoints:  # a finished run must not be taken up again by changed code
-        shutil.rmtree(configuration.checkpoints, ignore_errors=True)
+        remove_checkpoints(Path(configuration.checkpoints), is_checkpoint)
 
 
 if __name__ == "__main__":

@@ -4,13 +4,13 @@ Outside `make repro` (`make ablation`). Finished trainings are kept; start it ag
 """
 
 import dataclasses
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.control.checkpoint import is_checkpoint
 from pipeline.control.curve import CurvePoint
 from pipeline.control.ppo import PPOConfig
 from pipeline.control.reward_ablation import (
@@ -24,6 +24,7 @@ from pipeline.control.reward_ablation import (
 from pipeline.dynamics.specify import check_machine
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.machine.kinematics import load_arm
+from pipeline.own_checkpoints import remove_checkpoints
 from pipeline.reaching.episodes import EpisodesConfig
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reporting.cells import read_cells
@@ -66,9 +67,7 @@ def main(configuration: RewardAblationStage, run: StageRun) -> None:
 
             result = ablation.run(cell, progress, Path(configuration.checkpoints) / cell.name)
         save_cell(output / "cells", cell, training, result)
-        shutil.rmtree(
-            Path(configuration.checkpoints) / cell.name, ignore_errors=True
-        )  # as the stage ppo does
+        remove_checkpoints(Path(configuration.checkpoints) / cell.name, is_checkpoint)
         run.metrics({f"{cell.name}/{key}": value for key, value in result.metrics.items()})
         write(configuration, ablation)
     write(configuration, ablation)

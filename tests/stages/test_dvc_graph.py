@@ -12,7 +12,14 @@ import yaml
 
 ROOT = Path(__file__).parents[2]
 # The frame around a stage decides nothing of its outputs.
-FRAME = {"pipeline.configuration", "pipeline.tracking", "pipeline.errors", "pipeline", "pipeline.stages"}
+FRAME = {
+    "pipeline.configuration",
+    "pipeline.own_checkpoints",
+    "pipeline.tracking",
+    "pipeline.errors",
+    "pipeline",
+    "pipeline.stages",
+}
 
 
 def stages() -> dict[str, dict[str, Any]]:
