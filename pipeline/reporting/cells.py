@@ -7,6 +7,11 @@ import yaml
 
 from pipeline.errors import InputError
 
+IDENTIFIED = (
+    "models",
+    "targets",
+)  # whose product is the models; that of `icem_<key>` those that iCEM plans on
+
 
 def read_cells(path: Path, *keys: str) -> dict[str, Any]:
     """Read `params.yaml`.
@@ -30,3 +35,42 @@ def read_cells(path: Path, *keys: str) -> dict[str, Any]:
     if missing:
         raise InputError(f"cells={path}: has no {', '.join(missing)}; name the project's params.yaml")
     return content
+
+
+def read_controller_cells(path: Path, *keys: str) -> dict[str, Any]:
+    """Read what `params.yaml` says of the controllers, for `controllers.controllers_of`; and of other keys.
+
+    Raises:
+        InputError: As of `read_cells`; or iCEM's keys are missing, or it is to plan on a model that is not identified.
+    """
+    content = read_cells(path, *IDENTIFIED, "seeds", *keys)
+    for key in (*IDENTIFIED, "seeds"):
+        _check_list(path, content, key)
+    if not content.get("icem_variants"):
+        return content
+    _check_list(path, content, "icem_variants")
+    examples = {f"icem_{key}": content[key] for key in IDENTIFIED} | {"icem_seeds": content["seeds"][:1]}
+    for key, example in examples.items():
+        if key not in content:
+            raise InputError(
+                f"cells={path}: has icem_variants, but no {key}; add `{key}: {_shown(example)}`, "
+                "or name the project's params.yaml"
+            )
+        _check_list(path, content, key)
+    for key in IDENTIFIED:
+        others = [value for value in content[f"icem_{key}"] if value not in content[key]]
+        if others:
+            raise InputError(
+                f"cells={path}: icem_{key} has {_shown(others)}, which {key} has not, so there is no such model; "
+                f"add it to {key}, or take it out of icem_{key}"
+            )
+    return content
+
+
+def _check_list(path: Path, content: dict[str, Any], key: str) -> None:
+    if not isinstance(content[key], list):
+        raise InputError(f"cells={path}: {key} is {content[key]}; it must be a list in square brackets")
+
+
+def _shown(values: list[Any]) -> str:
+    return f"[{', '.join(map(str, values))}]"

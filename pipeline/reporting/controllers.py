@@ -86,8 +86,8 @@ def controllers_of(cells: Mapping[str, Any]) -> dict[str, list[int]]:
     """Names and seeds of the controllers that `dvc repro` makes.
 
     Args:
-        cells: content of `params.yaml`: models, targets, seeds, and where iCEM is run icem_variants, icem_models,
-            icem_targets, icem_seeds.
+        cells: what `cells.read_controller_cells` gives of `params.yaml`: models, targets, seeds, and where iCEM is run
+            icem_variants, icem_models, icem_targets, icem_seeds.
     """
     trained = {
         f"{TRAINED}_{kind}": list(cells["seeds"]) for kind in _kinds(cells["models"], cells["targets"])

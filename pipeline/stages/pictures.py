@@ -7,7 +7,7 @@ from omegaconf import MISSING
 
 from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, stage
 from pipeline.errors import InputError
-from pipeline.reporting.cells import read_cells
+from pipeline.reporting.cells import read_controller_cells
 from pipeline.reporting.controllers import controllers_of, read_controllers
 from pipeline.reporting.deployments import files_of, read_deployments
 from pipeline.reporting.pictures import draw_pictures, save_pictures
@@ -40,7 +40,7 @@ class PicturesStage(PipelineConfiguration):
 @stage(PicturesStage)
 def main(configuration: PicturesStage, run: StageRun) -> None:
     """Draw every controller whose evaluation is there."""
-    cells = read_cells(Path(configuration.cells), "models", "targets", "seeds")
+    cells = read_controller_cells(Path(configuration.cells))
     artifacts = Path(configuration.artifacts)
     controllers = read_controllers(artifacts, controllers_of(cells))
     deployments = read_deployments(artifacts, controllers)

@@ -8,7 +8,7 @@ from omegaconf import MISSING
 from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, stage
 from pipeline.logs.tuples import read_tuples
 from pipeline.machine.kinematics import load_arm
-from pipeline.reporting.cells import read_cells
+from pipeline.reporting.cells import read_controller_cells
 from pipeline.reporting.controllers import controllers_of
 from pipeline.reporting.deployments import files_of
 from pipeline.reporting.paper import origin_of
@@ -41,7 +41,7 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     """Gather what the stages left, lay out the page, write the tables, and sum up the pipeline's run."""
     machine, artifacts = configuration.machine, Path(configuration.artifacts)
     output = Path(configuration.output)
-    cells = read_cells(Path(configuration.cells), "models", "targets", "seeds", "logs")
+    cells = read_controller_cells(Path(configuration.cells), "logs")
     kinds = [f"{model}_{target}" for model in cells["models"] for target in cells["targets"]]
     results = read_results(artifacts, kinds, controllers_of(cells))
     run.inputs(
