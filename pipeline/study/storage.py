@@ -11,11 +11,11 @@ import optuna
 import sqlalchemy
 from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
+from pipeline.database_patience import engine_options
 from pipeline.errors import InputError
 
 _CREATION_LOCK = 0x68617264  # any number that other programs on the database do not lock
 _JOURNAL_BEGINNING = b'{"op_code":'  # of every line that Optuna writes
-CONNECT_TIMEOUT_S = 10
 
 
 class FileLock(JournalFileOpenLock):
@@ -131,10 +131,7 @@ def _parse(storage: str) -> sqlalchemy.URL:
 
 def _engine_options(url: sqlalchemy.URL) -> dict[str, object]:
     # A search may think for minutes between two queries; a connection that was dropped meanwhile is replaced.
-    options: dict[str, object] = {"pool_pre_ping": True}
-    if url.get_backend_name() == "postgresql":
-        options["connect_args"] = {"connect_timeout": CONNECT_TIMEOUT_S}
-    return options
+    return {"pool_pre_ping": True} | engine_options(url)
 
 
 @contextlib.contextmanager

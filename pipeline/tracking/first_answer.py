@@ -8,12 +8,12 @@ import logging
 import os
 from collections.abc import Iterator
 
+from pipeline.database_patience import engine_options
+
 PATIENCE = {
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",
 }  # s; a user's own have precedence
-CONNECT_TIMEOUT_S = 10
-TAKES_TIMEOUT = ("postgresql", "mysql")
 
 
 @contextlib.contextmanager
@@ -45,8 +45,8 @@ def ask_database(uri: str) -> None:
     backend = uri.partition("://")[0].partition("+")[0]
     if backend not in DATABASE_ENGINES:
         return
-    options = {"connect_args": {"connect_timeout": CONNECT_TIMEOUT_S}} if backend in TAKES_TIMEOUT else {}
-    engine = sqlalchemy.create_engine(uri, **options)
+    url = sqlalchemy.make_url(uri)
+    engine = sqlalchemy.create_engine(url, **engine_options(url))
     try:
         sqlalchemy.inspect(engine).get_table_names()
     finally:

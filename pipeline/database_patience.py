@@ -1,0 +1,29 @@
+"""How long a database that does not answer is waited for, before any work has begun."""
+
+import os
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sqlalchemy import URL
+
+CONNECT_TIMEOUT_S = 10
+KEY = "connect_timeout"
+DRIVERS = (
+    "psycopg",
+    "psycopg2",
+    "mysqldb",
+    "pymysql",
+)  # that know the key; others fail on one they do not know
+VARIABLE = "PGCONNECT_TIMEOUT"  # PostgreSQL's own
+
+
+def engine_options(url: "URL") -> dict[str, object]:
+    """Arguments of `sqlalchemy.create_engine`; a time-out of the user's own, in URL or environment, has precedence.
+
+    Raises:
+        SQLAlchemyError: There is no such kind of database.
+    """
+    is_given = KEY in url.query or (url.get_backend_name() == "postgresql" and VARIABLE in os.environ)
+    if is_given or url.get_driver_name() not in DRIVERS:
+        return {}
+    return {"connect_args": {KEY: CONNECT_TIMEOUT_S}}
