@@ -18,6 +18,7 @@ from pipeline.deployment.ros1.measurements import Measured, distributions, load_
 from pipeline.deployment.simulated_time.delays import save_delays
 from pipeline.errors import InputError
 from pipeline.stages.graph_node import GraphStage
+from pipeline.stages.overrides import replaced
 from pipeline.stages.run_graph import run_targets
 from pipeline.stages.sim2sim import planner_effort
 from pipeline.tracking import StageRun
@@ -67,10 +68,7 @@ def main(configuration: MeasureDelaysStage, run: StageRun) -> None:
 
 def measured_run(configuration: MeasureDelaysStage) -> Measured:
     """Run the graph with one controller; what its nodes measured."""
-    overrides = [word for word in sys.argv[1:] if word.split("=")[0] not in REPLACED]
-    for key in REPLACED:
-        value = getattr(configuration, key)
-        overrides.append(f"{key}={'null' if value is None else value}")
+    overrides = replaced(sys.argv[1:], {key: getattr(configuration, key) for key in REPLACED})
     # rospy joins one graph in a process's life
     with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as process:
         process.submit(drive, configuration, overrides).result()

@@ -5,7 +5,7 @@ import enum
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -37,6 +37,7 @@ from pipeline.stages.graph_node import (
     component,
     node_commands,
 )
+from pipeline.stages.overrides import replaced
 from pipeline.tracking import StageRun
 
 
@@ -112,7 +113,9 @@ def drive(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
     Raises:
         InputError: ROS 1 is not installed, or a node ended.
     """
-    nodes = node_commands(configuration, passed_on(configuration, sys.argv[1:]), configuration.commanding)
+    # what this stage has other than a node by default
+    own = {"driver": configuration.driver, "model": configuration.model}
+    nodes = node_commands(configuration, replaced(sys.argv[1:], own), configuration.commanding)
     with graph(nodes, Path(configuration.output) / "nodes") as processes:
 
         def is_running() -> bool:
@@ -129,13 +132,6 @@ def drive(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
         with contextlib.suppress(KeyboardInterrupt):  # whoever has seen enough keeps what was recorded
             listener.listen(configuration.seconds, is_running)
     return listener.recorder
-
-
-def passed_on(configuration: TeleoperateStage, overrides: list[str]) -> list[str]:
-    """The overrides of this command, and what it has other than a node by default."""
-    own: Mapping[str, str] = {"driver": configuration.driver, "model": configuration.model}
-    others = [word for word in overrides if word.split("=")[0] not in own]
-    return [*others, *(f"{key}={value}" for key, value in own.items())]
 
 
 def simulate(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:

@@ -27,7 +27,7 @@ from pipeline.deployment.teleoperation_server import TeleoperationServer
 from pipeline.errors import InputError
 from pipeline.logs.tuples import read_tuples
 from pipeline.stages.graph_node import Driver
-from pipeline.stages.teleoperate import GraphKind, Sticks, TeleoperateStage, passed_on
+from pipeline.stages.teleoperate import GraphKind, Sticks, TeleoperateStage
 from tests.deployment.machines import MIDDLE, SPEED, Integrator, bobcat, estimator, paper
 from tests.deployment.test_ros_trial import PACKAGES
 from tests.ros_graph import requires_debian
@@ -101,17 +101,6 @@ def test_sticks_move_the_machine_until_an_emergency_stop(is_stopped: bool) -> No
 def test_what_does_not_go_together_is_refused(keys: dict, said: str) -> None:
     with pytest.raises(InputError, match=said):
         TeleoperateStage(**stage_keys() | keys)
-
-
-def test_a_node_is_told_what_this_stage_has_other_than_a_node_by_default() -> None:
-    configuration = TeleoperateStage(**stage_keys())
-    overrides = ["output=here", "driver=plant", "deployment.seed=3"]
-    assert passed_on(configuration, overrides) == [
-        "output=here",
-        "deployment.seed=3",
-        "driver=plant",
-        "model=",
-    ]
 
 
 def stage_keys() -> dict:
