@@ -5,7 +5,7 @@ import enum
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -92,19 +92,43 @@ def main(configuration: TeleoperateStage, run: StageRun) -> None:
     run_graph = simulate if configuration.graph is GraphKind.simulated_time else drive
     with live_view(configuration.machine, MACHINE_DIRECTORY, configuration.live_port) as taps:
         recorder = run_graph(configuration, taps)
-    moves = sum(bool(np.any(command.values)) for _, command in recorder.commands)
-    for stop in recorder.stops:
-        print(f"teleoperate: control_supervisor stopped the machine by {stop.rule}: {stop.detail}")
-    if not (recorder.states and recorder.commands):
-        raise InputError("no stick was moved while it was recorded, so there is no bag; see the nodes' logs")
-    begun_s = recorder.states[0][0] // NANOSECONDS
-    session = datetime.fromtimestamp(begun_s, UTC).strftime(SESSION_NAME)
-    bag = Path(configuration.output) / "logs" / session
-    recorder.write(bag, configuration.machine)
-    print(f"teleoperate: {bag}: {len(recorder.states)} joint states, {moves} commands that move a joint")
     run.metrics(
-        {"joint_states": len(recorder.states), "moving_commands": moves, "stops": len(recorder.stops)}
+        {
+            "joint_states": len(recorder.states),
+            "moving_commands": moving(recorder),
+            "stops": len(recorder.stops),
+        }
     )
+
+
+@contextlib.contextmanager
+def kept(recorder: Recorder, configuration: TeleoperateStage) -> Iterator[None]:
+    """Write what is recorded meanwhile, however that ends; Ctrl-C is the way to end it early, and no error.
+
+    Raises:
+        InputError: there was nothing to write.
+    """
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            yield
+    finally:
+        for stop in recorder.stops:
+            print(f"teleoperate: control_supervisor stopped the machine by {stop.rule}: {stop.detail}")
+        is_log = bool(recorder.states and recorder.commands)
+        if is_log:
+            begun_s = recorder.states[0][0] // NANOSECONDS
+            session = datetime.fromtimestamp(begun_s, UTC).strftime(SESSION_NAME)
+            bag = Path(configuration.output) / "logs" / session
+            recorder.write(bag, configuration.machine)
+            said = f"{len(recorder.states)} joint states, {moving(recorder)} commands that move a joint"
+            print(f"teleoperate: {bag}: {said}", flush=True)
+    if not is_log:
+        raise InputError("no stick was moved while it was recorded, so there is no bag; see the nodes' logs")
+
+
+def moving(recorder: Recorder) -> int:
+    """How many commands move a joint."""
+    return sum(bool(np.any(command.values)) for _, command in recorder.commands)
 
 
 def drive(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
@@ -129,7 +153,7 @@ def drive(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
         listener = Listener(configuration.machine, "recorder", taps)
         listener.wait_for_nodes(len(nodes), START_TIMEOUT_S, is_running)
         time.sleep(SETTLE_S)
-        with contextlib.suppress(KeyboardInterrupt):  # whoever has seen enough keeps what was recorded
+        with kept(listener.recorder, configuration):  # before the nodes are ended, which takes them seconds
             listener.listen(configuration.seconds, is_running)
     return listener.recorder
 
@@ -145,7 +169,8 @@ def simulate(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
         components, delays, np.random.SeedSequence(deployment.seed), start_ns, taps=[recorder, *taps]
     )
     run = SimulatedGraph.run if not taps else run_at_real_time
-    run(simulated, start_ns + nanoseconds(configuration.seconds))
+    with kept(recorder, configuration):
+        run(simulated, start_ns + nanoseconds(configuration.seconds))
     return recorder
 
 

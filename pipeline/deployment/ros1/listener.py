@@ -92,16 +92,20 @@ class Listener:
         wait_until_up(are_connected, f"{n_nodes} nodes", timeout_s, is_running)
 
     def listen(self, duration_s: float, is_running: Callable[[], bool]) -> None:
-        """Hear the graph for so long.
+        """Hear the graph for so long; what it says afterwards reaches neither recorder nor taps.
 
         Raises:
             InputError: a node has ended.
         """
         deadline = time.monotonic() + duration_s
-        while (left_s := deadline - time.monotonic()) > 0:
-            if not is_running():
-                raise InputError("a node ended before its time; see the nodes' logs")
-            time.sleep(min(POLL_S, left_s))
+        try:
+            while (left_s := deadline - time.monotonic()) > 0:
+                if not is_running():
+                    raise InputError("a node ended before its time; see the nodes' logs")
+                time.sleep(min(POLL_S, left_s))
+        finally:
+            with self._lock:  # which messages are kept under, so that none is half kept
+                self._taps.clear()
 
 
 def wait_until_up(
