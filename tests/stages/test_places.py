@@ -9,8 +9,10 @@ from pipeline.errors import InputError
 from pipeline.places import refuse_unusable
 from pipeline.stages.graph_node import refuse_others_logs
 from pipeline.stages.run_graph import FOLDERS
+from pipeline.stages.sim2real import refuse_others_log
 from tests.stages.command import run_stage
 
+START_TIME = "2026-04-01T09:00:00+00:00"
 pytestmark = pytest.mark.slow
 
 
@@ -31,6 +33,23 @@ def test_run_graph_takes_an_earlier_runs_bags_for_its_own(tmp_path: Path) -> Non
     (tmp_path / "simulated/another").mkdir(parents=True)
     with pytest.raises(InputError, match="simulated: holds logs that this stage did not write"):
         refuse_others_logs(tmp_path, FOLDERS)
+
+
+def test_sim2real_deletes_no_log_of_ones_own(tmp_path: Path) -> None:
+    bag = tmp_path / "out/logs/2026-04-01-09-00-00"
+    bag.mkdir(parents=True)
+    (bag / "day.mcap").write_text("mine")
+    refused = run_stage(
+        "sim2real", "model=none", "policy=none", "output=out", f"start_time={START_TIME}", folder=tmp_path
+    )
+    assert (
+        refused.returncode == 2 and f"holds logs that sim2real did not write ({bag.name})" in refused.stderr
+    )
+    assert (bag / "day.mcap").read_text() == "mine"
+    (tmp_path / "out/goals.json").write_text("{}")
+    refuse_others_log(bag)  # an earlier run's
+    (tmp_path / "out/goals.json").unlink()
+    refuse_others_log(bag.with_name("another"))  # beside it, which is not touched
 
 
 @pytest.mark.parametrize(
