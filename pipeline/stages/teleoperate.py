@@ -3,7 +3,6 @@
 import contextlib
 import enum
 import os
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -37,7 +36,8 @@ from pipeline.stages.graph_node import (
     component,
     node_commands,
 )
-from pipeline.stages.overrides import replaced
+from pipeline.stages.overrides import of_this_job, replaced
+from pipeline.stages.own_process import for_this_job
 from pipeline.tracking import StageRun
 
 
@@ -89,16 +89,27 @@ def main(configuration: TeleoperateStage, run: StageRun) -> None:
     """Run the graph for so many seconds; write what it heard as one more bag in the folder `logs` of the output."""
     for name in configuration.commanding:
         component(configuration, name)  # a mistake in their settings is told here, not in a node's log
-    run_graph = simulate if configuration.graph is GraphKind.simulated_time else drive
+    if configuration.graph is GraphKind.simulated_time:
+        counts = record(configuration, ())
+    else:
+        # what this stage has other than a node by default
+        own = {"driver": configuration.driver, "model": configuration.model}
+        counts = for_this_job(record, configuration, replaced(of_this_job(configuration), own))
+    run.metrics(counts)
+
+
+def record(configuration: TeleoperateStage, overrides: Sequence[str]) -> dict[str, int]:
+    """Run the graph, whose nodes are given the overrides, and write the bag; how much there is of what."""
     with live_view(configuration.machine, MACHINE_DIRECTORY, configuration.live_port) as taps:
-        recorder = run_graph(configuration, taps)
-    run.metrics(
-        {
-            "joint_states": len(recorder.states),
-            "moving_commands": moving(recorder),
-            "stops": len(recorder.stops),
-        }
-    )
+        if configuration.graph is GraphKind.simulated_time:
+            recorder = simulate(configuration, taps)
+        else:
+            recorder = drive(configuration, overrides, taps)
+    return {
+        "joint_states": len(recorder.states),
+        "moving_commands": moving(recorder),
+        "stops": len(recorder.stops),
+    }
 
 
 @contextlib.contextmanager
@@ -131,15 +142,13 @@ def moving(recorder: Recorder) -> int:
     return sum(bool(np.any(command.values)) for _, command in recorder.commands)
 
 
-def drive(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
+def drive(configuration: TeleoperateStage, overrides: Sequence[str], taps: Sequence[Tap]) -> Recorder:
     """The graph as ROS 1 nodes, at wall-clock time.
 
     Raises:
         InputError: ROS 1 is not installed, or a node ended.
     """
-    # what this stage has other than a node by default
-    own = {"driver": configuration.driver, "model": configuration.model}
-    nodes = node_commands(configuration, replaced(sys.argv[1:], own), configuration.commanding)
+    nodes = node_commands(configuration, overrides, configuration.commanding)
     with graph(nodes, Path(configuration.output) / "nodes") as processes:
 
         def is_running() -> bool:
