@@ -26,7 +26,7 @@ from pipeline.deployment.velocity_estimator import VelocityEstimator
 from pipeline.logs.own_folders import refuse_foreign
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.session import SESSION_NAME, read_moment
-from pipeline.plant.simulated import simulated_machine
+from pipeline.plant.simulated import SIMULATED, simulated_machine
 from pipeline.plant.simulator import Plant
 from pipeline.plant.undeclared import draw_effects
 from pipeline.reaching.episodes import evaluation_episodes
@@ -97,6 +97,9 @@ def changed_machine(configuration: Sim2RealStage) -> Parameters:
 @stage(Sim2RealStage)
 def main(configuration: Sim2RealStage, run: StageRun) -> None:
     """Pursue the first targets of the evaluation; write one bag, and how the goals ended."""
+    if configuration.allow_empty and configuration.machine.name not in SIMULATED:
+        write_note(configuration)
+        return
     jax.config.update(
         "jax_cpu_enable_async_dispatch", False
     )  # calls are so short that handing them over costs more
