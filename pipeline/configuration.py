@@ -30,6 +30,7 @@ from pipeline.places import Reading, Writing, refuse_overlap, refuse_unusable
 from pipeline.tracking import StageRun, TrackingConfiguration, track
 
 LOGS = ("logs", "measured", "nominal", "sessions")  # keys of stages whose folders are searched for logs
+WHOLE = ("model", "models", "policy")  # keys of stages whose folders hold one thing each
 CONFIGURATION_DIRECTORY = Path(__file__).resolve().parent.parent / "conf"
 MACHINE_DIRECTORY = CONFIGURATION_DIRECTORY / "machine"
 CONFIGURATION_FILE = "configuration.yaml"  # in Hydra's run folder: what was run, resolved
@@ -226,7 +227,7 @@ def check_places(configuration: PipelineConfiguration) -> None:
             for key, path in writes.items()
         },
         {
-            key: Reading((given,) if isinstance(given, str) else tuple(given), key in LOGS)
+            key: Reading((given,) if isinstance(given, str) else tuple(given), key in LOGS, key in WHOLE)
             for key in configuration.reads
             if (given := places.get(key))
         },

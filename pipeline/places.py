@@ -30,16 +30,18 @@ class Reading:
     Attributes:
         paths: As given.
         is_of_logs: Whether every log in such a folder is read, so that a new one there would be one of them.
+        is_whole: Whether it is one thing, in which nothing else may lie: a model, a policy.
     """
 
     paths: tuple[str, ...]
     is_of_logs: bool = False
+    is_whole: bool = False
 
 
 def refuse_overlap(writes: Mapping[str, Writing], reads: Mapping[str, Reading]) -> None:
     """Raise `InputError` if writing would change what is only read, links followed.
 
-    A result may lie beside or around what it was made from, or in it; but not in its place.
+    A result may lie beside or around what it was made from, a report also among logs; but not in its place.
 
     Args:
         writes: By the names of the settings that give them.
@@ -48,7 +50,7 @@ def refuse_overlap(writes: Mapping[str, Writing], reads: Mapping[str, Reading]) 
     for name, reading in reads.items():
         for path in reading.paths:
             for written, writing in writes.items():
-                relation = _harm(writing, Path(os.path.realpath(path)), reading.is_of_logs)
+                relation = _harm(writing, path, reading)
                 if relation:
                     raise InputError(
                         f"{written}={writing.path}: {relation} {name}={path}, which is only read; "
@@ -56,19 +58,21 @@ def refuse_overlap(writes: Mapping[str, Writing], reads: Mapping[str, Reading]) 
                     )
 
 
-def _harm(writing: Writing, read: Path, is_of_logs: bool) -> str | None:
-    """How writing would change a place that is read; None: it would not."""
-    own = Path(os.path.realpath(writing.path))  # unlike Path.resolve it does not mind links that are loops
+def _harm(writing: Writing, path: str, reading: Reading) -> str | None:
+    """How writing would change what is read; None: it would not."""
+    own, read = _place(writing.path), _place(path)
     if own == read:
         return "is"
-    if any(read.is_relative_to(own / entry) for entry in writing.replaced):
+    if any(read.is_relative_to(_place(f"{writing.path}/{entry}")) for entry in writing.replaced):
         return "contains"
     if not own.is_relative_to(read):
         return None
-    if writing.is_file:
-        is_earlier_report = is_of_logs and own.suffix == ".json"
-        return "is a file of" if own.exists() and not is_earlier_report else None
-    return "lies in" if is_of_logs else None
+    may_be_log = reading.is_of_logs and not (writing.is_file and own.suffix == ".json")
+    return "lies in" if reading.is_whole or may_be_log else None
+
+
+def _place(path: str) -> Path:
+    return Path(os.path.realpath(path))  # unlike Path.resolve it does not mind links that are loops
 
 
 def refuse_unusable(writes: Mapping[str, str], files: Collection[str]) -> None:

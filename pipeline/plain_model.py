@@ -21,6 +21,6 @@ def load_plain_model_of(directory: Path, machine: MachineSpecification) -> tuple
     if effects is not None and effects.families():
         raise InputError(
             f"{directory / FILE}: the model has effects around it ({', '.join(effects.families())}), which this stage "
-            "does not apply; name a model without, such as the model_before beside it"
+            "does not apply; name one without, or identify one from logs that show them"
         )
     return model, parameters

@@ -179,3 +179,25 @@ def weighted_mean(values: np.ndarray, deviations: np.ndarray) -> tuple[float, fl
     mean = float(weights @ values / weights.sum())
     chi_squared = float(weights @ (values - mean) ** 2) / max(len(values) - 1, 1)
     return mean, float(np.sqrt(max(chi_squared, 1.0) / weights.sum()))
+
+
+def of_all_joints(described: Sequence[Mapping[str, Any]], joints: Sequence[str]) -> dict[str, Quantity]:
+    """One effect's parameters on several joints: each by itself under `name:joint`, and their weighted mean.
+
+    Args:
+        described: Per joint, its parameters; not every joint has all of them.
+        joints: Their names.
+    """
+    merged: dict[str, Quantity] = {}
+    for name in dict.fromkeys(name for of_joint in described for name in of_joint):
+        having = {
+            joint: of_joint[name]
+            for joint, of_joint in zip(joints, described, strict=True)
+            if name in of_joint
+        }
+        values = np.array([of["value"] for of in having.values()], float)
+        deviations = np.array([deviation_of(of) for of in having.values()])
+        mean, deviation = weighted_mean(values, deviations)
+        merged[name] = quantity(mean, next(iter(having.values()))["unit"], deviation)
+        merged |= {f"{name}:{joint}": of for joint, of in having.items()}
+    return merged

@@ -9,9 +9,9 @@ from pipeline.discrepancy.contract_parameters import (
     Quantity,
     describe,
     deviation_of,
+    of_all_joints,
     quantity,
     spreads,
-    weighted_mean,
 )
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.grouping import OTHER, Effect, contract_family, depends_on
@@ -161,14 +161,7 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
         described = [{"latency": of["added_delay"]} for of in described]
     if len(described) == 1:
         return described[0]
-    merged: dict[str, Quantity] = {}
-    for name in described[0]:
-        of_name: list[Any] = [of[name] for of in described if name in of]
-        sizes = np.array([of["value"] for of in of_name], float)
-        deviation = np.array([deviation_of(of) for of in of_name])
-        merged[name] = _of_joints(sizes, deviation, of_name[0]["unit"])
-        for member, value in zip(effect.members, of_name, strict=False):
-            merged[f"{name}:{loop.joints[member.candidate.joint]}"] = value
+    merged = of_all_joints(described, [loop.joints[member.candidate.joint] for member in effect.members])
     if effect.family == TIMING:
         return {name: _beside_recordings_phases(loop, latency) for name, latency in merged.items()}
     return merged
@@ -197,11 +190,6 @@ def _beside_recordings_phases(loop: "Loop", latency: Mapping[str, Any]) -> Quant
     n_logs = [int(rows.any(axis=1).sum()) for rows in (loop.rows.is_used, loop.nominal_rows.is_used)]
     of_phases = loop.machine.dt_s * np.sqrt((1.0 / n_logs[0] + 1.0 / n_logs[1]) / 12.0)
     return quantity(latency["value"], "s", float(np.hypot(deviation_of(latency), of_phases)))
-
-
-def _of_joints(values: np.ndarray, deviations: np.ndarray, unit: str) -> Quantity:
-    mean, deviation = weighted_mean(values, deviations)
-    return quantity(mean, unit, deviation)
 
 
 def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:

@@ -11,6 +11,8 @@ from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
+LIMITS_APART = 0.1  # of a joint's range: by more, limits are those of another machine
+
 
 def specify(
     trajectories: Sequence[Trajectory],
@@ -41,24 +43,27 @@ def specify(
 def check_machine(specification: ModelSpecification, machine: MachineSpecification, name: str) -> None:
     """Raise `InputError` if a model is of another machine: of other joints, limits or another rate.
 
-    Names do not tell machines apart: all excavators have a boom.
+    Names do not tell machines apart: all excavators have a boom. Limits that were corrected a little do not make
+    another machine: the model keeps those that it was trained with.
 
     Args:
         specification: The model's.
         machine: What it is to be used for.
         name: Of the model, for the message.
     """
-    own = _described(
-        specification.joints,
-        specification.position_lower,
-        specification.position_upper,
-        specification.rate_hz,
+    lower, upper = np.array(specification.position_lower), np.array(specification.position_upper)
+    is_same = list(specification.joints) == list(machine.joint_names) and np.isclose(
+        specification.rate_hz, machine.rate_hz
     )
-    expected = _described(machine.joint_names, machine.lower, machine.upper, machine.rate_hz)
-    if own != expected:
+    if is_same:
+        apart = np.abs(np.stack([lower - machine.lower, upper - machine.upper]))
+        is_same = np.all(apart <= LIMITS_APART * (machine.upper - machine.lower))
+    if not is_same:
+        own = _described(specification.joints, lower, upper, specification.rate_hz)
+        expected = _described(machine.joint_names, machine.lower, machine.upper, machine.rate_hz)
         raise InputError(
             f"{name}: the model is of joints {own}, machine {machine.name} has {expected}; give the model's "
-            "machine=NAME, or identify again if the machine's limits were changed"
+            "machine=NAME, or identify again if the machine was changed"
         )
 
 

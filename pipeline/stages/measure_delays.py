@@ -1,10 +1,7 @@
 """Stage `measure_delays`: how late messages, decisions and ticks are on the real graph; what `sim2sim` draws from."""
 
 import os
-import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +15,8 @@ from pipeline.deployment.ros1.measurements import Measured, distributions, load_
 from pipeline.deployment.simulated_time.delays import save_delays
 from pipeline.errors import InputError
 from pipeline.stages.graph_node import GraphStage
+from pipeline.stages.overrides import of_this_job, replaced
+from pipeline.stages.own_process import in_own_process
 from pipeline.stages.run_graph import run_targets
 from pipeline.stages.sim2sim import planner_effort
 from pipeline.tracking import StageRun
@@ -67,13 +66,8 @@ def main(configuration: MeasureDelaysStage, run: StageRun) -> None:
 
 def measured_run(configuration: MeasureDelaysStage) -> Measured:
     """Run the graph with one controller; what its nodes measured."""
-    overrides = [word for word in sys.argv[1:] if word.split("=")[0] not in REPLACED]
-    for key in REPLACED:
-        value = getattr(configuration, key)
-        overrides.append(f"{key}={'null' if value is None else value}")
-    # rospy joins one graph in a process's life
-    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as process:
-        process.submit(drive, configuration, overrides).result()
+    overrides = replaced(of_this_job(configuration), {key: getattr(configuration, key) for key in REPLACED})
+    in_own_process(drive, configuration, overrides)
     return load_measured(Path(configuration.output) / "nodes")
 
 

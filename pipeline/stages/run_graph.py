@@ -1,7 +1,6 @@
 """Stage `run_graph`: the graph as ROS 1 nodes at wall-clock time, the learned model in the machine's place."""
 
 import json
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +33,8 @@ from pipeline.stages.graph_node import (
     write_bag_of,
     write_run,
 )
+from pipeline.stages.overrides import of_this_job
+from pipeline.stages.own_process import for_this_job
 from pipeline.stages.sim2sim import controller_delays, graph_parts
 from pipeline.tracking import StageRun
 
@@ -52,7 +53,7 @@ def main(configuration: RunGraphStage, run: StageRun) -> None:
     """Launch the graph and give it its targets; write how they ended, bags of it and of simulated time, and compare."""
     output = Path(configuration.output)
     refuse_others_logs(output, FOLDERS)
-    results, recorder = run_targets(configuration, sys.argv[1:])
+    results, recorder = for_this_job(run_targets, configuration, of_this_job(configuration))
     write_run(configuration, results, recorder)
     write_bag_of(simulate(configuration), output / "simulated", configuration.machine)
     real, simulated = (trials_of(output / folder, configuration) for folder in FOLDERS)

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 from omegaconf import MISSING
 
+from pipeline.atomic_files import write_whole
 from pipeline.configuration import MACHINE_DIRECTORY, stage
 from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
 from pipeline.deployment.control_supervisor import ControlSupervisor
@@ -22,15 +23,17 @@ from pipeline.deployment.machine import Sample
 from pipeline.deployment.successive import run_successive
 from pipeline.deployment.supervisor_rules import build_rules
 from pipeline.deployment.velocity_estimator import VelocityEstimator
+from pipeline.logs.own_folders import refuse_foreign
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.session import SESSION_NAME, read_moment
-from pipeline.plant.simulated import simulated_machine
+from pipeline.plant.simulated import SIMULATED, simulated_machine
 from pipeline.plant.simulator import Plant
 from pipeline.plant.undeclared import draw_effects
 from pipeline.reaching.episodes import evaluation_episodes
 from pipeline.stages.sim2sim import Sim2SimStage, Stopwatch, controller_delays, controller_files, graph_parts
 from pipeline.tracking import StageRun, progress_bar
 
+GOALS = "goals.json"  # how they ended
 PERIOD_S = 0.01  # at which the plant is advanced: commands act within so much of their arrival
 
 
@@ -94,6 +97,9 @@ def changed_machine(configuration: Sim2RealStage) -> Parameters:
 @stage(Sim2RealStage)
 def main(configuration: Sim2RealStage, run: StageRun) -> None:
     """Pursue the first targets of the evaluation; write one bag, and how the goals ended."""
+    if configuration.allow_empty and configuration.machine.name not in SIMULATED:
+        write_note(configuration)
+        return
     jax.config.update(
         "jax_cpu_enable_async_dispatch", False
     )  # calls are so short that handing them over costs more
@@ -102,6 +108,8 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
         configuration.deployment = replace(configuration.deployment, termination=until_goal)
     machine, deployment, output = configuration.machine, configuration.deployment, Path(configuration.output)
     start = read_moment("start_time", configuration.start_time)
+    bag = output / "logs" / start.strftime(SESSION_NAME)
+    refuse_others_log(bag)
     parts, conditions = graph_parts(configuration, machine), configuration.episodes
     run.inputs(*controller_files(configuration))
     plans = configuration.kind is ControllerKind.icem
@@ -128,9 +136,6 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
             supervisor,
             lambda done: bar.update(done - bar.n) and None,
         )
-    bag = output / "logs" / start.strftime(SESSION_NAME)
-    shutil.rmtree(bag, ignore_errors=True)
-    recorder.write(bag, machine)
     outcomes = Counter(str(result.outcome) for result in recorder.results)
     content = {
         "outcomes": dict(outcomes),
@@ -140,11 +145,24 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
         ],
         "stops": [{"rule": stop.rule, "detail": stop.detail} for stop in recorder.stops],
     }
-    (output / "goals.json").write_text(json.dumps(content, indent=1) + "\n")
+    write_whole(output / GOALS, (json.dumps(content, indent=1) + "\n").encode())
+    shutil.rmtree(bag, ignore_errors=True)
+    recorder.write(bag, machine)
     print(f"sim2real: {watch.speed((recorder.states[-1][0] - start_ns) / NANOSECONDS)}")
     print("sim2real: " + ", ".join(f"{n} {outcome}" for outcome, n in outcomes.items()))
     run.metrics({f"goals_{outcome}": n for outcome, n in outcomes.items()})
     run.artifact(output, "deployment")
+
+
+def refuse_others_log(bag: Path) -> None:
+    """Raise `InputError` where the bag, which is made anew, stands for a log that is no earlier run's."""
+    is_run = (bag.parents[1] / GOALS).exists()  # written before the bag
+    refuse_foreign(
+        [bag.parent],
+        lambda entry: entry.name != bag.name or is_run,
+        "sim2real",
+        "move it away, or name another output or start_time",
+    )
 
 
 def write_note(configuration: Sim2RealStage) -> None:
@@ -152,7 +170,7 @@ def write_note(configuration: Sim2RealStage) -> None:
     output = Path(configuration.output)
     output.mkdir(parents=True, exist_ok=True)
     note = f"there is no simulated plant of {configuration.machine.name}; drive the machine, and evaluate its logs"
-    (output / "goals.json").write_text(json.dumps({"note": note}, indent=1) + "\n")
+    (output / GOALS).write_text(json.dumps({"note": note}, indent=1) + "\n")
     print(f"sim2real: {note}")
 
 

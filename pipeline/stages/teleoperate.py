@@ -3,9 +3,8 @@
 import contextlib
 import enum
 import os
-import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -37,6 +36,8 @@ from pipeline.stages.graph_node import (
     component,
     node_commands,
 )
+from pipeline.stages.overrides import of_this_job, replaced
+from pipeline.stages.own_process import for_this_job
 from pipeline.tracking import StageRun
 
 
@@ -88,31 +89,66 @@ def main(configuration: TeleoperateStage, run: StageRun) -> None:
     """Run the graph for so many seconds; write what it heard as one more bag in the folder `logs` of the output."""
     for name in configuration.commanding:
         component(configuration, name)  # a mistake in their settings is told here, not in a node's log
-    run_graph = simulate if configuration.graph is GraphKind.simulated_time else drive
+    if configuration.graph is GraphKind.simulated_time:
+        counts = record(configuration, ())
+    else:
+        # what this stage has other than a node by default
+        own = {"driver": configuration.driver, "model": configuration.model}
+        counts = for_this_job(record, configuration, replaced(of_this_job(configuration), own))
+    run.metrics(counts)
+
+
+def record(configuration: TeleoperateStage, overrides: Sequence[str]) -> dict[str, int]:
+    """Run the graph, whose nodes are given the overrides, and write the bag; how much there is of what."""
     with live_view(configuration.machine, MACHINE_DIRECTORY, configuration.live_port) as taps:
-        recorder = run_graph(configuration, taps)
-    moves = sum(bool(np.any(command.values)) for _, command in recorder.commands)
-    for stop in recorder.stops:
-        print(f"teleoperate: control_supervisor stopped the machine by {stop.rule}: {stop.detail}")
-    if not (recorder.states and recorder.commands):
+        if configuration.graph is GraphKind.simulated_time:
+            recorder = simulate(configuration, taps)
+        else:
+            recorder = drive(configuration, overrides, taps)
+    return {
+        "joint_states": len(recorder.states),
+        "moving_commands": moving(recorder),
+        "stops": len(recorder.stops),
+    }
+
+
+@contextlib.contextmanager
+def kept(recorder: Recorder, configuration: TeleoperateStage) -> Iterator[None]:
+    """Write what is recorded meanwhile, however that ends; Ctrl-C is the way to end it early, and no error.
+
+    Raises:
+        InputError: there was nothing to write.
+    """
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            yield
+    finally:
+        for stop in recorder.stops:
+            print(f"teleoperate: control_supervisor stopped the machine by {stop.rule}: {stop.detail}")
+        is_log = bool(recorder.states and recorder.commands)
+        if is_log:
+            begun_s = recorder.states[0][0] // NANOSECONDS
+            session = datetime.fromtimestamp(begun_s, UTC).strftime(SESSION_NAME)
+            bag = Path(configuration.output) / "logs" / session
+            recorder.write(bag, configuration.machine)
+            said = f"{len(recorder.states)} joint states, {moving(recorder)} commands that move a joint"
+            print(f"teleoperate: {bag}: {said}", flush=True)
+    if not is_log:
         raise InputError("no stick was moved while it was recorded, so there is no bag; see the nodes' logs")
-    begun_s = recorder.states[0][0] // NANOSECONDS
-    session = datetime.fromtimestamp(begun_s, UTC).strftime(SESSION_NAME)
-    bag = Path(configuration.output) / "logs" / session
-    recorder.write(bag, configuration.machine)
-    print(f"teleoperate: {bag}: {len(recorder.states)} joint states, {moves} commands that move a joint")
-    run.metrics(
-        {"joint_states": len(recorder.states), "moving_commands": moves, "stops": len(recorder.stops)}
-    )
 
 
-def drive(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
+def moving(recorder: Recorder) -> int:
+    """How many commands move a joint."""
+    return sum(bool(np.any(command.values)) for _, command in recorder.commands)
+
+
+def drive(configuration: TeleoperateStage, overrides: Sequence[str], taps: Sequence[Tap]) -> Recorder:
     """The graph as ROS 1 nodes, at wall-clock time.
 
     Raises:
         InputError: ROS 1 is not installed, or a node ended.
     """
-    nodes = node_commands(configuration, passed_on(configuration, sys.argv[1:]), configuration.commanding)
+    nodes = node_commands(configuration, overrides, configuration.commanding)
     with graph(nodes, Path(configuration.output) / "nodes") as processes:
 
         def is_running() -> bool:
@@ -126,16 +162,9 @@ def drive(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
         listener = Listener(configuration.machine, "recorder", taps)
         listener.wait_for_nodes(len(nodes), START_TIMEOUT_S, is_running)
         time.sleep(SETTLE_S)
-        with contextlib.suppress(KeyboardInterrupt):  # whoever has seen enough keeps what was recorded
+        with kept(listener.recorder, configuration):  # before the nodes are ended, which takes them seconds
             listener.listen(configuration.seconds, is_running)
     return listener.recorder
-
-
-def passed_on(configuration: TeleoperateStage, overrides: list[str]) -> list[str]:
-    """The overrides of this command, and what it has other than a node by default."""
-    own: Mapping[str, str] = {"driver": configuration.driver, "model": configuration.model}
-    others = [word for word in overrides if word.split("=")[0] not in own]
-    return [*others, *(f"{key}={value}" for key, value in own.items())]
 
 
 def simulate(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
@@ -149,7 +178,8 @@ def simulate(configuration: TeleoperateStage, taps: Sequence[Tap]) -> Recorder:
         components, delays, np.random.SeedSequence(deployment.seed), start_ns, taps=[recorder, *taps]
     )
     run = SimulatedGraph.run if not taps else run_at_real_time
-    run(simulated, start_ns + nanoseconds(configuration.seconds))
+    with kept(recorder, configuration):
+        run(simulated, start_ns + nanoseconds(configuration.seconds))
     return recorder
 
 

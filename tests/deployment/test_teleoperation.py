@@ -1,5 +1,6 @@
 """An operator's sticks drive the machine through the graph, until an emergency stop: as components, and on ROS 1."""
 
+import contextlib
 import dataclasses
 import itertools
 import subprocess
@@ -17,7 +18,7 @@ from pipeline.deployment.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.control_interface import ControlInterface
 from pipeline.deployment.control_supervisor import ControlSupervisor
-from pipeline.deployment.messages import JointState, Topic
+from pipeline.deployment.messages import JointState, MachineCommand, Topic
 from pipeline.deployment.recording import Recorder
 from pipeline.deployment.scripted_joystick import ScriptedJoystick
 from pipeline.deployment.simulated_time.delays import no_delays
@@ -26,8 +27,9 @@ from pipeline.deployment.supervisor_rules import build_rules
 from pipeline.deployment.teleoperation_server import TeleoperationServer
 from pipeline.errors import InputError
 from pipeline.logs.tuples import read_tuples
+from pipeline.stages import teleoperate
 from pipeline.stages.graph_node import Driver
-from pipeline.stages.teleoperate import GraphKind, Sticks, TeleoperateStage, passed_on
+from pipeline.stages.teleoperate import GraphKind, Sticks, TeleoperateStage, kept
 from tests.deployment.machines import MIDDLE, SPEED, Integrator, bobcat, estimator, paper
 from tests.deployment.test_ros_trial import PACKAGES
 from tests.ros_graph import requires_debian
@@ -103,15 +105,32 @@ def test_what_does_not_go_together_is_refused(keys: dict, said: str) -> None:
         TeleoperateStage(**stage_keys() | keys)
 
 
-def test_a_node_is_told_what_this_stage_has_other_than_a_node_by_default() -> None:
-    configuration = TeleoperateStage(**stage_keys())
-    overrides = ["output=here", "driver=plant", "deployment.seed=3"]
-    assert passed_on(configuration, overrides) == [
-        "output=here",
-        "deployment.seed=3",
-        "driver=plant",
-        "model=",
-    ]
+def test_what_was_recorded_outlives_whatever_ends_the_recording(tmp_path: Path) -> None:
+    configuration = TeleoperateStage(**stage_keys() | {"output": str(tmp_path), "machine": bobcat()})
+    for number, end in enumerate((InputError("a node ended"), KeyboardInterrupt(), ValueError("a mistake"))):
+        expected = pytest.raises(type(end), match=str(end)) if str(end) else contextlib.nullcontext()
+        with expected, kept(spoken_to(begun_s=10 * number), configuration):
+            raise end
+        assert len(list((tmp_path / "logs").iterdir())) == number + 1
+    for bag in (tmp_path / "logs").iterdir():
+        assert [topic for topic, _, _ in heard(bag)] == ["/joint_states", "/joint_commands"]
+
+
+def test_where_nothing_was_recorded_the_cause_is_told(tmp_path: Path) -> None:
+    configuration = TeleoperateStage(**stage_keys() | {"output": str(tmp_path), "machine": bobcat()})
+    with pytest.raises(InputError, match="no stick was moved"), kept(Recorder(), configuration):
+        pass
+    with pytest.raises(InputError, match="a node ended"), kept(Recorder(), configuration):
+        raise InputError("a node ended")
+    assert not list(tmp_path.iterdir())
+
+
+def spoken_to(begun_s: int) -> Recorder:
+    """A recorder that has heard a state and a command."""
+    recorder, time_ns = Recorder(), begun_s * NANOSECONDS
+    recorder(Topic.joint_states, JointState(time_ns, MIDDLE, 0 * MIDDLE), time_ns)
+    recorder(Topic.joint_commands, MachineCommand(time_ns, np.array([1, 0, 0, 0])), time_ns + 1)
+    return recorder
 
 
 def stage_keys() -> dict:
@@ -191,3 +210,25 @@ def test_the_same_graph_runs_in_simulated_time(tmp_path: Path) -> None:
     (bag,) = (tmp_path / "logs").iterdir()
     positions = [np.array(content.position) for topic, _, content in heard(bag) if topic == "/joint_states"]
     assert np.ptp(positions, axis=0).max() > 0.2  # somewhere else in W+
+
+
+@pytest.mark.slow
+def test_who_has_seen_enough_of_simulated_time_keeps_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(graph: SimulatedGraph, until_ns: int) -> None:
+        graph.run(graph.time_ns + nanoseconds(2.0))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(teleoperate, "run_at_real_time", interrupted)
+    result = run_stage(
+        "teleoperate",
+        f"output={tmp_path}",
+        "graph=simulated_time",
+        "seconds=20",
+        "live_port=0",
+        folder=ROOT,
+    )
+    assert result.returncode == 0, result.stderr
+    (bag,) = (tmp_path / "logs").iterdir()
+    assert sum(topic == "/joint_states" for topic, _, _ in heard(bag)) > 50

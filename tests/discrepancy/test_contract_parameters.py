@@ -3,8 +3,9 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
-from pipeline.discrepancy.contract_parameters import spreads, weighted_mean
+from pipeline.discrepancy.contract_parameters import of_all_joints, quantity, spreads, weighted_mean
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.refine import Coordinate
@@ -26,6 +27,32 @@ def test_joints_that_disagree_widen_the_interval() -> None:
     _, agreeing = weighted_mean(np.array([1.0, 1.0, 1.0]), np.full(3, 0.01))
     _, disagreeing = weighted_mean(np.array([0.8, 1.0, 1.2]), np.full(3, 0.01))
     assert disagreeing > 10.0 * agreeing
+
+
+def test_parameters_that_not_all_joints_have_keep_their_joints() -> None:
+    swing = {"loss": quantity(0.2, "1", 0.1), "loss_to:boom": quantity(0.2, "1", 0.1)}
+    boom = {"loss": quantity(0.4, "1", 0.1), "loss_to:swing": quantity(0.1, "1", 0.1)}
+    arm = {
+        "loss": quantity(0.6, "1", 0.1),
+        "loss_to:swing": quantity(0.3, "1", 0.1),
+        "alone": quantity(0.5, "1", 0.2),
+    }
+    merged = of_all_joints([swing, boom, arm], ["swing", "boom", "arm"])
+    assert {name: merged[name]["value"] for name in merged} == pytest.approx(
+        {
+            "loss": 0.4,
+            "loss:swing": 0.2,
+            "loss:boom": 0.4,
+            "loss:arm": 0.6,
+            "loss_to:boom": 0.2,
+            "loss_to:boom:swing": 0.2,
+            "loss_to:swing": 0.2,
+            "loss_to:swing:boom": 0.1,
+            "loss_to:swing:arm": 0.3,
+            "alone": 0.5,
+            "alone:arm": 0.5,
+        }
+    )
 
 
 def test_a_deviation_ends_where_nothing_is_plausible() -> None:

@@ -50,8 +50,11 @@ def test_effects_are_not_passed_over(folder: Path) -> None:
 
 def test_a_machine_is_not_known_by_its_joints_names_alone(folder: Path) -> None:
     first, *others = MACHINE.joints
-    wider = dataclasses.replace(
-        MACHINE, joints=[dataclasses.replace(first, upper=first.upper + 0.1), *others]
-    )
+
+    def wider(share: float) -> MachineSpecification:
+        upper = first.upper + share * (first.upper - first.lower)
+        return dataclasses.replace(MACHINE, joints=[dataclasses.replace(first, upper=upper), *others])
+
+    load_plain_model_of(folder, wider(0.05))  # a limit that was corrected
     with pytest.raises(InputError, match="give the model's machine=NAME, or identify again"):
-        load_plain_model_of(folder, wider)
+        load_plain_model_of(folder, wider(0.2))

@@ -103,10 +103,6 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
         ["model=with_effects"],
         "error: close_loop: with_effects/effects.json: the model has effects around it (leakage), which this stage ",
     ),
-    "the same recording twice": (
-        ["measured=copied"],
-        "error: close_loop: measured=copied: trajectory evening is among nominal=logs, too; ",
-    ),
     "unknown kind": (
         ["kind=mlp_torque"],
         "error: close_loop: kind=mlp_torque: not a model kind; use mlp_dq, ",
@@ -137,7 +133,6 @@ def mistakes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, s
     write_session(folder / "logs/morning", seconds=4)
     write_session(folder / "new/evening", seconds=4, seed=1)
     write_session(folder / "short/morning", seconds=2)
-    shutil.copytree(folder / "logs/morning", folder / "copied/evening")
     (folder / "empty").mkdir()
     write_model(folder / "other_machine", ["swing", "boom", "stick", "bucket"])
     write_model(folder / "this_machine", JOINTS)
@@ -167,6 +162,16 @@ def test_a_mistake_is_one_line_and_status_2(name: str, mistakes: dict[str, tuple
     (line,) = errors.splitlines()
     expected = MISTAKES[name][1]
     assert re.match(expected if ".*" in expected else re.escape(expected), line), line
+
+
+def test_recordings_given_as_nominal_and_as_measured_are_told_of(tmp_path: Path) -> None:
+    write_session(tmp_path / "logs/morning", seconds=4)
+    shutil.copytree(tmp_path / "logs/morning", tmp_path / "copied/evening")
+    result = run_stage(
+        "close_loop", "nominal=logs", "measured=copied", "model=nowhere", "output=out", folder=tmp_path
+    )
+    assert result.returncode == 2 and "nowhere" in result.stderr  # after the caution
+    assert "caution: trajectory evening of measured=copied is among nominal=logs, too; " in result.stdout
 
 
 def test_without_measured_logs_a_note_is_written_and_the_model_stays(tmp_path: Path) -> None:

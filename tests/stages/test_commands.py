@@ -291,6 +291,15 @@ def test_a_missing_model_is_named(tmp_path: Path) -> None:
     assert len(result.stderr.splitlines()) >= 1 and "nowhere" in result.stderr.splitlines()[-1]
 
 
+def test_a_machine_without_a_plant_gets_a_note_instead_of_trials(tmp_path: Path) -> None:
+    command = ("model=nowhere", "policy=none", "machine=rc_excavator", "output=trials")
+    done = run_stage("sim2real", *command, "allow_empty=true", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    note = json.loads((tmp_path / "trials/goals.json").read_text())["note"]
+    assert note.startswith("there is no simulated plant of rc_excavator")
+    assert run_stage("sim2real", *command, folder=tmp_path).returncode == 2
+
+
 @pytest.mark.parametrize("stage", ["identify", "ppo", "evaluate_icem"])
 def test_an_output_beside_the_folder_costs_no_folder_of_the_same_name(stage: str, tmp_path: Path) -> None:
     """A finished run deletes its checkpoints, whose default place would be `data2` here."""

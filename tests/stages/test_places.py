@@ -9,8 +9,10 @@ from pipeline.errors import InputError
 from pipeline.places import refuse_unusable
 from pipeline.stages.graph_node import refuse_others_logs
 from pipeline.stages.run_graph import FOLDERS
+from pipeline.stages.sim2real import refuse_others_log
 from tests.stages.command import run_stage
 
+START_TIME = "2026-04-01T09:00:00+00:00"
 pytestmark = pytest.mark.slow
 
 
@@ -33,15 +35,32 @@ def test_run_graph_takes_an_earlier_runs_bags_for_its_own(tmp_path: Path) -> Non
         refuse_others_logs(tmp_path, FOLDERS)
 
 
+def test_sim2real_deletes_no_log_of_ones_own(tmp_path: Path) -> None:
+    bag = tmp_path / "out/logs/2026-04-01-09-00-00"
+    bag.mkdir(parents=True)
+    (bag / "day.mcap").write_text("mine")
+    refused = run_stage(
+        "sim2real", "model=none", "policy=none", "output=out", f"start_time={START_TIME}", folder=tmp_path
+    )
+    assert (
+        refused.returncode == 2 and f"holds logs that sim2real did not write ({bag.name})" in refused.stderr
+    )
+    assert (bag / "day.mcap").read_text() == "mine"
+    (tmp_path / "out/goals.json").write_text("{}")
+    refuse_others_log(bag)  # an earlier run's
+    (tmp_path / "out/goals.json").unlink()
+    refuse_others_log(bag.with_name("another"))  # beside it, which is not touched
+
+
 @pytest.mark.parametrize(
     ("stage", "overrides", "said"),
     [
         ("view", ["logs=mine", "output=mine"], "output=mine: is logs=mine"),
         ("view", ["logs=mine", "output=mine/../mine/seen"], "lies in logs=mine"),
         ("view", ["logs=mine", "output=link"], "output=link: is logs=mine"),
-        ("evaluate_logs", ["model=model", "logs=mine", "output=mine/day.mcap"], "is a file of logs=mine"),
+        ("evaluate_logs", ["model=model", "logs=mine", "output=mine/day.mcap"], "lies in logs=mine"),
         ("evaluate_logs", ["model=model", "logs=mine/day.mcap", "output=mine/day.mcap"], "is logs="),
-        ("evaluate_logs", ["model=model", "logs=mine", "output=model/meta.json"], "is a file of model=model"),
+        ("evaluate_logs", ["model=model", "logs=mine", "output=model/meta.json"], "lies in model=model"),
         (
             "unseal",
             ["closed_loop=said.json", "seal=a.seal", "output=a.seal"],
@@ -53,19 +72,26 @@ def test_run_graph_takes_an_earlier_runs_bags_for_its_own(tmp_path: Path) -> Non
             ["nominal=mine", "measured=other", "model=loop/model_after", "output=loop"],
             "output=loop: contains model=loop/model_after",
         ),
+        (
+            "close_loop",
+            ["nominal=mine", "measured=other", "model=model", "output=linked"],
+            "output=linked: contains model=model",
+        ),
         ("close_loop", ["nominal=mine", "measured=other", "output=mine"], "output=mine: is nominal=mine"),
         ("identify", ["tuples=mine", "output=out", "checkpoints=mine"], "checkpoints=mine: is tuples=mine"),
         ("identify", ["tuples=mine/x", "output=out", "checkpoints=mine"], "checkpoints=mine: contains"),
-        ("search", ["tuples=mine", "output=out", "storage=mine/day.mcap"], "is a file of tuples=mine"),
+        ("judge", ["models=[model]", "output=model/judged"], "output=model/judged: lies in models=model"),
     ],
 )
-def test_nothing_is_written_where_something_is_only_read(
+def test_nothing_that_is_only_read_is_changed(
     stage: str, overrides: list[str], said: str, tmp_path: Path
 ) -> None:
     for name in ("mine/day.mcap", "a.seal", "said.json", "loop/model_after/effects.json", "model/meta.json"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("mine")
     (tmp_path / "link").symlink_to("mine")
+    (tmp_path / "linked").mkdir()
+    (tmp_path / "linked/model_before").symlink_to("../model")
     refused = run_stage(stage, *overrides, folder=tmp_path)
     assert refused.returncode == 2
     (line,) = refused.stderr.splitlines()
@@ -75,23 +101,30 @@ def test_nothing_is_written_where_something_is_only_read(
 
 
 @pytest.mark.parametrize(
-    ("stage", "overrides"),
+    ("stage", "overrides", "said"),
     [
-        ("close_loop", ["nominal=day/nominal", "measured=day/measured", "model=day/model", "output=day"]),
-        ("identify", ["tuples=mine", "output=mine/model"]),
-        ("evaluate_logs", ["model=loop/model_after", "logs=mine", "output=loop/errors.json"]),
-        ("evaluate_logs", ["model=none", "logs=mine", "output=mine/errors.json"]),
-        ("judge", ["models=[model]", "output=model/judged"]),
+        (
+            "close_loop",
+            ["nominal=day/nominal", "measured=day/measured", "output=day"],
+            "day/nominal: holds no logs",
+        ),
+        ("identify", ["tuples=mine", "output=mine/model"], "mine: no tuples"),
+        (
+            "evaluate_logs",
+            ["model=model", "logs=mine", "output=mine/errors.json"],
+            "model/meta.json: No such",
+        ),
+        ("search", ["tuples=mine", "output=out", "storage=mine/study.journal"], "mine: no tuples"),
     ],
 )
 def test_a_result_may_lie_beside_around_or_in_what_it_was_made_from(
-    stage: str, overrides: list[str], tmp_path: Path
+    stage: str, overrides: list[str], said: str, tmp_path: Path
 ) -> None:
-    for folder in ("mine", "model", "loop/model_after", "day/nominal", "day/measured"):
+    for folder in ("mine", "model", "day/nominal", "day/measured"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "mine/errors.json").write_text("of an earlier run")
     refused = run_stage(stage, *overrides, folder=tmp_path)
-    assert refused.returncode == 2 and "only read" not in refused.stderr  # there is nothing in the folders
+    assert refused.returncode == 2 and said in refused.stderr  # the places are right, their content is not
 
 
 def test_a_sweep_is_refused_before_any_of_its_jobs_starts(tmp_path: Path) -> None:

@@ -85,22 +85,47 @@ class Listener:
         Raises:
             InputError: they are not in time, or a node has ended.
         """
-        deadline = time.monotonic() + timeout_s
-        while min(subscriber.get_num_connections() for subscriber in self._subscribers) < n_nodes:
-            if time.monotonic() > deadline or not is_running():
-                raise InputError(
-                    f"{n_nodes} nodes did not come up within {timeout_s:g} s; see the nodes' logs"
-                )
-            time.sleep(POLL_S)
+
+        def are_connected() -> bool:
+            return min(subscriber.get_num_connections() for subscriber in self._subscribers) >= n_nodes
+
+        wait_until_up(are_connected, f"{n_nodes} nodes", timeout_s, is_running)
 
     def listen(self, duration_s: float, is_running: Callable[[], bool]) -> None:
-        """Hear the graph for so long.
+        """Hear the graph for so long; what it says afterwards reaches neither recorder nor taps.
 
         Raises:
             InputError: a node has ended.
         """
         deadline = time.monotonic() + duration_s
-        while (left_s := deadline - time.monotonic()) > 0:
-            if not is_running():
-                raise InputError("a node ended before its time; see the nodes' logs")
-            time.sleep(min(POLL_S, left_s))
+        try:
+            while (left_s := deadline - time.monotonic()) > 0:
+                if not is_running():
+                    raise InputError("a node ended before its time; see the nodes' logs")
+                time.sleep(min(POLL_S, left_s))
+        finally:
+            with self._lock:  # which messages are kept under, so that none is half kept
+                self._taps.clear()
+
+
+def wait_until_up(
+    is_up: Callable[[], bool], what: str, timeout_s: float, is_running: Callable[[], bool]
+) -> None:
+    """Wait for something of the graph.
+
+    Args:
+        is_up: whether it is there.
+        what: its name, for the message.
+        timeout_s: how long to wait.
+        is_running: whether all nodes still run.
+
+    Raises:
+        InputError: it is not in time, or a node has ended.
+    """
+    deadline = time.monotonic() + timeout_s
+    while not is_up():
+        if not is_running():
+            raise InputError("a node ended while the graph came up; see the nodes' logs")
+        if time.monotonic() > deadline:
+            raise InputError(f"{what} did not come up within {timeout_s:g} s; see the nodes' logs")
+        time.sleep(POLL_S)

@@ -1,10 +1,9 @@
 """The operator at the real graph: gives targets one after the other, waits for how each ended, and records."""
 
-import time
 from collections.abc import Callable, Sequence
 
 from pipeline.deployment.messages import ReachGoal, ReachResult, Topic
-from pipeline.deployment.ros1.listener import POLL_S, Listener
+from pipeline.deployment.ros1.listener import POLL_S, Listener, wait_until_up
 from pipeline.deployment.ros1.reach_action import ReachClient
 from pipeline.deployment.simulated_time.graph import Tap
 from pipeline.errors import InputError
@@ -33,12 +32,7 @@ class Operator(Listener):
         Raises:
             InputError: it does not in time, or a node has ended.
         """
-        deadline = time.monotonic() + timeout_s
-        while not self.client.is_connected(POLL_S):
-            if time.monotonic() > deadline or not is_running():
-                raise InputError(
-                    f"autonomous_server did not come up within {timeout_s:g} s; see the nodes' logs"
-                )
+        wait_until_up(lambda: self.client.is_connected(POLL_S), "autonomous_server", timeout_s, is_running)
 
     def pursue(self, goals: Sequence[ReachGoal], timeout_s: float) -> list[ReachResult]:
         """Give each goal when the one before has ended.

@@ -6,6 +6,7 @@ Protocol: https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md. It ser
 import contextlib
 import json
 import queue
+import socket
 import struct
 import threading
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ HOST = "127.0.0.1"
 PROTOCOL = Subprotocol("foxglove.websocket.v1")
 MESSAGE_DATA = struct.Struct("<BIQ")  # opcode, subscription, time in ns; the message follows
 MESSAGE_DATA_OPCODE = 1
-CLOSE_S = 1.0  # for a viewer to say goodbye
+GREETING_S = 1.0  # for whoever connects to speak the protocol, and at the end for a viewer to say goodbye
 WAITING = 256  # messages for a viewer that is slow; what comes then is left out for it
 
 
@@ -67,6 +68,11 @@ class _Viewer:
                 with contextlib.suppress(queue.Empty):
                     self._waiting.get_nowait()
 
+    def cut_off(self) -> None:
+        """End the connection under whoever waits for it: to close it, one would wait for its sender."""
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            self.connection.socket.shutdown(socket.SHUT_RDWR)
+
 
 class LiveServer:
     """Publishes messages to all viewers that are connected; a new one is given the newest of each channel.
@@ -92,7 +98,13 @@ class LiveServer:
         self._newest: dict[int, tuple[int, bytes]] = {}
         try:
             self._server = serve(
-                self._serve, HOST, port, subprotocols=[PROTOCOL], compression=None, close_timeout=CLOSE_S
+                self._serve,
+                HOST,
+                port,
+                subprotocols=[PROTOCOL],
+                compression=None,
+                open_timeout=GREETING_S,
+                close_timeout=GREETING_S,
             )
         except (OSError, OverflowError) as error:
             raise InputError(f"live_port={port}: {error}; name another port") from None
@@ -113,12 +125,16 @@ class LiveServer:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        impatience = threading.Timer(GREETING_S, self._cut_off)
+        impatience.start()
         self._server.shutdown()
+        impatience.cancel()
         self._thread.join()
+
+    def _cut_off(self) -> None:
         with self._lock:
-            viewers = list(self._viewers)
-        for viewer in viewers:
-            viewer.connection.close()
+            for viewer in self._viewers:
+                viewer.cut_off()
 
     def publish(self, topic: str, time_ns: int, message: "Msg") -> None:
         """Send a message of a channel to whoever wants it."""
@@ -131,24 +147,25 @@ class LiveServer:
 
     def _serve(self, connection: ServerConnection) -> None:
         viewer = _Viewer(connection)
-        connection.send(
-            json.dumps({"op": "serverInfo", "name": "hydraulic-arm-pipeline", "capabilities": []})
-        )
-        connection.send(json.dumps({"op": "advertise", "channels": self._advertised()}))
         sender = threading.Thread(target=viewer.send, daemon=True)
-        sender.start()
         with self._lock:
             self._viewers.add(viewer)
         try:
+            connection.send(
+                json.dumps({"op": "serverInfo", "name": "hydraulic-arm-pipeline", "capabilities": []})
+            )
+            connection.send(json.dumps({"op": "advertise", "channels": self._advertised()}))
+            sender.start()
             for text in connection:
                 self._answer(viewer, text)
         except (ConnectionClosed, ValueError, KeyError, TypeError):
             pass  # it is gone, or speaks another language
         finally:
+            viewer.end()
+            if sender.ident is not None:
+                sender.join()
             with self._lock:
                 self._viewers.discard(viewer)
-            viewer.end()
-            sender.join()
 
     def _answer(self, viewer: _Viewer, text: str | bytes) -> None:
         request = json.loads(text)
