@@ -19,6 +19,7 @@ FASTEST_S, SLOWEST_S = (
 )  # of the oil without work: speeds recover within one to four minutes of work
 WATCHED_S = 720.0  # of work, in which the oil warms itself
 STEP_S = 15.0
+SLOWEST_DECAY = 10.0  # times what was watched: a recovery that is slower still is none within a shift
 HOLD_S = 1.5
 N_TEMPERATURES = 8
 
@@ -66,7 +67,14 @@ def _of_speed(cold: Parameters) -> tuple[np.ndarray, float]:
         return initial * np.exp(-t / time_constant_s)
 
     mean = loss.mean(axis=1)
-    (_, time_constant_s), _ = curve_fit(decay, time_s, mean, p0=(max(float(mean[0]), 1e-3), 0.2 * WATCHED_S))
+    # Bounded: where speeds hardly recover, the nearest exponential would be a straight line without end.
+    (_, time_constant_s), _ = curve_fit(
+        decay,
+        time_s,
+        mean,
+        p0=(max(float(mean[0]), 1e-3), 0.2 * WATCHED_S),
+        bounds=([0.0, STEP_S], [1.0, SLOWEST_DECAY * WATCHED_S]),
+    )
     shape = decay(time_s, 1.0, time_constant_s)
     return shape @ loss / (shape @ shape), float(time_constant_s)
 
