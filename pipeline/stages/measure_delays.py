@@ -15,8 +15,8 @@ from pipeline.deployment.ros1.measurements import Measured, distributions, load_
 from pipeline.deployment.simulated_time.delays import save_delays
 from pipeline.errors import InputError
 from pipeline.stages.graph_node import GraphStage
-from pipeline.stages.overrides import of_this_job, replaced
-from pipeline.stages.own_process import in_own_process
+from pipeline.stages.processes.overrides import of_this_job, replaced
+from pipeline.stages.processes.own_process import in_own_process
 from pipeline.stages.run_graph import run_targets
 from pipeline.stages.sim2sim import planner_effort
 from pipeline.tracking import StageRun

@@ -33,8 +33,8 @@ from pipeline.stages.graph_node import (
     write_bag_of,
     write_run,
 )
-from pipeline.stages.overrides import of_this_job
-from pipeline.stages.own_process import for_this_job
+from pipeline.stages.processes.overrides import of_this_job
+from pipeline.stages.processes.own_process import for_this_job
 from pipeline.stages.sim2sim import controller_delays, graph_parts
 from pipeline.tracking import StageRun
 

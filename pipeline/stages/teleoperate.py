@@ -36,8 +36,8 @@ from pipeline.stages.graph_node import (
     component,
     node_commands,
 )
-from pipeline.stages.overrides import of_this_job, replaced
-from pipeline.stages.own_process import for_this_job
+from pipeline.stages.processes.overrides import of_this_job, replaced
+from pipeline.stages.processes.own_process import for_this_job
 from pipeline.tracking import StageRun
 
 

@@ -6,7 +6,7 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from pipeline.control.icem.variant import RewardVariant
-from pipeline.stages.overrides import override, replaced, settled
+from pipeline.stages.processes.overrides import override, replaced, settled
 
 VALUES = [
     "/x/run (1)",

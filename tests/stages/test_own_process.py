@@ -11,7 +11,7 @@ import pytest
 from pipeline.deployment.recording import Recorder
 from pipeline.errors import InputError
 from pipeline.stages import run_graph
-from pipeline.stages.own_process import in_own_process
+from pipeline.stages.processes.own_process import in_own_process
 from tests.stages.command import run_stage
 
 PATIENCE_S = 60.0
@@ -29,7 +29,7 @@ def test_what_it_returns_or_raises_comes_back() -> None:
 
 def test_it_dies_with_the_command_that_was_killed() -> None:
     work = "import os, time; print(os.getpid(), flush=True); time.sleep(1000)"
-    code = f"from pipeline.stages.own_process import in_own_process; in_own_process(exec, {work!r})"
+    code = f"from pipeline.stages.processes.own_process import in_own_process; in_own_process(exec, {work!r})"
     command = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert command.stdout is not None
     worker = Path(f"/proc/{int(command.stdout.readline())}")
@@ -53,7 +53,7 @@ def test_each_job_of_a_sweep_runs_apart_with_its_own_overrides(
         seen.append((configuration.targets, overrides))
         return [], Recorder()
 
-    monkeypatch.setattr("pipeline.stages.own_process.in_own_process", apart)
+    monkeypatch.setattr("pipeline.stages.processes.own_process.in_own_process", apart)
     for name in ("write_run", "simulate", "write_bag_of"):
         monkeypatch.setattr(run_graph, name, lambda *_: None)
     monkeypatch.setattr(run_graph, "trials_of", lambda *_: [])
