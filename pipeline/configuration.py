@@ -197,12 +197,13 @@ def _check_checkpoints(folder: str | None, output: str | None) -> None:
         return
     if ".." in Path(folder).parts:
         raise InputError(
-            f"checkpoints={folder}: leads out of its own folder, which is deleted once the run is finished; "
+            f"checkpoints={folder}: leads out of its own folder, and checkpoints are deleted once the run is finished; "
             "add checkpoints=FOLDER to the command, or give output without .."
         )
     if output is not None and Path(os.path.realpath(output)).is_relative_to(os.path.realpath(folder)):
         raise InputError(
-            f"checkpoints={folder}: holds output={output}, and is deleted once the run is finished; name another folder"
+            f"checkpoints={folder}: holds output={output}, and checkpoints are deleted once the run is finished; "
+            "name another folder"
         )
 
 

@@ -8,12 +8,8 @@ if TYPE_CHECKING:
 
 CONNECT_TIMEOUT_S = 10
 KEY = "connect_timeout"
-DRIVERS = (
-    "psycopg",
-    "psycopg2",
-    "mysqldb",
-    "pymysql",
-)  # that know the key; others fail on one they do not know
+# Drivers that know the key; others fail on one they do not know.
+DRIVERS = ("psycopg", "psycopg2", "mysqldb", "pymysql")
 VARIABLE = "PGCONNECT_TIMEOUT"  # PostgreSQL's own
 
 

@@ -15,13 +15,14 @@ from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
 from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.dynamics.store import load_model, model_fingerprint
+from pipeline.dynamics.store import load_model, load_model_of, model_fingerprint
 from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain
 from pipeline.effects.effect import Setting
 from pipeline.effects.predictor import AugmentedPredictor
 from pipeline.errors import InputError
+from pipeline.machine.specification import MachineSpecification
 
 SCHEMA_VERSION = 1
 FILE = "effects.json"
@@ -149,24 +150,34 @@ def _fault(effects: ActiveEffects) -> str | None:
     return f"an onset of {', '.join(without)}, which has no values" if without else None
 
 
-def load_predictor(directory: Path, all_set_in: bool = False) -> Predictor:
+def load_predictor(
+    directory: Path, all_set_in: bool = False, machine: MachineSpecification | None = None
+) -> Predictor:
     """Read a model folder of `identify` or `close_loop` as a predictor.
 
     Args:
         directory: The folder.
         all_set_in: Whether effects act from the first row on, whenever they set in.
+        machine: That the model must be of; None: any.
 
     Raises:
-        InputError: as `load_model` and `load_effects`, or the effects are of another machine than the model.
+        InputError: as `load_model` and `load_effects`, or the effects are of another machine than the model, or the
+            model of another than `machine`.
     """
-    model, parameters, effects = _load(directory)
+    model, parameters, effects = _load(directory, machine)
     if effects is not None and all_set_in:
         effects = replace(effects, onset_ns={})
     return predictor(model, parameters, effects)
 
 
-def load_dynamics(directory: Path) -> tuple[DynamicsModel | AugmentedModel, Any]:
+def load_dynamics(
+    directory: Path, machine: MachineSpecification | None = None
+) -> tuple[DynamicsModel | AugmentedModel, Any]:
     """Read a model folder of `identify` or `close_loop` as dynamics to act on, with all their effects set in.
+
+    Args:
+        directory: The folder.
+        machine: That the model must be of; None: any.
 
     Returns:
         The model and its parameters: the frozen ones where no effect is active.
@@ -174,7 +185,7 @@ def load_dynamics(directory: Path) -> tuple[DynamicsModel | AugmentedModel, Any]
     Raises:
         InputError: as `load_predictor`.
     """
-    model, parameters, effects = _load(directory)
+    model, parameters, effects = _load(directory, machine)
     families = effects.families() if effects is not None else []
     if effects is None or not families:
         return model, parameters
@@ -196,8 +207,10 @@ def dynamics_fingerprint(directory: Path) -> str:
     return network if not path.exists() else hashlib.sha256(network.encode() + path.read_bytes()).hexdigest()
 
 
-def _load(directory: Path) -> tuple[DynamicsModel, Parameters, ActiveEffects | None]:
-    model, parameters = load_model(directory)
+def _load(
+    directory: Path, machine: MachineSpecification | None
+) -> tuple[DynamicsModel, Parameters, ActiveEffects | None]:
+    model, parameters = load_model(directory) if machine is None else load_model_of(directory, machine)
     effects = load_effects(directory)
     expected = (model.specification.n_joint, model.specification.dt_s)
     if effects is not None and not np.allclose((effects.setting.n_joint, effects.setting.dt_s), expected):

@@ -7,10 +7,8 @@ import yaml
 
 from pipeline.errors import InputError
 
-IDENTIFIED = (
-    "models",
-    "targets",
-)  # whose product is the models; that of `icem_<key>` those that iCEM plans on
+# Keys whose product is the models; that of `icem_<key>` those that iCEM plans on.
+IDENTIFIED = ("models", "targets")
 
 
 def read_cells(path: Path, *keys: str) -> dict[str, Any]:

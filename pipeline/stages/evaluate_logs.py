@@ -14,7 +14,6 @@ from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, Pipe
 from pipeline.deployment.graph_topics import GraphRecord, read_graph_topics
 from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
 from pipeline.dynamics.errors import Predictor, prediction_errors
-from pipeline.dynamics.store import load_model_of
 from pipeline.effects.store import load_predictor
 from pipeline.logs.bags import read_log
 from pipeline.logs.discover import find_logs
@@ -76,8 +75,7 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
 
 def predictor_of(path: Path, machine: MachineSpecification) -> Predictor:
     """The saved model with its effects, which must be of this machine."""
-    load_model_of(path, machine)
-    return load_predictor(path)
+    return load_predictor(path, machine=machine)
 
 
 def evaluate_model(

@@ -21,7 +21,6 @@ from pipeline.control.reward_ablation import (
     load_cell,
     save_cell,
 )
-from pipeline.dynamics.specify import check_machine
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.machine.kinematics import load_arm
 from pipeline.own_checkpoints import remove_checkpoints
@@ -78,8 +77,7 @@ def main(configuration: RewardAblationStage, run: StageRun) -> None:
 def shared(configuration: RewardAblationStage) -> Ablation:
     """The task and the training that all cells share."""
     machine, settings, model = configuration.machine, configuration.reward_ablation, Path(configuration.model)
-    dynamics, parameters = load_dynamics(model)
-    check_machine(dynamics.specification, machine, str(model))
+    dynamics, parameters = load_dynamics(model, machine)
     return Ablation(
         machine,
         load_arm(machine, MACHINE_DIRECTORY),

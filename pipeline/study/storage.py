@@ -94,11 +94,8 @@ def _open_journal(path: Path) -> optuna.storages.BaseStorage:
             raise refusal
     try:
         return optuna.storages.JournalStorage(JournalFileBackend(str(path), FileLock(path)))
-    except (
-        ValueError,
-        LookupError,
-        TypeError,
-    ) as error:  # what Optuna makes of lines that are none of its own
+    # what Optuna makes of lines that are none of its own
+    except (ValueError, LookupError, TypeError) as error:
         raise refusal from error
 
 
