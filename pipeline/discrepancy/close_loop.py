@@ -144,7 +144,7 @@ class Loop:
         fold = np.where(rows.is_row, (np.arange(rows.is_row.shape[1]) // NULL_BLOCK_ROWS) % 2, 0)
         self.nominal_simulation = simulation
         self.nominal_rows = self._rows(rows, rows.is_row, fold, weight)
-        self.null = null_gains(simulation, self.nominal_rows, config.exclude)
+        self.null = null_gains(simulation, self.nominal_rows, config.exclude, config.search.null_factor)
         self.lap("search on nominal logs")
         self.diagnosis = diagnosis
         self.say(

@@ -1,6 +1,6 @@
 """What a candidate explains, and which of two explains more: by gains on held-out rows, block by block."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +9,6 @@ from pipeline.discrepancy.plausibility import GAIN, complexity, is_dependence, i
 from pipeline.discrepancy.regression import Folds, t_statistic
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.search_thresholds import SearchConfig
-
-Null = Mapping[tuple[str, int, int | None], float]
 
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
 REPRODUCED_SHARE = 0.2
@@ -26,19 +24,16 @@ class Comparison:
     """Of candidates on the same rows.
 
     Attributes:
-        null: Per candidate, its gain per used row on nominal logs, where there is nothing to be found.
         folds: Of the rows in use.
         config: Thresholds.
     """
 
-    null: Null
     folds: Folds
     config: SearchConfig
 
     def net(self, candidate: Candidate) -> float:
-        """Gain beyond what the candidate gains on nominal logs."""
-        null = self.null.get(candidate.key, 0.0)
-        return candidate.gain - self.config.null_factor * null * len(self.folds.fold)
+        """Gain beyond what the candidate owes to the diagnosis model's misfit."""
+        return candidate.gain - candidate.owed
 
     def passes(self, candidate: Candidate, is_further: bool = False) -> bool:
         """Whether it removes enough, beyond chance and beyond the model's own misfit.
@@ -92,9 +87,8 @@ class Comparison:
 
     def _is_surely_worse(self, candidate: Candidate, best: Candidate) -> bool:
         difference = best.gain_by_block - candidate.gain_by_block
-        allowance = self.null.get(best.key, 0.0) * len(self.folds.fold)
         significant = t_statistic(difference) > self.config.equivalent_t
-        return bool(significant and difference.sum() > max(allowance, NEGLIGIBLE * best.gain))
+        return bool(significant and difference.sum() > max(best.owed, NEGLIGIBLE * best.gain))
 
     def as_good_as(self, best: Candidate, rivals: Sequence[Candidate]) -> list[Candidate]:
         """Those that are not worse than the best of all, nor a name worse than the best of names."""
@@ -157,6 +151,10 @@ class Comparison:
         if best is None or self.net(best) < BETTER_FACTOR * self.net(chosen):
             return None
         return best if t_statistic(best.gain_by_block - chosen.gain_by_block) > BETTER_T else None
+
+    def names_instead(self, dependence: Candidate, as_good: Sequence[Candidate]) -> list[Candidate]:
+        """Names that explain no less than a dependence does, if with more freedom than the simplest name."""
+        return [c for c in as_good if not is_dependence(c) and self.net(c) >= self.net(dependence)]
 
 
 def why_not(rival: Candidate, chosen: Candidate, best: Candidate) -> str:

@@ -107,12 +107,11 @@ def _ranking(loop: "Loop", found: Sequence[Found]) -> list[Ranked]:
     taken = {(f.candidate.family, f.candidate.joint) for f in found}
     lost = {(c.family, c.joint): why for f in found for c, why in f.losers}
     even = {(c.family, c.joint) for f in found for c in f.equivalents}
-    n = len(loop.rows.folds.fold)
     ranked = []
     for c in sorted(loop.search.first, key=lambda c: -c.share)[:30]:
         key = (c.family, c.joint)
         squares = c.gain / c.share if c.share > 0 else np.inf
-        null_share = float(loop.null.get((c.family, c.joint, c.source), 0.0) * n / squares)
+        null_share = float(c.owed / squares)
         outcome = (
             "found"
             if key in taken

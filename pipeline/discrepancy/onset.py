@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.discrepancy.regression import Folds, t_statistic
-from pipeline.discrepancy.screen import Candidate, Rows, averaged, screen, with_candidate
+from pipeline.discrepancy.screen import Candidate, Nominal, Rows, averaged, screen, with_candidate
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
@@ -53,7 +53,12 @@ def with_onsets(
 
 
 def since(
-    simulation: Simulation, active: Hypothesis, rows: Rows, first: Candidate, excluded: Sequence[str]
+    simulation: Simulation,
+    active: Hypothesis,
+    rows: Rows,
+    first: Candidate,
+    excluded: Sequence[str],
+    nominal: Nominal,
 ) -> list[Candidate]:
     """Every candidate, acting from the moment on at which `first` sets in, fitted on the rows after it.
 
@@ -65,6 +70,7 @@ def since(
         rows: Rows in use.
         first: What is known to set in.
         excluded: Families that are not tried.
+        nominal: What explains something of nominal logs.
     """
     is_after = simulation.sequences.stamp_ns >= first.onset
     kept = averaged(is_after.astype(float), rows.is_used) > WHOLE
@@ -78,7 +84,7 @@ def since(
             onset_between=first.onset_between,
             share=c.gain * rows.floor[c.joint] / squares[c.joint],
         )
-        for c in screen(simulation, active, after, excluded)
+        for c in screen(simulation, active, after, excluded, nominal=nominal)
         if _can_set_in(c) or c.family in DEPENDENCES
     ]
 

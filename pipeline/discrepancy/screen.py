@@ -6,7 +6,9 @@ units of the joint's noise floor.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -41,6 +43,8 @@ class Candidate:
         onset_between: Absolute stamps, ns, between which the rows do not tell one moment from the other.
         deviation: Standard deviation of `point`, where something else than the velocities gave it, and it is not fitted
             to them.
+        owed: Of the gain, what is the diagnosis model's misfit: what the same effect explains here with the values that
+            it has on nominal logs, but no more than a multiple of what it explains there.
     """
 
     family: str
@@ -55,6 +59,7 @@ class Candidate:
     onset: int | None = None
     onset_between: tuple[int, int] | None = None
     deviation: float | None = None
+    owed: float = 0.0
 
     @property
     def key(self) -> tuple[str, int, int | None]:
@@ -65,6 +70,21 @@ class Candidate:
     def n_parameters(self) -> int:
         """How many values it has that can be chosen."""
         return len(self.point) + len(self.coefficients)
+
+
+class Misfit(NamedTuple):
+    """What explains something of nominal logs, where there is nothing to be found.
+
+    Attributes:
+        candidate: With the values that it has there.
+        most_per_row: The most that a candidate of the same kind owes to it, per used row.
+    """
+
+    candidate: Candidate
+    most_per_row: float
+
+
+Nominal = Mapping[tuple[str, int, int | None], Misfit]
 
 
 @dataclass(frozen=True)
@@ -103,6 +123,7 @@ def screen(
     rows: Rows,
     excluded: Sequence[str] = (),
     joints: Sequence[int] | None = None,
+    nominal: Nominal = MappingProxyType({}),
 ) -> list[Candidate]:
     """Score every candidate beside the effects that are active already.
 
@@ -112,11 +133,12 @@ def screen(
         rows: Rows in use.
         excluded: Families that are not tried.
         joints: Which joints; None: all.
+        nominal: What reproducibly explains something of nominal logs, of which candidates are owed their part.
 
     Returns:
         The best point and variant of each (family, joint, source), by falling gain.
     """
-    return _Screen(simulation, active, rows, excluded, joints).run()
+    return _Screen(simulation, active, rows, excluded, joints, nominal).run()
 
 
 def scored(
@@ -171,8 +193,10 @@ class _Screen:
         rows: Rows,
         excluded: Sequence[str],
         joints: Sequence[int] | None,
+        nominal: Nominal,
     ) -> None:
         self.simulation, self.active, self.rows, self.excluded = simulation, active, rows, excluded
+        self.nominal, self.owed = nominal, dict.fromkeys(nominal, 0.0)
         self.n_joint = simulation.setting.n_joint
         self.joints = range(self.n_joint) if joints is None else joints
         self.u = simulation.nominal_velocities([active])[0]
@@ -192,7 +216,8 @@ class _Screen:
                 self._dependence(family, effect)
             else:
                 self._named(family, effect)
-        return sorted(self.best.values(), key=lambda candidate: -candidate.gain)
+        candidates = [replace(c, owed=self.owed.get(key, 0.0)) for key, c in self.best.items()]
+        return sorted(candidates, key=lambda candidate: -candidate.gain)
 
     def _residual(self, velocity: np.ndarray) -> np.ndarray:
         return self.rows.weight * (self.measured - self.rows.averaged(velocity))
@@ -299,6 +324,13 @@ class _Screen:
             found, self.reference[:, joint], self.rows.floor[joint], family, joint, source, point, variant
         )
         key = (family, joint, source)
+        if key in self.nominal:
+            known, most_per_row = self.nominal[key]
+            if known.point == point and known.freed == variant:
+                after = residual - regressors @ known.coefficients
+                squares = np.sum(self.reference[:, joint] ** 2) - np.sum(after**2)
+                most = most_per_row * len(self.rows.folds.fold)
+                self.owed[key] = float(np.clip(squares / self.rows.floor[joint], 0.0, most))
         present = self.best.get(key)
         # A variant with more parameters has to be better by a margin, not by chance.
         if present is None or candidate.gain > present.gain + PARSIMONY * abs(present.gain) * (

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, Null, why_not
+from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.decide_again import decide_again
 from pipeline.discrepancy.encoder_error import encoder_errors
 from pipeline.discrepancy.found import Found, onsets_of, values_of
@@ -29,7 +29,7 @@ from pipeline.discrepancy.plausibility import (
 )
 from pipeline.discrepancy.refine import gain_without, refine, refine_alone
 from pipeline.discrepancy.regression import t_statistic
-from pipeline.discrepancy.screen import Candidate, Rows, screen
+from pipeline.discrepancy.screen import Candidate, Nominal, Rows, screen
 from pipeline.discrepancy.search_thresholds import SearchConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
@@ -61,7 +61,7 @@ class Search:
         self,
         simulation: Simulation,
         rows: Rows,
-        null: Null,
+        nominal: Nominal,
         config: SearchConfig,
         excluded: Sequence[str],
         encoders: Mapping[int, Encoder],
@@ -70,7 +70,8 @@ class Search:
         say: Callable[[str], None],
     ) -> None:
         self.simulation, self.rows, self.config = simulation, rows, config
-        self.comparison = Comparison(null, rows.folds, config)
+        self.nominal = nominal
+        self.comparison = Comparison(rows.folds, config)
         self.excluded = tuple(excluded)
         self.encoders = encoders
         self.joints, self.excited = joints, excited
@@ -126,7 +127,12 @@ class Search:
         present, joint = self.found, latest[0].candidate.joint
         self.found = [latest[1] if f is latest[0] else f for f in present]
         left = screen(
-            self.simulation, values_of(self.simulation, self.found), self.rows, self.excluded, [joint]
+            self.simulation,
+            values_of(self.simulation, self.found),
+            self.rows,
+            self.excluded,
+            [joint],
+            self.nominal,
         )
         passing = [
             c for c in left if c.family != DELAY and self.passes(c) and not self._is_refuted_by_stops(c)
@@ -167,9 +173,9 @@ class Search:
 
     def _candidates(self) -> list[Candidate]:
         active = values_of(self.simulation, self.found)
-        candidates = screen(self.simulation, active, self.rows, self.excluded)
+        candidates = screen(self.simulation, active, self.rows, self.excluded, nominal=self.nominal)
         if SUPPLY not in self.excluded and not any(f.candidate.family == SUPPLY for f in self.found):
-            candidates += supply_candidates(self.simulation, active, self.rows)
+            candidates += supply_candidates(self.simulation, active, self.rows, self.nominal)
         taken = {f.candidate.key for f in self.found}
         candidates = [c for c in candidates if c.key not in taken and not self._is_refuted_by_stops(c)]
         # What sets in at the same moment as an effect found before is one event.
@@ -187,7 +193,7 @@ class Search:
         if best.onset is None or t_statistic(best.gain_by_block) < ONSET_T:
             return candidates
         known = {c.key: c for c in candidates}
-        for candidate in since(self.simulation, active, self.rows, best, self.excluded):
+        for candidate in since(self.simulation, active, self.rows, best, self.excluded, self.nominal):
             if candidate.key in known and candidate.gain > ONSET_FACTOR * known[candidate.key].gain:
                 known[candidate.key] = candidate
         return list(known.values())
@@ -269,7 +275,9 @@ class Search:
         chosen = self.comparison.simplest(as_good)
         equivalents = self.comparison.equivalents(chosen, as_good, rivals, at_bound)
         better = self.comparison.better_dependence(chosen, as_good)
-        if better is not None:  # a wrong name is worse than none
+        if better is not None:  # a wrong name is worse than none, but not a name that explains as much
+            named = self.comparison.names_instead(better, as_good)
+            better = self.comparison.simplest(named) if named else better
             chosen, equivalents = better, [chosen, *(c for c in equivalents if c is not better)]
         equivalents += self._as_good_in_common(best, chosen, equivalents, candidates)
         self._say(

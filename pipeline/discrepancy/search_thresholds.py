@@ -13,7 +13,7 @@ class SearchConfig:
         smallest_share: Of the squared residual; an effect that removes less is not looked for.
         smallest_gain: The same in units of the noise floor's squares.
         second_share: A further effect on a joint has to gain this share of what the first gained there.
-        null_factor: How many times its gain on nominal logs a candidate has to exceed.
+        null_factor: How many times its gain per row of nominal logs a candidate owes at most to the model's misfit.
         smallest_t: Of the gain over its standard error by blocks.
         second_t: The same of further effects, which may be what the first leaves over.
         equivalent_t: A candidate is worse than the best only if the difference is so many standard errors.

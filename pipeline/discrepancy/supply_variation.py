@@ -8,13 +8,15 @@ chapter 3.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from pipeline.discrepancy.gate import shifted_p
 from pipeline.discrepancy.regression import evidence
-from pipeline.discrepancy.screen import Candidate, Rows, averaged, scored
+from pipeline.discrepancy.screen import Candidate, Nominal, Rows, averaged, scored
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 FAMILY = "supply_variation"
@@ -61,8 +63,13 @@ class _Common:
         return self.rows.weight[:, joint] * averaged(z * self.moving[..., joint], self.rows.is_used)
 
 
-def supply_candidates(simulation: Simulation, active: Hypothesis, rows: Rows) -> list[Candidate]:
-    """One candidate per joint, at the best width of the moving average."""
+def supply_candidates(
+    simulation: Simulation, active: Hypothesis, rows: Rows, nominal: Nominal = MappingProxyType({})
+) -> list[Candidate]:
+    """One candidate per joint, at the best width of the moving average.
+
+    What joints have in common on nominal logs is another draw of the same process: as much per row is owed to it.
+    """
     common = _Common(simulation, active, rows)
     best: dict[int, Candidate] = {}
     for width_s in WIDTHS_S:
@@ -75,7 +82,10 @@ def supply_candidates(simulation: Simulation, active: Hypothesis, rows: Rows) ->
             )
             if joint not in best or candidate.gain > best[joint].gain:
                 best[joint] = candidate
-    return list(best.values())
+    n = len(rows.folds.fold)
+    return [
+        replace(c, owed=nominal[c.key].most_per_row * n) if c.key in nominal else c for c in best.values()
+    ]
 
 
 def supply_p(

@@ -35,8 +35,8 @@ class EndCushion(RatioEffect):
         drawn_over=Abscissa.position,
         counted_along=Along.axis,
         parameters=(
-            Parameter("loss_upper", "1", 0.0, -0.5, 0.95, natural_bounds=True),
-            Parameter("loss_lower", "1", 0.0, -0.5, 0.95, natural_bounds=True),
+            Parameter("loss_upper", "1", 0.0, 0.0, 0.95, natural_bounds=True),
+            Parameter("loss_lower", "1", 0.0, 0.0, 0.95, natural_bounds=True),
             Parameter(
                 "zone_share", "1", 0.15, 0.01, 0.5, grid=(0.03, 0.05, 0.08, 0.11, 0.15, 0.2, 0.26, 0.33)
             ),

@@ -11,7 +11,8 @@ from pipeline.plant.simulator import Plant
 
 COLDEST_C, WARMEST_C = 8.0, 16.0  # start of the oil, at size 1; half as far below working temperature at half
 # Cold-sensitive lines: blocked line filters have laminar resistance. So much that the loss of speed grows evenly
-# with the cold (nominal lines feel nothing above 15 degrees, then everything) and is a few percent with warm oil.
+# with the cold (nominal lines feel nothing above 15 degrees, then everything) and is a few percent with warm oil. At
+# other sizes in proportion: else a small effect would be little but what stays when the oil is warm.
 LINE_FACTOR = 20.0
 FASTEST_S, SLOWEST_S = (
     1200.0,
@@ -32,7 +33,7 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
     def apply(parameters: Parameters) -> Parameters:
         oil = parameters.oil
         start = oil.start_C + size * (start_C - oil.start_C)
-        lines = parameters.cylinder.line_resistance_Pa_s_m3 * LINE_FACTOR
+        lines = parameters.cylinder.line_resistance_Pa_s_m3 * (1.0 + size * (LINE_FACTOR - 1.0))
         return parameters.change(
             "oil", start_C=start, heat_capacity_J_K=oil.heat_loss_W_K * warm_up_s
         ).change("cylinder", line_resistance_Pa_s_m3=lines)
