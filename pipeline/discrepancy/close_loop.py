@@ -39,12 +39,12 @@ from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
 from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.catalogue import known_for
 from pipeline.effects.effect import Setting
 from pipeline.effects.store import ActiveEffects, predictor
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, validation_part
-from pipeline.machine.specification import CommandKind, MachineSpecification
+from pipeline.machine.specification import MachineSpecification
 
 LEVELS = (1, 80, 1000)
 NULL_BLOCK_ROWS = 1200
@@ -123,12 +123,7 @@ class Loop:
         lower, upper = machine.lower, machine.upper
         diagnosis = train_diagnosis_model(rows, lower, upper, machine.dt_s, config.diagnosis, config.seed)
         self.setting = Setting(machine.dt_s, lower, upper, diagnosis.scales.speed)
-        is_discrete = machine.command_kind is CommandKind.discrete
-        effects = [
-            effect
-            for family, effect in KNOWN.items()
-            if family not in config.exclude and not (is_discrete and effect.needs_proportional_commands)
-        ]
+        effects = [e for f, e in known_for(machine.command_kind).items() if f not in config.exclude]
         self.lap("diagnosis model")
         # More nominal rows than this make the null no better known, but the search on them slow.
         n_rows = max(1, config.search.nominal_rows // len(rows.is_row))

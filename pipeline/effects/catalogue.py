@@ -18,6 +18,7 @@ from pipeline.effects.sensor_bias import SensorBias
 from pipeline.effects.stiction import Stiction
 from pipeline.effects.thermal_drift import ThermalDrift
 from pipeline.effects.timing import Timing
+from pipeline.machine.specification import CommandKind
 
 CATALOGUE: dict[str, type[Effect]] = {
     effect.card.family: effect
@@ -48,3 +49,13 @@ KNOWN: dict[str, type[Effect]] = {**WITH_AN_EQUATION, **DEPENDENCES}
 def families(excluded: Sequence[str] = ()) -> list[str]:
     """Names of the families, without the excluded ones."""
     return [family for family in CATALOGUE if family not in excluded]
+
+
+def known_for(command_kind: CommandKind) -> dict[str, type[Effect]]:
+    """The effects that commands of this kind can show."""
+    is_discrete = command_kind is CommandKind.discrete
+    return {
+        family: effect
+        for family, effect in KNOWN.items()
+        if not (is_discrete and effect.needs_proportional_commands)
+    }

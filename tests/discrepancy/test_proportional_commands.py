@@ -8,7 +8,9 @@ import pytest
 from pipeline.configuration import load_section
 from pipeline.discrepancy.close_loop import Loop
 from pipeline.discrepancy.grouping import depends_on, effects_of
+from pipeline.discrepancy.screen import screen
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.effects.catalogue import known_for
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import CommandKind, JointSpecification, MachineSpecification
 
@@ -81,6 +83,8 @@ def test_a_dead_band_and_a_late_channel_are_told_apart(nominal) -> None:  # type
     assert set(effects) == {"other", "timing"}
     (member,) = effects["other"].members
     assert depends_on(effects["other"], loop.joints) == ["command:turn"]
+    first = next(c for c in loop.search.first if c.key == member.candidate.key)
+    assert first.owed < 0.1 * first.gain
     assert member.candidate.point["dead_band_positive"] == pytest.approx(0.35, abs=0.06)
     assert member.candidate.point["dead_band_negative"] == pytest.approx(0.35, abs=0.06)
     for delay in effects["timing"].members:
@@ -95,17 +99,17 @@ def test_one_late_joint_is_no_late_channel_and_its_dead_band_no_effect_on_the_ot
     assert found["delay", "turn"].point["added_delay"] == pytest.approx(4 * DT_S, abs=0.03)
 
 
-def test_nothing_is_found_where_nothing_changed(nominal) -> None:  # type: ignore[no-untyped-def]
-    assert searched(nominal, [record(f"measured_{seed}", seed, 4000) for seed in (15, 16)]).search.found == []
+def test_nothing_is_found_where_nothing_changed_and_on_nominal_logs_all_is_misfit(nominal) -> None:  # type: ignore[no-untyped-def]
+    loop = searched(nominal, [record(f"measured_{seed}", seed, 4000) for seed in (15, 16)])
+    assert loop.search.found == []
+    again = screen(loop.nominal_simulation, {}, loop.nominal_rows, nominal=loop.null)
+    known = [candidate for candidate in again if candidate.key in loop.null]
+    assert known
+    for candidate in known:
+        assert candidate.owed >= candidate.gain * (1.0 - 1e-6), candidate.key
 
 
 def test_discrete_commands_are_not_searched_for_a_dead_band() -> None:
-    config = load_section("close_loop", CloseLoopConfig, "paper")
-    config = replace(config, diagnosis=replace(config.diagnosis, updates=1))
-    logs = [record("nominal", 1, 5000), record("measured", 2, 4000)]
-    for kind, is_there in ((CommandKind.continuous, True), (CommandKind.discrete, False)):
-        machine = replace(MACHINE, command_kind=kind)
-        logs = [replace(log, a=np.sign(log.a)) for log in logs] if not is_there else logs
-        loop = Loop(logs[:1], logs[1:], machine, None, None, config, lambda _: None)
-        loop._diagnose()
-        assert ("other:dead_band" in loop.simulation.effects) is is_there
+    assert set(known_for(CommandKind.continuous)) - set(known_for(CommandKind.discrete)) == {
+        "other:dead_band"
+    }

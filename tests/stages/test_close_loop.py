@@ -195,7 +195,9 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not case.is_dir():
         pytest.skip(f"{case.relative_to(ROOT.parent)}: the practice cases are not there")
     folder = tmp_path_factory.mktemp("practice")
-    process = start(folder, f"nominal={case / 'nominal'}", f"measured={case / 'measured'}", "output=out")
+    logs = f"nominal={case / 'nominal'}", f"measured={case / 'measured'}"
+    smaller = "close_loop.diagnosis.updates=2000", "close_loop.baselines.maximum_epochs=3"
+    process = start(folder, *logs, "output=out", *smaller)
     said, errors = process.communicate(timeout=580)
     assert process.returncode == 0, errors
     assert f"see {Path('out/report.html')}" in said

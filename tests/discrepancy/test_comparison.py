@@ -1,0 +1,47 @@
+"""Which of two candidates explains more, and which comes instead of which."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.configuration import load_section
+from pipeline.discrepancy.comparison import Comparison
+from pipeline.discrepancy.regression import Folds
+from pipeline.discrepancy.screen import Candidate
+from pipeline.discrepancy.settings import CloseLoopConfig
+from tests.discrepancy.bare_candidate import bare_candidate
+
+N_ROWS, N_BLOCKS = 400, 4
+
+
+@pytest.fixture(scope="module")
+def comparison() -> Comparison:
+    """On rows of four blocks of equal length, every other one of either fold."""
+    block = np.repeat(np.arange(N_BLOCKS), N_ROWS // N_BLOCKS)
+    config = load_section("close_loop", CloseLoopConfig, "paper").search
+    return Comparison(Folds(block % 2, block, N_BLOCKS), config)
+
+
+def that_gains(family: str, gain: float, owed: float = 0.0) -> Candidate:
+    """As much in every block, and half of the squares."""
+    by_block = np.full(N_BLOCKS, gain / N_BLOCKS) * (1.0 + 0.01 * np.arange(N_BLOCKS))
+    return replace(bare_candidate(family, 0), gain=gain, gain_by_block=by_block, owed=owed)
+
+
+def test_what_is_owed_to_the_misfit_counts_for_nothing(comparison: Comparison) -> None:
+    assert comparison.net(that_gains("delay", 300.0, owed=100.0)) == 200.0
+    assert comparison.passes(that_gains("delay", 300.0))
+    assert not comparison.passes(that_gains("delay", 300.0, owed=290.0))
+    assert comparison.shows(that_gains("delay", 300.0, owed=290.0))
+    assert not comparison.shows(that_gains("delay", 300.0, owed=300.0))
+
+
+def test_a_dependence_gives_way_to_a_name_that_explains_as_much(comparison: Comparison) -> None:
+    """The simplest name explains less than the dependence; a less simple one does not."""
+    simple, dependence = that_gains("gain", 300.0), that_gains("other:position", 400.0)
+    cushion = that_gains("end_cushion", 410.0)
+    as_good = [simple, dependence, cushion]
+    assert comparison.better_dependence(simple, as_good) is dependence
+    assert comparison.names_instead(dependence, as_good) == [cushion]
+    assert comparison.names_instead(dependence, [simple, dependence]) == []
