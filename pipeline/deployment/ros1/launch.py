@@ -15,7 +15,7 @@ from pipeline.deployment.ros1.installation import ROSMASTER, require_ros
 from pipeline.errors import InputError
 
 HOST = "127.0.0.1"
-START_S, STOP_S, POLL_S = 60.0, 10.0, 0.05
+START_S, STOP_S, POLL_S = 60.0, 30.0, 0.05
 DIES_WITH_US = ("setpriv", "--pdeathsig", "TERM", "--")  # Debian's; even where this process is killed
 
 
