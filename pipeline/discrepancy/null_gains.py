@@ -22,7 +22,7 @@ def null_gains(simulation: Simulation, rows: Rows, excluded: Sequence[str], fact
     """
     candidates = screen(simulation, {}, rows, excluded) + supply_candidates(simulation, {}, rows)
     n = len(rows.folds.fold)
-    gains = {c.key: Misfit(c, factor * c.gain / n) for c in candidates if c.gain > 0.0}
+    misfits = {c.key: Misfit(c, factor * c.gain / n) for c in candidates if c.gain > 0.0}
     warming = [
         c
         for c in candidates
@@ -30,5 +30,5 @@ def null_gains(simulation: Simulation, rows: Rows, excluded: Sequence[str], fact
     ]
     if len(warming) > 1 and is_plausible(THERMAL_DRIFT, warming):
         # Nominal logs that show it themselves are no evidence against it: the model, whose memory is short, lacks it.
-        gains = {key: c for key, c in gains.items() if key[0] != THERMAL_DRIFT}
-    return gains
+        misfits = {key: misfit for key, misfit in misfits.items() if key[0] != THERMAL_DRIFT}
+    return misfits

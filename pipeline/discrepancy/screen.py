@@ -133,7 +133,7 @@ def screen(
         rows: Rows in use.
         excluded: Families that are not tried.
         joints: Which joints; None: all.
-        nominal: What reproducibly explains something of nominal logs, of which candidates are owed their part.
+        nominal: What reproducibly explains something of nominal logs: what candidates owe to it is told of them.
 
     Returns:
         The best point and variant of each (family, joint, source), by falling gain.
@@ -196,7 +196,7 @@ class _Screen:
         nominal: Nominal,
     ) -> None:
         self.simulation, self.active, self.rows, self.excluded = simulation, active, rows, excluded
-        self.nominal, self.owed = nominal, dict.fromkeys(nominal, 0.0)
+        self.nominal = nominal
         self.n_joint = simulation.setting.n_joint
         self.joints = range(self.n_joint) if joints is None else joints
         self.u = simulation.nominal_velocities([active])[0]
@@ -207,6 +207,7 @@ class _Screen:
         # family each are enough, whose compilations are there already.
         self.before = jnp.asarray(np.moveaxis(velocity, 1, 0), jnp.float32) if active else self.u
         self.best: dict[tuple[str, int, int | None], Candidate] = {}
+        self.owed: dict[tuple[str, int, int | None], float] = {}
 
     def run(self) -> list[Candidate]:
         for family, effect in self.simulation.effects.items():

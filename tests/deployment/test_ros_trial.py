@@ -81,12 +81,14 @@ def test_the_plc_zeroes_its_outputs_and_stays_so(trial: dict) -> None:
     if tuple(trial["drivers"]) != CAN:
         pytest.skip("no multicast between processes here, so no CAN bus")
     (stop,) = trial["stops"]
-    at_s, moves = np.array(trial["outputs"]).T
-    assert moves[at_s < stop["s"]].any()
-    after = at_s >= stop["s"]
-    zero = np.flatnonzero(after & (moves == 0))
-    assert len(zero) and not moves[zero[0] :].any()
-    assert at_s[zero[0]] - stop["s"] < 0.5
+    at_s, moves = np.array(trial["outputs"]).T  # told when they change: what they were holds until then
+    before = at_s < stop["s"]
+    assert moves[before].any()
+    # Zero by then already, where a busy computer kept frames back for longer than the PLC waits for them.
+    is_moving, zero_s = bool(moves[before][-1]), at_s[~before & (moves == 0)]
+    held_s = stop["s"] if not is_moving else zero_s[0] if len(zero_s) else np.inf
+    assert held_s - stop["s"] < 0.5
+    assert not moves[at_s > held_s].any()
 
 
 def test_every_node_says_what_it_measured(folder: Path, trial: dict) -> None:
