@@ -34,7 +34,7 @@ LARGEST_SIZE = {
     "lag": 3.0,  # 1.2 s
     "flow_coupling": 1.2,  # single motions would slow down as well
     "load": 2.0,  # 180 kg at the tip of a machine of 1.1 t
-    "thermal_drift": 1.2,  # oil at -1 degree C
+    "thermal_drift": 1.2,  # lines that resist 24 times as much
     "supply_variation": 2.0,  # engine speed wanders by a third
     "leakage": 3.0,  # 0.1 rad/s
     "backlash": 2.5,  # 0.15 rad

@@ -9,7 +9,9 @@ from pipeline.plant.effects.effect import Effect, Quantity
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.simulator import Plant
 
-COLDEST_C, WARMEST_C = 8.0, 16.0  # start of the oil, at size 1; half as far below working temperature at half
+# Start of the oil, whatever the size: between 20 degrees and working temperature cold oil leaks less, which makes up for
+# what it loses in the lines; it then hardly slows anything, it only delays starts.
+COLDEST_C, WARMEST_C = 8.0, 16.0
 # Cold-sensitive lines: blocked line filters have laminar resistance. So much that the loss of speed grows evenly
 # with the cold (nominal lines feel nothing above 15 degrees, then everything) and is a few percent with warm oil. At
 # other sizes in proportion: else a small effect would be little but what stays when the oil is warm.
@@ -31,11 +33,9 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
     warm_up_s = random.uniform(FASTEST_S, SLOWEST_S)
 
     def apply(parameters: Parameters) -> Parameters:
-        oil = parameters.oil
-        start = oil.start_C + size * (start_C - oil.start_C)
         lines = parameters.cylinder.line_resistance_Pa_s_m3 * (1.0 + size * (LINE_FACTOR - 1.0))
         return parameters.change(
-            "oil", start_C=start, heat_capacity_J_K=oil.heat_loss_W_K * warm_up_s
+            "oil", start_C=start_C, heat_capacity_J_K=parameters.oil.heat_loss_W_K * warm_up_s
         ).change("cylinder", line_resistance_Pa_s_m3=lines)
 
     loss, time_constant_s = _of_speed(apply(nominal))
