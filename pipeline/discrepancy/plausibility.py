@@ -15,7 +15,8 @@ THERMAL_DRIFT, FLOW_COUPLING, LOAD = "thermal_drift", "flow_coupling", "load"
 ACTIVITY, DEAD_BAND = "other:activity", "other:dead_band"
 GAIN, TIMING = "gain", "timing"
 SENSOR_BIAS, BACKLASH, DELAY, OSCILLATION = "sensor_bias", "backlash", "delay", "oscillation"
-APART = 1.15  # of the larger change: by so much the two directions differ under a load, which speeds one of them up
+# Of the larger change: a load speeds up one direction by as much of what it takes from the other, a gain does not.
+OPPOSED = 0.3
 AT_BOUND = 0.01  # of the range between the bounds
 
 SUPPLY_COMPLEXITY = 4.0  # as if it stood on a card: it has no wrapper
@@ -38,19 +39,27 @@ def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
     """Whether the signs are those of the cause on most of the joints, counted by what it explains there.
 
     Oil that warms up makes faster, and leaves a machine that is not much slower than nominal once it is warm; a load
-    makes a joint slower one way and faster the other; a small pump shows where joints move at once.
+    makes a joint slower one way and faster the other, which no wear of its actuator does; a small pump shows where
+    joints move at once.
     """
     if family == THERMAL_DRIFT:
         is_right = [c.coefficients[0] > max(0.0, -c.coefficients[1]) for c in showing]
     elif family == LOAD:
-        both_ways = [c.coefficients[:2] for c in showing]
-        is_right = [np.ptp(of_joint) > APART * np.abs(of_joint).max() for of_joint in both_ways]
+        is_right = [_is_opposed(c) for c in showing]
+    elif family == GAIN:
+        is_right = [len(c.freed) < 2 or not _is_opposed(c) for c in showing]
     elif family == FLOW_COUPLING:
         is_right = [is_shared(c) for c in showing]
     else:
         return True
     gains = np.array([c.gain for c in showing])
     return bool(gains @ is_right > 0.5 * gains.sum())
+
+
+def _is_opposed(candidate: Candidate) -> bool:
+    """Whether a joint is slower one way and faster the other, by coefficients that begin with those of both ways."""
+    both_ways = candidate.coefficients[:2]
+    return bool(np.ptp(both_ways) > (1.0 + OPPOSED) * np.abs(both_ways).max())
 
 
 def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:

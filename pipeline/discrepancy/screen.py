@@ -18,7 +18,6 @@ from pipeline.discrepancy.simulation import Hypothesis, Simulation
 from pipeline.effects.dependence import N_DIRECTION, Dependence
 from pipeline.effects.effect import Effect, Variant, VelocityEffect
 
-PARSIMONY = 0.03  # of the gain, by which more parameters have to be better
 TAKEN_TOGETHER = (
     "timing",
 )  # on one joint the same wrapper as `delay`: equal delays of all joints are merged into it
@@ -334,7 +333,8 @@ class _Screen:
                 self.owed[key] = float(np.clip(squares / self.rows.floor[joint], 0.0, most))
         present = self.best.get(key)
         # A variant with more parameters has to be better by a margin, not by chance.
-        if present is None or candidate.gain > present.gain + PARSIMONY * abs(present.gain) * (
+        margin = self.simulation.effects[family].parsimony
+        if present is None or candidate.gain > present.gain + margin * abs(present.gain) * (
             candidate.n_parameters > present.n_parameters
         ):
             self.best[key] = candidate

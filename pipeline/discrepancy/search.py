@@ -19,6 +19,7 @@ from pipeline.discrepancy.onset import since, with_onsets
 from pipeline.discrepancy.plausibility import (
     BACKLASH,
     DELAY,
+    GAIN,
     SENSOR_BIAS,
     THERMAL_DRIFT,
     TIMING,
@@ -169,7 +170,8 @@ class Search:
         if candidate.family == THERMAL_DRIFT:
             showing = [c for c in candidates if c.family == THERMAL_DRIFT and self.comparison.shows(c)]
             return len(showing) > 1 and is_plausible(candidate.family, [candidate])
-        return candidate.family not in ON_SEVERAL_JOINTS or is_plausible(candidate.family, [candidate])
+        is_judged = candidate.family in (GAIN, *ON_SEVERAL_JOINTS)
+        return not is_judged or is_plausible(candidate.family, [candidate])
 
     def _candidates(self) -> list[Candidate]:
         active = values_of(self.simulation, self.found)

@@ -181,8 +181,8 @@ def _responding(
 ) -> jax.Array:
     command, q, time_s, *_ = rows
     true = chain.true(values, q)
-    v = chain.velocity_sequence(values, u, Signals(command, true, time_s))
-    return model.stopped(v, true) * chain.sensor_scale(values, true)
+    v, ahead = chain.velocity_sequence(values, u, Signals(command, true, time_s))
+    return model.stopped(v, true + ahead) * chain.sensor_scale(values, true)
 
 
 def _tangent(

@@ -180,6 +180,23 @@ class DynamicsModel:
         at_rest = inside if self.specification.target is Target.dq else jnp.zeros_like(newest)
         return inside, jnp.where(inside == q, newest, at_rest)
 
+    def between_stops(
+        self, q: jax.Array, newest: jax.Array, lower: ArrayLike, upper: ArrayLike
+    ) -> tuple[jax.Array, jax.Array]:
+        """As `at_stops`, for predictions: the position alone ends there, the velocity is what the network says.
+
+        A velocity that is zero from one step to the next is in no log, whose velocities are tracked: the network takes
+        it for a sharp deceleration, and bounces.
+        """
+        inside = jnp.clip(q, lower, upper)
+        return inside, inside if self.specification.target is Target.dq else newest
+
+    def stops_beyond(self, lowest: jax.Array, highest: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Lower and upper stops (..., n_joint): the limits, or the furthest that a joint has been beyond them."""
+        lower, upper = self.specification.position_lower, self.specification.position_upper
+        dtype = lowest.dtype
+        return jnp.minimum(jnp.asarray(lower, dtype), lowest), jnp.maximum(jnp.asarray(upper, dtype), highest)
+
     def integrate(self, q: jax.Array, newest: jax.Array, residual: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Next configuration and next row of `motion` from the newest row and the residual."""
         if self.specification.target is Target.dq:

@@ -55,6 +55,18 @@ def rollout(model: DynamicsModel, parameters: Parameters, history: History, comm
     return jnp.moveaxis(q, 0, -2)
 
 
+def rollout_between_stops(
+    model: DynamicsModel,
+    parameters: Parameters,
+    history: History,
+    commands: jax.Array,
+    stops: tuple[jax.Array, jax.Array],
+) -> jax.Array:
+    """As `rollout`, of joints that end at stops (lower and upper, (..., n_joint)): no derivative."""
+    q, _ = _scan_with_inputs(model, model.network.layers(parameters), history, commands, None, stops)
+    return jnp.moveaxis(q, 0, -2)
+
+
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
 def _scan(model: DynamicsModel, layers: list[Layer], history: History, commands: jax.Array) -> jax.Array:
     """The rollout with steps in front: (H, ..., n_joint)."""
@@ -94,7 +106,12 @@ _scan.defvjp(_scan_forward, _scan_backward)
 
 
 def _scan_with_inputs(
-    model: DynamicsModel, layers: list[Layer], history: History, commands: jax.Array, outputs: Arrays | None
+    model: DynamicsModel,
+    layers: list[Layer],
+    history: History,
+    commands: jax.Array,
+    outputs: Arrays | None,
+    stops: tuple[jax.Array, jax.Array] | None = None,
 ) -> tuple[jax.Array, list]:
     """Configurations, and what each layer's gradient needs, all with steps in front.
 
@@ -105,6 +122,7 @@ def _scan_with_inputs(
         commands: (..., H, n_joint).
         outputs: Per layer (H, ..., width), of any value: their cotangents will be those of the layer's output.
             None, if no gradient is wanted.
+        stops: Lower and upper, (..., n_joint), where joints end; None: they do not.
 
     Returns:
         (H, ..., n_joint), and, if a gradient is wanted, per layer its input (H, ..., ·): for the first the
@@ -136,6 +154,8 @@ def _scan_with_inputs(
         if outputs is not None:
             y = _with_cotangent_of(y, outputs[-1])
         q, newest = model.integrate(q, newest, model.scale_residual(y))
+        if stops is not None:
+            q, newest = model.between_stops(q, newest, *stops)
         appended = network.expand(model.normalise_motion(newest))
         carry = (jnp.concatenate([motion[..., row:], appended], axis=-1), newest, q)
         return carry, (q, None if outputs is None else inputs)

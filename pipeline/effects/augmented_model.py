@@ -40,7 +40,8 @@ class AugmentedHistory(NamedTuple):
         motion: (..., k+1, n_joint) as measured.
         commands: (..., k+1, n_joint) as given.
         q: (..., n_joint) as measured.
-        nominal: f_θ's window in the nominal machine's world; its `q` is the true configuration.
+        nominal: f_θ's window in the nominal machine's world; its `q` is the true configuration, or that of the drive
+            where play lets it lie ahead.
         chain: States of the effects.
         time_s: (...,) since the start of the log.
     """
@@ -88,17 +89,19 @@ class AugmentedModel:
         is_dq = self.specification.target is Target.dq
         u = (after.q - before.q) / dt_s if is_dq else after.motion[..., -1, :]
         state, v = self.chain.velocity(values, state, u, Signals(command, before.q, history.time_s))
-        shift = dt_s * (v - u)
-        true = after.q + shift
+        ahead = self.chain.ahead(values, state)
+        shift = dt_s * (v - u) + (ahead - self.chain.ahead(values, history.chain))
         # The window of a Δq model holds positions: it is moved as a whole, so that the nominal machine's steps stay.
         motion = after.motion + shift[..., None, :] if is_dq else after.motion
+        drive = after.q + shift
+        true = drive - ahead
         q = self.chain.measured(values, true)
         newest = q if is_dq else v * self.chain.sensor_scale(values, true)
         return AugmentedHistory(
             motion=push(history.motion, newest),
             commands=push(history.commands, command),
             q=q,
-            nominal=History(motion, after.commands, true),
+            nominal=History(motion, after.commands, drive),
             chain=state,
             time_s=history.time_s + dt_s,
         )
@@ -108,14 +111,30 @@ class AugmentedModel:
     ) -> AugmentedHistory:
         """End stops: a joint beyond a limit (n_joint,), rad or m, is at it, with zero velocity.
 
-        Stops are where they are, whatever the encoders read: they act on the true configuration.
+        Stops are where they are, whatever the encoders read: they act on the true configuration, or on the drive.
         """
         nominal = self.frozen.stopped(parameters.network, history.nominal, lower, upper)
         is_free = nominal.q == history.nominal.q
-        q = jnp.where(is_free, history.q, self.chain.measured(parameters.effects, nominal.q))
+        true = nominal.q - self.chain.ahead(parameters.effects, history.chain)
+        q = jnp.where(is_free, history.q, self.chain.measured(parameters.effects, true))
         at_rest = q if self.specification.target is Target.dq else jnp.zeros_like(q)
         newest = jnp.where(is_free, history.motion[..., -1, :], at_rest)
         return history._replace(motion=history.motion.at[..., -1, :].set(newest), q=q, nominal=nominal)
+
+    def between_stops(
+        self, parameters: AugmentedParameters, history: AugmentedHistory, lower: ArrayLike, upper: ArrayLike
+    ) -> AugmentedHistory:
+        """As `stopped`, for predictions: see `DynamicsModel.between_stops`."""
+        before = history.nominal
+        drive, newest = self.frozen.between_stops(before.q, before.motion[..., -1, :], lower, upper)
+        true = drive - self.chain.ahead(parameters.effects, history.chain)
+        q = jnp.where(drive == before.q, history.q, self.chain.measured(parameters.effects, true))
+        is_dq = self.specification.target is Target.dq
+        return history._replace(
+            motion=history.motion.at[..., -1, :].set(q) if is_dq else history.motion,
+            q=q,
+            nominal=before._replace(q=drive, motion=before.motion.at[..., -1, :].set(newest)),
+        )
 
     @property
     def has_sensor(self) -> bool:

@@ -23,7 +23,7 @@ class Backlash(VelocityEffect):
     place = Place.play
     card = Card(
         family="backlash",
-        equation="play operator of width w: the drive crosses the gap g in [0, w] before the link follows",
+        equation="play operator of width w: the drive crosses from -w/2 to w/2 of the link before the link follows",
         source="Nordin and Gutman (2002), Controlling mechanical systems with backlash, Automatica 38",
         signature="the first w of motion after every reversal is missing; starts in the same direction stay",
         confounded_with=("stiction", "delay"),
@@ -46,19 +46,24 @@ class Backlash(VelocityEffect):
     )
 
     def initial(self, batch: tuple[int, ...]) -> State:
-        """The drive lies against the lower flank."""
+        """The drive lies in the middle of its play."""
         return self._zeros(batch)
 
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """What the gap takes up is lost."""
-        moved = jnp.clip(state + self.setting.dt_s * u, 0.0, values["width"])
+        half = 0.5 * values["width"]
+        moved = jnp.clip(state + self.setting.dt_s * u, -half, half)
         return moved, u - (moved - state) / self.setting.dt_s
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """While the link moves, the drive lies against the flank ahead; inside the gap its motion is not seen."""
         threshold = MOVING_SHARE * self.setting.speed_scale
-        at_flank = jnp.where(v > threshold, values["width"], jnp.where(v < -threshold, 0.0, state))
-        return at_flank, v
+        half = 0.5 * values["width"]
+        return jnp.where(v > threshold, half, jnp.where(v < -threshold, -half, state)), v
+
+    def ahead(self, values: Values, state: State) -> jax.Array:
+        """The drive's place in the gap: it meets the stops half a width before the link's readings did."""
+        return state
 
 
 MOVING_SHARE = 0.05  # of full speed: faster than this the link follows the drive

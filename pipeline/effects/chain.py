@@ -77,11 +77,24 @@ class Chain:
             )
         return command
 
-    def velocity_sequence(self, values: ChainValues, u: jax.Array, signals: Signals) -> jax.Array:
-        """`velocity` along a whole log from rest: (T, ..., n_joint). Effect by effect, which comes to the same."""
+    def velocity_sequence(
+        self, values: ChainValues, u: jax.Array, signals: Signals
+    ) -> tuple[jax.Array, jax.Array]:
+        """`velocity` and `ahead` along a whole log from rest: (T, ..., n_joint), or a zero for the latter.
+
+        Effect by effect, which comes to the same.
+        """
+        ahead = jnp.asarray(0.0)
         for family, effect in self._velocity.items():
-            u = along(partial(effect.apply, values[family]), effect.initial(u.shape[1:-1]), u, signals)
-        return u
+            step = partial(_moved, effect, values[family])
+            u, of_effect = along(step, effect.initial(u.shape[1:-1]), u, signals)
+            ahead = ahead if of_effect is None else ahead + of_effect
+        return u, ahead
+
+    def ahead(self, values: ChainValues, state: ChainState) -> jax.Array:
+        """How far the frozen model's joints lie ahead of the true configuration, (..., n_joint), or a zero."""
+        found = [effect.ahead(values[family], state[family]) for family, effect in self._velocity.items()]
+        return sum((of_effect for of_effect in found if of_effect is not None), start=jnp.asarray(0.0))
 
     def measured(self, values: ChainValues, q: jax.Array) -> jax.Array:
         """True to measured configuration, (..., n_joint)."""
@@ -100,7 +113,14 @@ class Chain:
         return jax.jvp(lambda q: self.measured(values, q), (q,), (jnp.ones_like(q),))[1]
 
 
-def along(step: Callable[..., tuple[Any, jax.Array]], state: Any, *rows: Any) -> jax.Array:
+def _moved(
+    effect: VelocityEffect, values: Values, state: Any, u: jax.Array, signals: Signals
+) -> tuple[Any, tuple[jax.Array, jax.Array | None]]:
+    state, v = effect.apply(values, state, u, signals)
+    return state, (v, effect.ahead(values, state))
+
+
+def along(step: Callable[..., tuple[Any, Any]], state: Any, *rows: Any) -> Any:
     """Run a step along the rows' first axis; at once, where it keeps no state."""
     if not jax.tree.leaves(state):
         return step(state, *rows)[1]

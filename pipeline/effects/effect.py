@@ -172,10 +172,12 @@ class Effect(ABC):
     Attributes:
         needs_proportional_commands: Whether it is the identity on commands in {-1, 0, 1}.
         reaches_other_joints: Whether, acting on one joint, it changes others' speeds by more than next to nothing.
+        parsimony: Share of what a variant explains, by which one with more parameters has to explain more.
     """
 
     card: ClassVar[Card]
     place: ClassVar[Place]
+    parsimony: ClassVar[float] = 0.03
     needs_proportional_commands: ClassVar[bool] = False
     reaches_other_joints: ClassVar[bool] = False
 
@@ -240,6 +242,13 @@ class VelocityEffect(Effect):
     @abstractmethod
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """One step of measured velocities back to those that came in; keeps the state up to date."""
+
+    def ahead(self, values: Values, state: State) -> jax.Array | None:
+        """How far the frozen model's joint lies ahead of what moves, (..., n_joint), rad or m; None: not at all.
+
+        Stops and places are the frozen model's joint's.
+        """
+        return None
 
 
 class RatioEffect(VelocityEffect):

@@ -22,6 +22,7 @@ class Gain(RatioEffect):
     """Speed ratio per direction of motion."""
 
     place = Place.speed
+    parsimony = 0.1  # most actuators change one way only, or both ways alike
     card = Card(
         family="gain",
         equation="v = r₊ u for u > 0, r₋ u for u < 0",

@@ -20,10 +20,19 @@ from pipeline.effects.effect import (
 
 
 class Mode(NamedTuple):
-    """Of the filter, (..., n_joint): its output velocity and the rate of that."""
+    """Of the filter, (..., n_joint).
+
+    Attributes:
+        velocity: Its output.
+        rate: Rate of that.
+        drive: What drives it, as far as the measured velocity tells.
+        covariance: (..., n_joint, 3, 3) of velocity, rate and drive, in units of the joint's speed.
+    """
 
     velocity: jax.Array
     rate: jax.Array
+    drive: jax.Array
+    covariance: jax.Array
 
 
 class Oscillation(VelocityEffect):
@@ -59,24 +68,51 @@ class Oscillation(VelocityEffect):
 
     def initial(self, batch: tuple[int, ...]) -> State:
         """At rest."""
-        return Mode(self._zeros(batch), self._zeros(batch))
+        rest = self._zeros(batch)
+        return Mode(rest, rest, rest, jnp.zeros((*rest.shape, 3, 3), rest.dtype))
 
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """Filter the velocity."""
+        a, b, c, d = self._transition(values)
+        away = state.velocity - u
+        velocity = u + a * away + b * state.rate
+        rate = c * away + d * state.rate
+        return state._replace(velocity=velocity, rate=rate, drive=u), u + values["share"] * (velocity - u)
+
+    def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """A Kalman filter of the mode and of what drives it, a random walk: the inverse itself amplifies noise."""
+        a, b, c, d = self._transition(values)
+        zero, one = jnp.zeros_like(a), jnp.ones_like(a)
+        transition = jnp.stack(
+            [jnp.stack(row, axis=-1) for row in ([a, b, one - a], [c, d, -c], [zero, zero, one])], axis=-2
+        )
+        scale = self.setting.speed_scale
+        mean = jnp.stack([state.velocity, state.rate, state.drive], axis=-1) / scale[:, None]
+        mean = jnp.einsum("...ij,...j->...i", transition, mean)
+        covariance = transition @ state.covariance @ jnp.swapaxes(transition, -1, -2)
+        covariance = covariance + jnp.diag(jnp.asarray([0.0, 0.0, DRIVE_STEP**2], covariance.dtype))
+        along = covariance[..., 0] / (covariance[..., :1, 0] + VELOCITY_NOISE**2)
+        mean = mean + along * (v / scale - mean[..., 0])[..., None]
+        covariance = covariance - along[..., None] * covariance[..., :1, :]
+        velocity, rate, drive = jnp.moveaxis(mean * scale[:, None], -1, 0)
+        return Mode(velocity, rate, drive, covariance), v + values["share"] * (drive - v)
+
+    def _transition(self, values: Values) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+        """Of (velocity - drive, rate) over one step, row by row, (n_joint,) each."""
         omega = 2.0 * jnp.pi * values["frequency"]
         zeta = jnp.clip(values["damping_ratio"], 0.0, 0.99)
         damped = omega * jnp.sqrt(1.0 - zeta**2)
         dt_s = self.setting.dt_s
         decay = jnp.exp(-zeta * omega * dt_s)
         cosine, sine = jnp.cos(damped * dt_s), jnp.sin(damped * dt_s)
-        away = state.velocity - u
-        velocity = u + decay * (away * (cosine + zeta * omega / damped * sine) + state.rate * sine / damped)
-        rate = decay * (
-            state.rate * (cosine - zeta * omega / damped * sine) - away * omega**2 / damped * sine
+        return (
+            decay * (cosine + zeta * omega / damped * sine),
+            decay * sine / damped,
+            -decay * omega**2 / damped * sine,
+            decay * (cosine - zeta * omega / damped * sine),
         )
-        return Mode(velocity, rate), u + values["share"] * (velocity - u)
 
-    def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """The mode shows in the measured velocity; what drives it is taken for the same, without the ringing."""
-        rate = (v - state.velocity) / self.setting.dt_s
-        return Mode(v, rate), v
+
+# Shares of full speed: by how much the drive may change from one step to the next; noise of a measured velocity.
+DRIVE_STEP = 0.3
+VELOCITY_NOISE = 0.01

@@ -27,6 +27,7 @@ class AugmentedPredictor:
         chain: The effects.
         values: Of the effects, by family.
         onset_ns: Per family that sets in at some moment: its absolute stamp; from then on it acts in full.
+        has_stops: As of `dynamics.predictor.LearnedPredictor`.
     """
 
     def __init__(
@@ -36,9 +37,11 @@ class AugmentedPredictor:
         chain: Chain,
         values: Mapping[str, Mapping[str, np.ndarray]],
         onset_ns: Mapping[str, int] | None = None,
+        has_stops: bool = True,
     ) -> None:
         self.model = AugmentedModel(model, chain)
         self.onset_ns = dict(onset_ns or {})
+        self._has_stops = has_stops
         self._values = jax.tree.map(
             lambda value: jnp.asarray(value, jnp.float32), {f: dict(of) for f, of in values.items()}
         )
@@ -127,26 +130,34 @@ class AugmentedPredictor:
         model, dt_s = self.model, self.model.specification.dt_s
         window = starts[:, None] + jnp.arange(-model.specification.lags, 1)
         is_dq = model.specification.target is Target.dq
+        chain = jax.tree.map(lambda state: state[starts], states)
+        ahead = model.chain.ahead(values, chain)
         if is_dq:
             # From each row of the window on, by how much the nominal machine would have gone less far.
-            ahead = ((v - u) * dt_s)[window]
-            nominal_motion = true[window] + (jax.lax.cumsum(ahead, axis=1, reverse=True) - ahead)
+            further = ((v - u) * dt_s)[window]
+            nominal_motion = true[window] + (jax.lax.cumsum(further, axis=1, reverse=True) - further)
+            nominal_motion = nominal_motion + (ahead[..., None, :] if ahead.ndim else ahead)
         else:
             nominal_motion = u[window]
         history = AugmentedHistory(
             motion=(q if is_dq else qd)[window],
             commands=a[window - 1],
             q=q[starts],
-            nominal=History(nominal_motion, reaching[window], true[starts]),
-            chain=jax.tree.map(lambda state: state[starts], states),
+            nominal=History(nominal_motion, reaching[window], true[starts] + ahead),
+            chain=chain,
             time_s=time_s[starts],
         )
         neutral = model.chain.neutral()
+        lowest, highest = jax.lax.cummin(true)[starts], jax.lax.cummax(true)[starts]
+        drive = history.nominal.q
+        stops = model.frozen.stops_beyond(jnp.minimum(lowest, drive), jnp.maximum(highest, drive))
 
         def advance(history: AugmentedHistory, row: tuple) -> tuple[AugmentedHistory, jax.Array]:
             command, share = row
             present = AugmentedParameters(parameters, set_in(values, neutral, share))
             history = model.step(present, history, command)
+            if self._has_stops:
+                history = model.between_stops(present, history, *stops)
             return history, history.q
 
         shares = {family: jnp.moveaxis(of[future], 1, 0) for family, of in share.items()}

@@ -103,7 +103,7 @@ def load_models(paths: Sequence[str], machine: MachineSpecification) -> dict[str
         model, parameters = load_plain_model_of(Path(path), machine)
         if name in models or name in References.__dataclass_fields__:
             raise InputError(f"{path}: another predictor is called {name} already; rename the folder")
-        models[name] = LearnedPredictor(model, parameters)
+        models[name] = LearnedPredictor(model, parameters, has_stops=False)  # as the references
     return models
 
 

@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pipeline.configuration import load_section
+from pipeline.discrepancy.document import unexplained
 from pipeline.discrepancy.plausibility import is_at_bound, is_plausible
 from pipeline.discrepancy.regression import Folds, t_statistic
 from pipeline.discrepancy.screen import Candidate, Rows
@@ -183,3 +185,29 @@ def test_a_shifted_encoder_that_explains_nearly_as_much_takes_a_gains_certainty(
         encoder = candidate("sensor_bias", 0, of_encoder, (), point)
         equivalents = looking.comparison.equivalents(gain, [gain], [gain, encoder], [])
         assert [c.family for c in equivalents] == expected
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "expected"),
+    [((-0.3, -0.1), True), ((-0.3, 0.05), True), ((-0.2, 0.15), False), ((0.1, -0.3), False)],
+)
+def test_no_actuator_is_slower_one_way_and_faster_the_other(coefficients: tuple, expected: bool) -> None:
+    both_ways = ((("ratio_positive", None),), (("ratio_negative", None),))
+    found = candidate("gain", 0, 1.0, coefficients, freed=both_ways)
+    assert is_plausible("gain", [found]) is expected
+
+
+@pytest.mark.parametrize(
+    ("ratios", "expected"), [([3.5] * 8, True), ([2.0] * 8, False), ([1.0] * 7 + [30.0], False)]
+)
+def test_a_joint_is_not_as_it_was_only_if_more_than_one_block_says_so(ratios: list, expected: bool) -> None:
+    block = np.repeat(np.arange(8), 5)
+    loop: Any = SimpleNamespace(
+        residual=lambda rows, found: np.sqrt(np.array(ratios)[block])[:, None],
+        confirm=SimpleNamespace(folds=Folds(np.zeros(40, int), block, 8)),
+        floor=np.ones(1),
+        search=SimpleNamespace(first=[]),
+        joints=["turn"],
+        config=SimpleNamespace(gate=SimpleNamespace(largest_p=0.01)),
+    )
+    assert [entry["joints"] for entry in unexplained(loop)] == ([["turn"]] if expected else [])

@@ -1,10 +1,13 @@
 """Errors as the contract defines them, against loops over rows."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
 
 from pipeline.dynamics.errors import one_step_rmse, open_loop_rmse_80, prediction_errors
+from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.predictor import LearnedPredictor
 from pipeline.errors import InputError
 
@@ -46,12 +49,33 @@ def test_errors_equal_loops_over_rows():
 def test_learned_predictor_follows_the_paper(model, parameters):
     log, starts, horizon = random_trajectory(5, n_rows=40), np.array([4, 9, 20, 31]), 5
     single = jax.tree.map(np.float32, parameters)
-    predicted = LearnedPredictor(model, single).predict(log, starts, horizon)
+    predicted = LearnedPredictor(model, single, has_stops=False).predict(log, starts, horizon)
     for index, t in enumerate(starts):
         expected = reference.rollout(model.specification, single, log.q, log.qd, log.a, t, horizon)
         np.testing.assert_allclose(predicted[index], expected, rtol=0, atol=1e-5)
     assert predicted.shape == (4, horizon, 2)
     assert LearnedPredictor(model, single).rows_before == LAGS + 1
+
+
+def test_joints_end_at_their_limits_or_as_far_beyond_as_they_have_been(model, parameters):
+    single, horizon, starts = jax.tree.map(np.float32, parameters), 60, np.array([9, 31])
+    log = random_trajectory(5, n_rows=100)
+    log = replace(log, q=np.where(np.arange(100)[:, None] < 20, 0.2, 0.204) + np.zeros(2))
+    limits = {"position_lower": [0.195, 0.195], "position_upper": [0.202, 0.202]}
+    model = DynamicsModel(replace(model.specification, **limits))
+    predicted = LearnedPredictor(model, single).predict(log, starts, horizon)
+    free = LearnedPredictor(model, single, has_stops=False).predict(log, starts, horizon)
+    for index, (t, upper) in enumerate(zip(starts, (0.202, 0.204), strict=True)):
+        of_log = (log.q, log.qd, log.a)
+        history = model.history_from_rows(*(rows[t - LAGS - 1 : t + 1].astype(np.float32) for rows in of_log))
+        for step in range(horizon):
+            history = model.step(single, history, log.a[t + step].astype(np.float32))
+            stops = np.float32(0.195), np.float32(upper)
+            q, newest = model.between_stops(history.q, history.motion[-1], *stops)
+            history = history._replace(q=q, motion=history.motion.at[-1].set(newest))
+            np.testing.assert_allclose(predicted[index, step], history.q, rtol=0, atol=1e-5)
+        assert np.all(predicted[index] >= np.float32(0.195)) and np.all(predicted[index] <= np.float32(upper))
+    assert np.abs(free - predicted).max() > 1e-3
 
 
 def test_many_windows_are_predicted_as_few_are(one_model, one_models_parameters):

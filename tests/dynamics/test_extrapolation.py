@@ -111,7 +111,8 @@ def test_divergence_is_counted(machine):
 
 def test_rollouts_of_all_kinds_of_predictors_start_from_rest(one_model, one_models_parameters):
     """Later rows are NaN, so a predictor that looked at them would show; chunks do not matter."""
-    learned = LearnedPredictor(one_model, jax.tree.map(np.float32, one_models_parameters))
+    single = jax.tree.map(np.float32, one_models_parameters)
+    learned = LearnedPredictor(one_model, single, has_stops=False)
     arx = fit_arx([lag_trajectory(0, 400, 0)], Target.dq, 3, DT_S, 1e-6)
     random = np.random.default_rng(0)
     starts = random.uniform(-0.5, 0.5, (300, 2))

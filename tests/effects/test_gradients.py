@@ -26,7 +26,9 @@ def response(family):
 
     def total(values: dict) -> jax.Array:
         command = chain.command_sequence({family: values}, signals.command)
-        v = chain.velocity_sequence({family: values}, u, Signals(signals.command, signals.q, signals.time_s))
+        v, _ = chain.velocity_sequence(
+            {family: values}, u, Signals(signals.command, signals.q, signals.time_s)
+        )
         return jnp.sum(weights * (command + v + chain.measured({family: values}, signals.q)))
 
     return jax.jit(total)

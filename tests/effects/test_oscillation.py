@@ -44,3 +44,15 @@ def test_a_share_mixes_drive_and_mode():
     full = respond(Oscillation(SETTING), VALUES, u)
     part = respond(Oscillation(SETTING), {**VALUES, "share": np.array([0.25, 0.0])}, u)
     np.testing.assert_allclose(part, u + [0.25, 0.0] * (full - u), atol=1e-12)
+
+
+def test_what_drives_the_mode_is_recovered_from_noisy_velocities_without_its_ringing():
+    """Far nearer to it than the velocities are, and than the filter's exact inverse, which amplifies their noise."""
+    values = {"share": np.ones(2), "frequency": np.array([1.2, 2.0]), "damping_ratio": np.array([0.05, 0.1])}
+    hold = np.repeat(np.random.default_rng(8).integers(-1, 2, (20, 2)), 30, axis=0)
+    u = SETTING.speed_scale * hold
+    v = respond(Oscillation(SETTING), values, u)
+    v = v + 0.01 * SETTING.speed_scale * np.random.default_rng(9).standard_normal(v.shape)
+    drive = respond(Oscillation(SETTING), values, v, None, "invert")
+    ringing, left = (np.sqrt(np.mean((of - u) ** 2, axis=0)) for of in (v, drive))
+    assert np.all(left < 0.5 * ringing)

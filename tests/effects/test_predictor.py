@@ -1,5 +1,7 @@
 """Predictions on logs of simulated machines that have exactly one effect: with the true values they are right."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,7 +78,8 @@ CASES = {
 def make_predictor(family, values, target, share=SHARE, onset_ns=None) -> AugmentedPredictor:
     model, theta = linear_model(target, share)
     complete = KNOWN[family](SETTING).neutral() | as_arrays(values)
-    return AugmentedPredictor(model, theta, Chain([KNOWN[family]], SETTING), {family: complete}, onset_ns)
+    chain = Chain([KNOWN[family]], SETTING)
+    return AugmentedPredictor(model, theta, chain, {family: complete}, onset_ns, has_stops=False)
 
 
 def as_arrays(values):
@@ -154,3 +157,14 @@ def test_windows_beyond_the_logs_last_row_and_many_windows_are_served():
     inside = starts < 128
     np.testing.assert_allclose(found[inside], measured(log, starts[inside], 2), atol=5e-5)
     assert len(found) == len(starts) and np.all(np.isfinite(found))
+
+
+def test_with_play_a_link_pushed_against_its_stop_ends_half_the_width_before():
+    model, theta = linear_model("dqdot")
+    width = {"width": np.array([0.06, 0.0], np.float32)}
+    predictor = AugmentedPredictor(model, theta, Chain([KNOWN["backlash"]], SETTING), {"backlash": width})
+    log = simulated(np.concatenate([np.zeros((30, 2)), np.ones((100, 2)), -np.ones((100, 2))]))
+    log = replace(log, q=log.q[:1] + np.zeros_like(log.q), qd=np.zeros_like(log.q))
+    pushed, back = np.split(predictor.predict(log, np.array([20]), 209)[0], [110])
+    np.testing.assert_allclose(pushed[-1], UPPER - np.array([0.03, 0.0]), atol=1e-5)
+    np.testing.assert_allclose(back[-1], LOWER + np.array([0.03, 0.0]), atol=1e-5)

@@ -9,8 +9,8 @@ from pipeline.plant.effects.effect import Effect, Quantity
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.simulator import Plant
 
-# Start of the oil, whatever the size: between 20 degrees and working temperature cold oil leaks less, which makes up for
-# what it loses in the lines; it then hardly slows anything, it only delays starts.
+# Start of the oil, whatever the size: above 20 degrees cold oil leaks less, which makes up for what it loses in the
+# lines; it then hardly slows anything, it only delays starts.
 COLDEST_C, WARMEST_C = 8.0, 16.0
 # Cold-sensitive lines: blocked line filters have laminar resistance. So much that the loss of speed grows evenly
 # with the cold (nominal lines feel nothing above 15 degrees, then everything) and is a few percent with warm oil. At
