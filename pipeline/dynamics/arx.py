@@ -26,6 +26,7 @@ class ArxPredictor:
         dt_s: Length of one time step.
         weights: (2n(k+1) + n, n_joint), on x̃ in physical units.
         intercept: (n_joint,).
+        limits: Lower and upper, (n_joint,), where positions end as those of `LearnedPredictor` do; None: they do not.
     """
 
     target: Target
@@ -33,6 +34,7 @@ class ArxPredictor:
     dt_s: float
     weights: np.ndarray
     intercept: np.ndarray
+    limits: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def rows_before(self) -> int:
@@ -45,16 +47,18 @@ class ArxPredictor:
         future = starts[:, None] + np.arange(-self.lags, horizon)
         motion, commands = _motion(trajectory, self.target)[rows], trajectory.a[future]
         q = trajectory.q[starts]
+        lower, upper = (-np.inf, np.inf) if self.limits is None else self.limits
+        lower = np.minimum(lower, np.fmin.accumulate(trajectory.q)[starts])
+        upper = np.maximum(upper, np.fmax.accumulate(trajectory.q)[starts])
         predictions = np.empty((len(starts), horizon, q.shape[-1]))
         for step in range(horizon):
             x = _regressors(motion, commands[:, step : step + self.lags + 1], q)
             residual = x @ self.weights + self.intercept
             if self.target is Target.dq:
-                newest = q + residual
-                q = newest
+                q = newest = np.clip(q + residual, lower, upper)
             else:
                 newest = motion[:, -1] + residual
-                q = q + self.dt_s * newest
+                q = np.clip(q + self.dt_s * newest, lower, upper)
             motion = np.concatenate([motion[:, 1:], newest[:, None]], axis=1)
             predictions[:, step] = q
         return predictions

@@ -1,7 +1,7 @@
 """Stage `identify`: a dynamics model is trained by back-propagation through time and judged beside a linear ARX."""
 
 import re
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +77,7 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
         )
     predictor = LearnedPredictor(result.model, result.parameters)
     arx = fit_arx(rows.learning, configuration.target, training.lags, machine.dt_s, settings.arx_ridge)
+    arx = replace(arx, limits=(machine.lower, machine.upper))  # as the model's predictions
     metrics = result.metrics | judge({"model": predictor, "arx": arx}, rows.judged, machine)
     lineage = {
         "judged_on": rows.judged_on,

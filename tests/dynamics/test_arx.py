@@ -1,5 +1,7 @@
 """ARX recovers linear systems exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,3 +50,17 @@ def test_only_training_rows_count():
 def test_too_few_rows_are_named():
     with pytest.raises(InputError, match="20 training rows in a row"):
         fit_arx([random_trajectory(0, n_rows=19)], Target.dq, 18, DT_S, 1e-6)
+
+
+@pytest.mark.parametrize("target", list(Target))
+def test_positions_end_at_limits(target):
+    log = lag_trajectory(0, n_rows=600, n_validation=0)
+    arx = fit_arx([log], target, lags=4, dt_s=DT_S, ridge=1e-12)
+    starts = np.array([100, 400])
+    seen = log.q[starts]
+    still = np.repeat(seen[:1], len(log), axis=0)
+    lower, upper = seen[0] - 0.01, seen[0] + 0.01
+    free = arx.predict(replace(log, q=still), starts, 80)
+    held = replace(arx, limits=(lower, upper)).predict(replace(log, q=still), starts, 80)
+    assert np.all(held >= lower) and np.all(held <= upper)
+    assert np.any(free < lower) or np.any(free > upper)
