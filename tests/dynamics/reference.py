@@ -51,9 +51,15 @@ def network(specification, parameters, x):
     return np.asarray(specification.residual_scale) * x
 
 
-def rollout(specification, parameters, q, qd, a, t, horizon):
-    """q̂_{t+1} … q̂_{t+H} from measured rows up to t and commands a_t … a_{t+H-1}."""
+def rollout(specification, parameters, q, qd, a, t, horizon, has_stops=False):
+    """q̂_{t+1} … q̂_{t+H} from measured rows up to t and commands a_t … a_{t+H-1}.
+
+    With stops positions end at the limits, or at the furthest that they have been beyond until t.
+    """
     k, dt = specification.lags, 1.0 / specification.rate_hz
+    known = np.array(q[: t + 1])
+    lower = np.minimum(specification.position_lower, known.min(axis=0)) if has_stops else -np.inf
+    upper = np.maximum(specification.position_upper, known.max(axis=0)) if has_stops else np.inf
     position = {s: np.array(q[s]) for s in range(t - k, t + 1)}
     velocity = {s: np.array(qd[s]) for s in range(t - k, t + 1)}
     for s in range(t, t + horizon):
@@ -66,8 +72,8 @@ def rollout(specification, parameters, q, qd, a, t, horizon):
         )
         f = network(specification, parameters, x)
         if specification.target == "dq":
-            position[s + 1] = position[s] + f
+            position[s + 1] = np.clip(position[s] + f, lower, upper)
         else:
             velocity[s + 1] = velocity[s] + f
-            position[s + 1] = position[s] + dt * velocity[s + 1]
+            position[s + 1] = np.clip(position[s] + dt * velocity[s + 1], lower, upper)
     return np.stack([position[s] for s in range(t + 1, t + horizon + 1)])

@@ -65,7 +65,8 @@ def expected_errors(specification, parameters, recordings) -> dict[str, np.ndarr
         starts = {1: range(40, n_rows - 1), 80: [s for s in range(40, n_rows, 20) if s + 80 <= n_rows - 1]}
         for horizon, rows in starts.items():
             for s in rows:
-                predicted = reference.rollout(specification, parameters, log.q, qd, log.command, s, horizon)
+                arguments = (specification, parameters, log.q, qd, log.command, s, horizon)
+                predicted = reference.rollout(*arguments, has_stops=True)
                 squares[horizon].append((predicted - log.q[s + 1 : s + 1 + horizon]) ** 2)
     rmse = {horizon: np.sqrt(np.concatenate(parts).mean(axis=0)) for horizon, parts in squares.items()}
     counts = {"n_steps": len(squares[1]), "n_windows": len(squares[80])}
