@@ -130,7 +130,8 @@ class Loop:
         known = rows
         rows = Sequences(*(column[:, :n_rows] for column in rows))
         simulation = Simulation(diagnosis, rows, effects, self.setting, diagnosis.left_out[..., :n_rows])
-        simulation.set_phases(sampling_phases(simulation, rows.is_row))
+        self.nominal_phases = sampling_phases(simulation, rows.is_row)
+        simulation.set_phases(self.nominal_phases)
         weight = is_known(known, rows, diagnosis.scales)
         residual = (averaged(weight.astype(float), rows.is_row) > 0.999) * averaged(
             rows.velocity - simulation.velocities([{}])[0], rows.is_row
@@ -164,12 +165,12 @@ class Loop:
             self.label[index, : len(purpose)] = purpose
         self.weight = is_known(known, self.sequences, diagnosis.scales)
         used = self.sequences.is_row & np.isin(self.label, (Purpose.fit, Purpose.select))
-        phases = sampling_phases(self.simulation, used)
-        self.simulation.set_phases(phases)
-        if np.any(np.abs(phases) > TOLD_STEPS):
+        self.phases = sampling_phases(self.simulation, used)
+        self.simulation.set_phases(self.phases)
+        if np.any(np.abs(self.phases) > TOLD_STEPS):
             self.say(
                 "All joints of the measured logs respond alike by "
-                + ", ".join(f"{1e3 * machine.dt_s * phase:.0f}" for phase in phases)
+                + ", ".join(f"{1e3 * machine.dt_s * phase:.0f}" for phase in self.phases)
                 + " ms later than on nominal logs: when their recordings began, which is taken out of what follows."
             )
         self.rows = self._rows(self.sequences, used, (self.label == Purpose.select).astype(int), self.weight)
@@ -340,7 +341,7 @@ class Loop:
         if effect.family != OSCILLATION:
             return False
         joint, used = effect.joints[0], self.rows.is_used
-        return ring_down(self.sequences, used, joint, self.machine.dt_s, self.config.seed) is not None
+        return ring_down(self.sequences, used, joint, self.machine.dt_s) is not None
 
     def _on_nominal(self, of: Predictor, horizon: int) -> np.ndarray:
         """(n_joint,) error on the nominal logs' validation parts: what a correction costs the machine as it was."""

@@ -16,11 +16,13 @@ from pipeline.discrepancy.contract_parameters import (
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.grouping import OTHER, Effect, contract_family, depends_on
 from pipeline.discrepancy.held_out_errors import WindowErrors
+from pipeline.discrepancy.late_starts import late_starts
 from pipeline.discrepancy.load_over_poses import mean_speed_ratios
 from pipeline.discrepancy.next_experiment import next_experiment
-from pipeline.discrepancy.plausibility import LOAD, OSCILLATION, TIMING, is_dependence
+from pipeline.discrepancy.plausibility import LOAD, OSCILLATION, STICTION, TIMING, is_dependence
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.ring_down import ring_down
+from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.splits import Purpose
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.supply_variation import supply_parameters
@@ -160,6 +162,8 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
             )
         if effect.family == OSCILLATION:
             described[-1] |= _as_it_rings_down(loop, joint)
+        if effect.family == STICTION and is_alone(member, found):
+            described[-1] |= _as_it_starts(loop, member.candidate, described[-1])
     if effect.family == TIMING:
         described = [{"latency": of["added_delay"]} for of in described]
     if len(described) == 1:
@@ -172,7 +176,7 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
 
 def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:
     """Frequency and damping from stops, where they show them; the wrapper's smear poses of different frequencies."""
-    found = ring_down(loop.sequences, loop.rows.is_used, joint, loop.machine.dt_s, loop.config.seed)
+    found = ring_down(loop.sequences, loop.rows.is_used, joint, loop.machine.dt_s)
     if found is None:
         return {}
     error = loop.config.gate.model_error
@@ -185,6 +189,37 @@ def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:
         "damping_ratio": quantity(
             found.damping_ratio, "1", float(np.hypot(found.damping_deviation, error * found.damping_ratio))
         ),
+    }
+
+
+def is_alone(member: Found, found: Sequence[Found]) -> bool:
+    """Whether nothing else was found on the joint, which may start late for that."""
+    return all(other is member or other.candidate.joint != member.candidate.joint for other in found)
+
+
+def _as_it_starts(loop: "Loop", candidate: Candidate, described: Mapping[str, Any]) -> dict[str, Quantity]:
+    """Extra time until there is motion, and the threshold of the joint's rest; the wrapper's are of its command."""
+    threshold, extra = described["rest_threshold"], described["mean_extra_time"]
+    rows = loop.sequences._replace(is_row=loop.rows.is_used)
+    late = late_starts(
+        (loop.nominal_simulation.sequences, loop.nominal_phases),
+        (rows, loop.phases),
+        candidate.joint,
+        threshold["value"],
+        loop.setting.speed_scale[candidate.joint],
+        loop.machine.dt_s,
+    )
+    if late is None:
+        return {}
+    error = loop.config.gate.model_error * late.extra_s
+    stopping = float(np.clip(late.stopping_s, 0.0, threshold["value"]))
+    # Whether a rest is the command's or the joint's nobody says: the interval holds both.
+    of_rest = float(np.hypot(deviation_of(threshold), 0.5 * stopping))
+    return {
+        "mean_extra_time": quantity(late.extra_s, "s", float(np.hypot(late.extra_deviation_s, error))),
+        "rest_threshold": quantity(threshold["value"] - stopping, "s", of_rest),
+        "mean_extra_time_of_command": extra,
+        "rest_threshold_of_command": threshold,
     }
 
 

@@ -14,7 +14,8 @@ from pipeline.effects.effect import Effect
 THERMAL_DRIFT, FLOW_COUPLING, LOAD = "thermal_drift", "flow_coupling", "load"
 ACTIVITY, DEAD_BAND = "other:activity", "other:dead_band"
 GAIN, TIMING = "gain", "timing"
-SENSOR_BIAS, BACKLASH, DELAY, OSCILLATION = "sensor_bias", "backlash", "delay", "oscillation"
+SENSOR_BIAS, BACKLASH, DELAY = "sensor_bias", "backlash", "delay"
+STICTION, OSCILLATION = "stiction", "oscillation"
 # Of the larger change: a load speeds up one direction by as much of what it takes from the other, a gain does not.
 OPPOSED = 0.3
 AT_BOUND = 0.01  # of the range between the bounds
