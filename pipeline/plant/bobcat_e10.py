@@ -114,6 +114,7 @@ def bobcat_e10() -> Parameters:
             relief_pressure_Pa=180.0 * BAR,
             relief_gain_m3_s_Pa=21.0 * LITRE_PER_MINUTE / (12.0 * BAR),
             volume_m3=0.7e-3,
+            hose_modulus_Pa=2.0e9,
             return_pressure_Pa=3.0 * BAR,
             engine_droop=0.05,  # mechanical governors: 5-8 %
             engine_power_W=7.4e3,

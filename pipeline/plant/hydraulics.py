@@ -126,7 +126,7 @@ def advance_pressures(
     speed = state.engine_speed[0] * (1.0 + supply.ripple_std * state.disturbance[n])
     q_ideal = supply.pump_flow_m3_s * speed
     modulus = effective_bulk_modulus(
-        oil.bulk_modulus_Pa, oil.hose_modulus_Pa[0], oil.air_fraction[0], p_supply
+        oil.bulk_modulus_Pa, supply.hose_modulus_Pa, oil.air_fraction[0], p_supply
     )
     c_supply = supply.volume_m3 / (modulus * dt)
     diagonal = c_supply + k_slip + k_bypass + k_relief

@@ -105,6 +105,8 @@ class Supply(NamedTuple):
     """Its flow per pressure above cracking."""
     volume_m3: float
     """Oil between pump and spools."""
+    hose_modulus_Pa: float
+    """Equivalent bulk modulus of the elastic line between them."""
     return_pressure_Pa: float
     """Back pressure of the return line and filter."""
     engine_droop: float

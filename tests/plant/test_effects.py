@@ -187,6 +187,19 @@ def test_timing_makes_stamps_late(nominal):
     assert errors[1] < 0.05 * errors[0]
 
 
+@pytest.mark.parametrize("kind", effects.KINDS)
+def test_an_effect_on_one_joint_leaves_the_others_alone(kind, nominal):
+    effect = effects.draw(kind, 1, nominal, 1.0)
+    if len(effect.joints) > 1:
+        pytest.skip("acts on several joints")
+    for joint, name in enumerate(JOINT_NAMES):
+        if name in effect.joints:
+            continue
+        before, after = (respond(p, joint, 1, 1.2).speed_rad_s for p in (nominal, effect.apply(nominal)))
+        # gravity and inertia of a joint that sags or rings are felt by its neighbours, a little
+        assert np.abs(after - before).max() < 0.1 * np.abs(before).max()
+
+
 def test_oscillation_rings_slower_than_the_sound_machine(nominal):
     effect, joint = draw_where("oscillation", nominal, lambda e: e.joints == ("swing",))
     sound = ringing(nominal, joint, 1)
