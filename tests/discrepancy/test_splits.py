@@ -30,6 +30,15 @@ def test_long_logs_serve_every_purpose_alike() -> None:
     assert counts[1:].min() > 0.25 * counts.sum()
 
 
+def test_two_logs_begin_differently_and_end_with_rows_to_find_and_to_confirm_what_sets_in_late() -> None:
+    purposes, _ = split_rows([7200, 7200], DT_S, CONFIG)
+    assert purposes[0][0] != purposes[1][0]
+    for rows in purposes:
+        last_third = rows[4800:]
+        assert (last_third == Purpose.confirm).sum() * DT_S > 50.0
+        assert np.isin(last_third, (Purpose.fit, Purpose.select)).sum() * DT_S > 50.0
+
+
 def test_many_trajectories_are_split_as_wholes() -> None:
     purposes, rule = split_rows([900, 800, 700, 600, 500, 400], DT_S, CONFIG)
     assert [set(rows.tolist()) for rows in purposes] == [{1}, {2}, {3}, {1}, {2}, {3}]
