@@ -71,8 +71,8 @@ def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tupl
         rows = np.zeros(length, np.int8)
         purge = round(config.purge_s / dt_s)
         for block, (begin, end) in enumerate(itertools.pairwise(edges)):
-            # Logs begin with different purposes, as drifts show there; each of two long ones ends with a block to confirm
-            # beside one to fit on, so that what sets in late can be confirmed.
+            # Logs begin with different purposes, as drifts show there; each of two long ones ends with a block to
+            # confirm beside one to fit on, so that what sets in late can be confirmed.
             rows[begin:end] = cycle[(block + number) % 3]
             if block:
                 rows[begin : begin + purge] = Purpose.purged
