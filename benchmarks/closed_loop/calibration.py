@@ -3,8 +3,8 @@
 The factor is measured with the variant's own baseline on sessions like the measured ones with the effect, against
 the yardstick's error on the sound machine, as the mean over the affected joints. On sessions of 6 minutes of one and
 the same sound machine a joint's error scatters by 12 % and sometimes doubles, so the yardstick is 36 minutes and a
-trial 12. Where an effect cannot reach its factor within the bounds below, the nearest is taken; the factor reached
-stands in the truth.
+trial 12. Where an effect cannot reach its factor within the simulator's bounds, the nearest is taken; the factor
+reached stands in the truth.
 """
 
 import math
@@ -18,7 +18,6 @@ from benchmarks.closed_loop.draw import MEASURED_MINUTES, Size
 from benchmarks.closed_loop.machines import FIRST_DAY, Variant
 from benchmarks.closed_loop.sessions import Session, machine
 from benchmarks.closed_loop.yardstick import yardstick
-from pipeline.plant import effects
 
 LEAST_RATIO, LARGEST_RATIO = 1.3, 3.0
 TOLERANCE = 0.08  # of the ratio: what chance does to it
@@ -27,32 +26,6 @@ TYPICAL_RATIO = 2.5  # at size 1; gives the first size to try
 SMALLEST_SIZE = 0.05
 LARGEST_STEP = 4.0  # of the size from one trial to the next
 LEAST_GROWTH = 0.02  # of the squared error; below, chance decides its sign
-
-LARGEST_SIZE = {
-    "gain": 1.7,  # three quarters of the metering area gone
-    "delay": 2.0,  # 0.6 s
-    "lag": 3.0,  # 1.2 s
-    "flow_coupling": 1.2,  # single motions would slow down as well
-    "load": 2.0,  # 180 kg at the tip of a machine of 1.1 t
-    "thermal_drift": 1.2,  # lines that resist 24 times as much
-    "supply_variation": 2.0,  # engine speed wanders by a third
-    "leakage": 3.0,  # 0.1 rad/s
-    "backlash": 2.5,  # 0.15 rad
-    "stiction": 1.0,  # stronger locks never let go
-    "end_cushion": 2.0,  # 0.8 rad of the range
-    "sensor_bias": 2.5,  # 0.25 rad, or a quarter of the scale
-    "timing": 2.0,  # 0.4 s
-    "oscillation": 2.0,  # the softest hose, once more
-    "pilot_crosstalk": 1.15,  # more opens a spool by itself
-    "coil_fade": 1.6,  # 64 % of the pilot pressure
-    "hose_kink": 4.0,
-    "line_clogging": 4.0,
-    "pilot_supply_sag": 1.1,  # all of the pilot pressure
-}
-"""Physical bound of each kind's size, with what the strongest draw comes to there."""
-
-OFTEN_UNSEEN = ("end_cushion", "sensor_bias")
-"""Kinds of which many draws never show (a limit that no one goes to): their largest size is tried first."""
 
 
 def wanted_ratio(share: float, half: bool) -> float:
@@ -69,22 +42,25 @@ class Calibration:
 
     def __call__(self, of: Variant, kind: str, seed: int, share: float, half: bool) -> Size:
         """The size at which the error ratio is the wanted one."""
-        ruler = yardstick(self.root, of.number)
+        ruler = yardstick(self.root, of)
         chances = np.random.SeedSequence(seed).generate_state(len(MEASURED_MINUTES)).tolist()
 
         def ratio_at(size: float) -> float:
-            effect = effects.draw(kind, seed, of.parameters, size)
+            effect = of.simulator.draw_effect(kind, seed, of, size)
             sessions = [
-                Session(effect.apply(of.parameters), (), of.style_seed, chance, minutes, FIRST_DAY)
+                Session(
+                    of.simulator, effect.apply(of.parameters), (), of.style_seed, chance, minutes, FIRST_DAY
+                )
                 for chance, minutes in zip(chances, MEASURED_MINUTES, strict=True)
             ]
             return affected_ratio(ruler.errors(sessions) / ruler.floor, effect.joints)
 
         wanted = wanted_ratio(share, half)
         first = math.sqrt((wanted**2 - 1.0) / (TYPICAL_RATIO**2 - 1.0))
-        if kind in OFTEN_UNSEEN:
-            first = LARGEST_SIZE[kind]
-        size, ratio = solve_size(ratio_at, wanted, first, SMALLEST_SIZE, LARGEST_SIZE[kind])
+        largest = of.simulator.largest_size[kind]
+        if kind in of.simulator.often_unseen:
+            first = largest
+        size, ratio = solve_size(ratio_at, wanted, first, SMALLEST_SIZE, largest)
         return Size(size, wanted, ratio)
 
 

@@ -10,6 +10,7 @@ from benchmarks.closed_loop import kinds
 from benchmarks.closed_loop.binomial import clopper_pearson, median_interval
 from benchmarks.closed_loop.comparison import OTHER, Outcome
 from benchmarks.closed_loop.dependence import Dependence
+from benchmarks.closed_loop.simulators import OUTSIDE
 
 REACHED = 0.95  # of 1.3: a case counts as of the stated size from here on
 LEAST_RATIO, LEAST_HALF_RATIO = 1.3, 1.15
@@ -52,7 +53,7 @@ def figures(outcomes: Sequence[Outcome], left_out: Sequence[Outcome]) -> list[Fi
     null = [o for o in outcomes if o.truth.kind == kinds.NULL]
     half = [o for o in outcomes if o.truth.kind == kinds.HALF]
     full = [o for o in outcomes if o.truth.kind not in (kinds.NULL, kinds.HALF)]
-    outside = [o for o in full if o.truth.kind in kinds.OUTSIDE]
+    outside = [o for o in full if o.truth.kind in OUTSIDE]
     return [
         _share("detection", "≥ 98 %", [o.detected is True for o in full], lambda x: x >= 0.98),
         _share("false alarms", "≤ 5 %", [o.detected is True for o in null], lambda x: x <= 0.05),

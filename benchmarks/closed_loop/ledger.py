@@ -80,8 +80,12 @@ def add(path: Path, records: Iterable[Record]) -> list[Record]:
     known = {(r.case, r.is_left_out, r.code) for r in present}
     together = present + [r for r in records if (r.case, r.is_left_out, r.code) not in known]
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, "".join(json.dumps(asdict(r), sort_keys=True) + "\n" for r in together).encode())
+    write_whole(path, "".join(_line(r) for r in together).encode())
     return together
+
+
+def _line(record: Record) -> str:
+    return json.dumps(asdict(record) | {"truth": record.truth.to_content()}, sort_keys=True) + "\n"
 
 
 def _record(content: dict[str, Any]) -> Record:

@@ -1,15 +1,14 @@
-"""The machines of the benchmark: variants of the simulated machine, each with an operator and nominal sessions."""
+"""The machines of the benchmark: variants of a simulated machine, each with an operator and nominal sessions."""
 
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cache
 
 import numpy as np
 
-from pipeline.plant.parameters import Parameters
-from pipeline.plant.simulated import simulated_machine
-from pipeline.plant.variants import draw_variant
+from benchmarks.closed_loop.sessions import machine
+from benchmarks.closed_loop.simulator import Machine, Simulator
 
-MACHINE = "bobcat_e10"
 N_VARIANT = 8
 DESIGN = 5_2024  # seeds everything that belongs to variants; cases have seeds of their own
 NOMINAL_MINUTES = (12.0, 12.0)
@@ -17,11 +16,12 @@ YARDSTICK_MINUTES = (12.0, 12.0, 12.0)  # sessions that no log shows: what the s
 FIRST_DAY = datetime.fromisoformat("2025-03-03T08:00:00+00:00")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Variant:
     """One machine.
 
     Attributes:
+        simulator: What it lives in.
         number: 0 … `N_VARIANT` - 1.
         parameters: Its sound state.
         style_seed: Of the operator who recorded its nominal sessions.
@@ -29,8 +29,9 @@ class Variant:
         yardstick_seeds: Of the sessions that the yardstick is.
     """
 
+    simulator: Simulator
     number: int
-    parameters: Parameters
+    parameters: Machine
     style_seed: int
     session_seeds: tuple[int, ...]
     yardstick_seeds: tuple[int, ...]
@@ -38,15 +39,22 @@ class Variant:
     @property
     def name(self) -> str:
         """Folder of what belongs to the variant."""
-        return f"variant_{self.number}"
+        return variant_name(self.simulator, self.number)
 
 
-def variant(number: int) -> Variant:
+def variant_name(simulator: Simulator, number: int) -> str:
+    """Folder of what belongs to a variant; no two simulators share one."""
+    return f"{simulator.variant_name}_{number}"
+
+
+@cache
+def variant(simulator: Simulator, number: int) -> Variant:
     """The variant of that number; always the same."""
     n_nominal = len(NOMINAL_MINUTES)
     n_seed = 2 + n_nominal + len(YARDSTICK_MINUTES)
     machine_seed, style_seed, *sessions = (
-        np.random.SeedSequence([DESIGN, number]).generate_state(n_seed).tolist()
+        np.random.SeedSequence([DESIGN, number, *simulator.entropy]).generate_state(n_seed).tolist()
     )
-    parameters = draw_variant(simulated_machine(MACHINE), machine_seed)
-    return Variant(number, parameters, style_seed, tuple(sessions[:n_nominal]), tuple(sessions[n_nominal:]))
+    parameters = simulator.sound_machine(machine(), number, machine_seed)
+    nominal, yardstick = tuple(sessions[:n_nominal]), tuple(sessions[n_nominal:])
+    return Variant(simulator, number, parameters, style_seed, nominal, yardstick)

@@ -1,4 +1,4 @@
-"""Sessions of the simulated machine, as bags or as the trajectories that ingest makes of such bags."""
+"""Sessions of a simulated machine, as bags or as the trajectories that ingest makes of such bags."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.closed_loop.machines import MACHINE
+from benchmarks.closed_loop.simulator import Machine, Simulator
 from pipeline.configuration import ControlConfiguration, load_machine, load_section
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
@@ -16,10 +16,9 @@ from pipeline.logs.trajectories import make_trajectories
 from pipeline.logs.tuples import Trajectory
 from pipeline.logs.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
-from pipeline.plant.operator import draw_style
-from pipeline.plant.parameters import Parameters
-from pipeline.plant.session import NANOSECONDS, SessionLog, record_session
+from pipeline.plant.session import NANOSECONDS, SessionLog
 
+MACHINE = "bobcat_e10"
 PROFILE = "default"
 
 
@@ -28,7 +27,8 @@ class Session:
     """All that a recording depends on.
 
     Attributes:
-        parameters: The plant's at the start.
+        simulator: Of the machine.
+        parameters: The machine at the start.
         changes: Later ones, each with the time from which on they hold, s.
         style_seed: Of the operator's habits.
         seed: Of the session's chances.
@@ -36,8 +36,9 @@ class Session:
         start: When; gives the bag its name.
     """
 
-    parameters: Parameters
-    changes: tuple[tuple[float, Parameters], ...]
+    simulator: Simulator
+    parameters: Machine
+    changes: tuple[tuple[float, Machine], ...]
     style_seed: int
     seed: int
     minutes: float
@@ -50,14 +51,14 @@ class Session:
 
     def record(self) -> SessionLog:
         """Let the operator work."""
-        return record_session(
+        return self.simulator.record(
             machine(),
             self.parameters,
-            draw_style(self.style_seed),
+            self.changes,
+            self.style_seed,
             self.minutes,
             self.seed,
-            start_time_ns=int(self.start.timestamp()) * NANOSECONDS,
-            changes=self.changes,
+            int(self.start.timestamp()) * NANOSECONDS,
         )
 
 

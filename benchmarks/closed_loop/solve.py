@@ -30,7 +30,7 @@ from benchmarks.closed_loop import blind, kinds
 from benchmarks.closed_loop.examine import examine
 from benchmarks.closed_loop.folders import CASE_FILE, Folders, sealed
 from benchmarks.closed_loop.ledger import fingerprint
-from benchmarks.closed_loop.machines import MACHINE
+from benchmarks.closed_loop.sessions import MACHINE
 from benchmarks.closed_loop.truth import from_json
 from pipeline.atomic_files import write_whole
 from pipeline.errors import InputError

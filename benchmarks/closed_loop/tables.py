@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from benchmarks.closed_loop import kinds
 from benchmarks.closed_loop.comparison import Outcome, true_label
 from benchmarks.closed_loop.goals import Figure
+from benchmarks.closed_loop.simulators import KINDS
 
 N_WORST = 12
 DASH = "–"
@@ -36,7 +36,18 @@ def goals_table(everything: Sequence[Figure], stated: Sequence[Figure]) -> str:
 def case_table(outcomes: Sequence[Outcome]) -> str:
     """One line per case."""
     heads = (
-        *("case", "kind", "ratio", "variant, style", "truth", "verdict", "named", "joints", "right"),
+        *(
+            "case",
+            "kind",
+            "ratio",
+            "simulator",
+            "variant, style",
+            "truth",
+            "verdict",
+            "named",
+            "joints",
+            "right",
+        ),
         *("parameter error", "covered", "exam before → after, mrad", "vs black box", "s"),
     )
     return table(heads, (_case_row(o) for o in sorted(outcomes, key=_order)))
@@ -58,7 +69,7 @@ def family_table(outcomes: Sequence[Outcome]) -> str:
         *("covered", "reduction", "avoided", "beats black box", "median s"),
     )
     rows = []
-    for kind in kinds.KINDS:
+    for kind in KINDS:
         of_kind = [o for o in outcomes if o.truth.kind == kind]
         if of_kind:
             rows.append(_family_row(kind, of_kind))
@@ -71,7 +82,7 @@ def confusion_table(outcomes: Sequence[Outcome]) -> str:
     columns = sorted({column for _, column in counts})
     rows = [
         (kind, *(str(counts[kind, column] or "") for column in columns))
-        for kind in kinds.KINDS
+        for kind in KINDS
         if any(key[0] == kind for key in counts)
     ]
     return table(("truth", *columns), rows)
@@ -98,8 +109,8 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _order(outcome: Outcome) -> tuple[int, int]:
-    return kinds.KINDS.index(outcome.truth.kind), outcome.truth.seed
+def _order(outcome: Outcome) -> tuple[int, str, int]:
+    return KINDS.index(outcome.truth.kind), outcome.truth.simulator, outcome.truth.seed
 
 
 def _badness(o: Outcome) -> tuple[float, float]:
@@ -118,6 +129,7 @@ def _case_row(o: Outcome) -> tuple[str, ...]:
         o.case,
         f"{o.truth.kind} {o.truth.seed}",
         ", ".join(f"{effect.ratio:.2f}" for effect in o.truth.effects if effect.ratio is not None) or DASH,
+        o.truth.simulator,
         f"{o.truth.variant}, {o.truth.style}",
         _truth(o),
         o.verdict,

@@ -4,6 +4,8 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from benchmarks.closed_loop.simulator import PLANT
+
 
 @dataclass(frozen=True)
 class Onset:
@@ -20,7 +22,7 @@ class TrueEffect:
     Attributes:
         family: Of the contract's table; of a change point it is `change_point`.
         of: The family of what set in, None if it was there from the start.
-        kind: The plant's name for it.
+        kind: The simulator's name for it.
         joints: Affected joints.
         depends_on: As in the contract.
         parameters: The contract's names, each with `value` and `unit`.
@@ -50,10 +52,11 @@ class Truth:
 
     Attributes:
         seed: That it was drawn by.
-        kind: One of `kinds.KINDS`.
+        kind: Of the case, `kinds.in_order`.
         variant: Number of the machine.
         style: `same` or `other`: who recorded the measured sessions.
         effects: None, one or two.
+        simulator: By name, which the machine lives in.
     """
 
     seed: int
@@ -61,10 +64,18 @@ class Truth:
     variant: int
     style: str
     effects: tuple[TrueEffect, ...]
+    simulator: str = PLANT
+
+    def to_content(self) -> dict[str, Any]:
+        """What the JSON holds. No simulator means the plant, as in seals from before there was another."""
+        content = asdict(self)
+        if self.simulator == PLANT:
+            del content["simulator"]
+        return content
 
     def to_json(self) -> str:
         """The seal's text."""
-        return json.dumps(asdict(self), indent=1, sort_keys=True) + "\n"
+        return json.dumps(self.to_content(), indent=1, sort_keys=True) + "\n"
 
 
 def from_json(text: str) -> Truth:
@@ -73,7 +84,7 @@ def from_json(text: str) -> Truth:
 
 
 def from_content(content: dict[str, Any]) -> Truth:
-    """The same from what the JSON holds."""
+    """Inverse of `Truth.to_content`."""
     return Truth(**(content | {"effects": tuple(_effect(effect) for effect in content["effects"])}))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.closed_loop.draw import nominal_sessions
-from benchmarks.closed_loop.machines import FIRST_DAY, YARDSTICK_MINUTES, Variant, variant
+from benchmarks.closed_loop.machines import FIRST_DAY, YARDSTICK_MINUTES, Variant
 from benchmarks.closed_loop.sessions import PROFILE, Session, machine, trajectories
 from pipeline.atomic_files import write_whole
 from pipeline.configuration import load_section
@@ -64,16 +64,24 @@ class Yardstick:
 
 
 @cache
-def yardstick(root: Path, variant_number: int) -> Yardstick:
+def yardstick(root: Path, of: Variant) -> Yardstick:
     """The yardstick of a variant, loaded once per process."""
-    return Yardstick(root, variant(variant_number))
+    return Yardstick(root, of)
 
 
 def yardstick_sessions(of: Variant) -> list[Session]:
     """Nominal sessions that are in no log."""
     days = itertools.count(len(of.session_seeds))
     return [
-        Session(of.parameters, (), of.style_seed, seed, minutes, FIRST_DAY + timedelta(days=day))
+        Session(
+            of.simulator,
+            of.parameters,
+            (),
+            of.style_seed,
+            seed,
+            minutes,
+            FIRST_DAY + timedelta(days=day),
+        )
         for seed, minutes, day in zip(of.yardstick_seeds, YARDSTICK_MINUTES, days, strict=False)
     ]
 

@@ -22,6 +22,7 @@ from benchmarks.closed_loop.goals import abstained, figures, of_stated_size
 from benchmarks.closed_loop.ledger import Record, add, fingerprint, read
 from benchmarks.closed_loop.parameter_errors import NAMES, parameter_errors, sign_is_right
 from benchmarks.closed_loop.score import outcomes, records, report
+from benchmarks.closed_loop.simulators import OUTSIDE, PLANT, SIMULATORS
 from benchmarks.closed_loop.solve import LOG_FILE, RUN_FILE, TIMED_OUT, is_solved, run, tasks
 from benchmarks.closed_loop.truth import Onset, TrueEffect, Truth, from_json
 from pipeline.errors import InputError
@@ -186,7 +187,7 @@ def test_neutral_truths_are_compared_on_an_absolute_scale_and_signs_apart():
 
 def test_every_family_states_the_contracts_parameters():
     assert set(NAMES) == set(kinds.FAMILIES)
-    assert set(kinds.FAMILIES) | set(kinds.OUTSIDE) == set(effects.KINDS)
+    assert set(kinds.FAMILIES) | set(PLANT.outside) == set(effects.KINDS)
 
 
 def test_goals_are_reckoned_over_the_right_cases():
@@ -257,7 +258,7 @@ def test_an_effect_that_cannot_be_strong_enough_is_drawn_anew():
 def test_the_same_seed_draws_the_same_case(monkeypatch):
     monkeypatch.setattr("benchmarks.closed_loop.draw.MEASURED_MINUTES", (0.3, 0.3))
     monkeypatch.setattr("benchmarks.closed_loop.draw.EXAM_MINUTES", 0.3)
-    monkeypatch.setattr("benchmarks.closed_loop.draw._sound_nominal", lambda number: ())
+    monkeypatch.setattr("benchmarks.closed_loop.draw._sound_nominal", lambda simulator, number: ())
     one, two, other = (draw_case("delay", seed, 1) for seed in (3, 3, 4))
     assert one.truth == two.truth != other.truth
     assert [t.name for t in one.measured] == [t.name for t in two.measured]
@@ -267,9 +268,13 @@ def test_the_same_seed_draws_the_same_case(monkeypatch):
     assert not np.array_equal(one.measured[0].q, other.measured[0].q)
 
 
-@pytest.mark.parametrize("kind", kinds.KINDS)
-def test_every_kind_is_drawn_with_its_truth(kind):
-    plan = draw_plan(kind, 2, 3)
+EVERY_KIND = [(s, kind) for s in SIMULATORS.values() for kind in kinds.in_order(s.outside)]
+
+
+@pytest.mark.parametrize(("simulator", "kind"), EVERY_KIND, ids=lambda item: getattr(item, "name", item))
+def test_every_kind_is_drawn_with_its_truth(simulator, kind):
+    plan = draw_plan(kind, 2, 2, simulator=simulator)
+    assert plan.truth.simulator == simulator.name
     n_effect = {"null": 0, "pair": 2}.get(kind, 1)
     assert len(plan.truth.effects) == n_effect
     assert from_json(plan.truth.to_json()) == plan.truth
@@ -281,7 +286,7 @@ def test_every_kind_is_drawn_with_its_truth(kind):
         assert [time for time, _ in session.changes] == [onset.t]
         assert 0.3 * 360 <= onset.t <= 0.7 * 360
         assert not plan.exam[0].changes
-    if kind in kinds.OUTSIDE:
+    if kind in OUTSIDE:
         assert plan.truth.effects[0].family == "other"
 
 
@@ -291,10 +296,11 @@ def test_unknown_kinds_are_refused():
 
 
 def test_names_of_cases_tell_nothing_and_kinds_meet_all_variants():
-    names = {case_name(kind, seed) for kind in kinds.KINDS for seed in range(5)}
-    assert len(names) == 5 * len(kinds.KINDS)
-    assert not any(kind in name for kind in kinds.KINDS for name in names)
-    assert {variant_of("gain", seed, 8) for seed in range(8)} == set(range(8))
+    names = {case_name(kind, seed, simulator) for simulator, kind in EVERY_KIND for seed in range(5)}
+    assert len(names) == 5 * len(EVERY_KIND)
+    assert not any(kind in name for _, kind in EVERY_KIND for name in names)
+    for simulator in SIMULATORS.values():
+        assert {variant_of("gain", seed, 8, simulator) for seed in range(8)} == set(range(8))
 
 
 @pytest.fixture
@@ -382,7 +388,8 @@ def test_the_score_is_read_from_files(root):
     text = report("abc123", [outcome], [])
     assert "| detection | ≥ 98 % | 100.0 % | yes | 1 |" in text
     assert (
-        "| abc | delay 1 | 2.00 | 0, same | delay swing | named | delay | 1/0/0 | yes | 5.0 % | 1/1 |" in text
+        "| abc | delay 1 | 2.00 | plant | 0, same | delay swing | named | delay | 1/0/0 | yes | 5.0 % | 1/1 |"
+        in text
     )
     (solution / "run.json").write_text(json.dumps({"status": "timeout", "seconds": 600.0}))
     [failed] = outcomes(records(root), leaving_out=False)

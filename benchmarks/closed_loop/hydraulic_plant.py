@@ -1,0 +1,77 @@
+"""The pipeline's plant as a simulator of the benchmark."""
+
+from collections.abc import Sequence
+
+from benchmarks.closed_loop import simulator
+from benchmarks.closed_loop.machines import Variant
+from pipeline.machine.specification import MachineSpecification
+from pipeline.plant import effects
+from pipeline.plant.effects import Effect
+from pipeline.plant.operator import draw_style
+from pipeline.plant.parameters import Parameters
+from pipeline.plant.session import SessionLog, record_session
+from pipeline.plant.simulated import simulated_machine
+from pipeline.plant.variants import draw_variant
+
+LARGEST_SIZE = {
+    "gain": 1.7,  # three quarters of the metering area gone
+    "delay": 2.0,  # 0.6 s
+    "lag": 3.0,  # 1.2 s
+    "flow_coupling": 1.2,  # single motions would slow down as well
+    "load": 2.0,  # 180 kg at the tip of a machine of 1.1 t
+    "thermal_drift": 1.2,  # lines that resist 24 times as much
+    "supply_variation": 2.0,  # engine speed wanders by a third
+    "leakage": 3.0,  # 0.1 rad/s
+    "backlash": 2.5,  # 0.15 rad
+    "stiction": 1.0,  # stronger locks never let go
+    "end_cushion": 2.0,  # 0.8 rad of the range
+    "sensor_bias": 2.5,  # 0.25 rad, or a quarter of the scale
+    "timing": 2.0,  # 0.4 s
+    "oscillation": 2.0,  # the softest hose, once more
+    "pilot_crosstalk": 1.15,  # more opens a spool by itself
+    "coil_fade": 1.6,  # 64 % of the pilot pressure
+    "hose_kink": 4.0,
+    "line_clogging": 4.0,
+    "pilot_supply_sag": 1.1,  # all of the pilot pressure
+}
+"""Physical bound of each kind's size, with what the strongest draw comes to there."""
+
+
+class HydraulicPlant(simulator.Simulator):
+    """Pressures, masses, friction; see `pipeline.plant`."""
+
+    name = simulator.PLANT
+    variant_name = "variant"
+    entropy = ()
+    outside = ("pilot_crosstalk", "coil_fade", "hose_kink", "line_clogging", "pilot_supply_sag")
+    largest_size = LARGEST_SIZE
+    often_unseen = ("end_cushion", "sensor_bias")
+
+    def sound_machine(self, specification: MachineSpecification, number: int, seed: int) -> Parameters:
+        """See `Simulator`."""
+        return draw_variant(simulated_machine(specification.name), seed)
+
+    def draw_effect(self, kind: str, seed: int, variant: Variant, size: float) -> Effect:
+        """See `Simulator`."""
+        return effects.draw(kind, seed, variant.parameters, size)
+
+    def record(
+        self,
+        specification: MachineSpecification,
+        machine: Parameters,
+        changes: Sequence[tuple[float, Parameters]],
+        style_seed: int,
+        minutes: float,
+        seed: int,
+        start_time_ns: int,
+    ) -> SessionLog:
+        """See `Simulator`."""
+        return record_session(
+            specification,
+            machine,
+            draw_style(style_seed),
+            minutes,
+            seed,
+            start_time_ns=start_time_ns,
+            changes=changes,
+        )

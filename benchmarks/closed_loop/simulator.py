@@ -1,0 +1,136 @@
+"""What the benchmark needs of a simulator. Which ones there are stands in `simulators.py`."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+from pipeline.machine.specification import MachineSpecification
+from pipeline.plant.session import SessionLog
+
+if TYPE_CHECKING:
+    from benchmarks.closed_loop.machines import Variant
+
+Machine = Any
+"""All quantities of one machine, as a simulator describes it; nobody else looks into it."""
+
+PLANT = "plant"
+"""Name of the simulator that truths come from which name none: there was only this one once."""
+
+
+class Quantity(Protocol):
+    """A number with its unit, as in the contract's `parameters`."""
+
+    @property
+    def value(self) -> float:
+        """In that unit."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """SI; `1` for ratios, `sign` for directions."""
+        ...
+
+
+class Effect(Protocol):
+    """One change of a machine."""
+
+    @property
+    def family(self) -> str:
+        """Of the contract's table; `other` where none describes it."""
+        ...
+
+    @property
+    def kind(self) -> str:
+        """The simulator's name for it."""
+        ...
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Affected ones."""
+        ...
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """As in the contract."""
+        ...
+
+    @property
+    def truth(self) -> Mapping[str, Quantity]:
+        """The contract's parameters where it defines them, and more beside them."""
+        ...
+
+    @property
+    def cause(self) -> str:
+        """What happened to the machine, in words."""
+        ...
+
+    @property
+    def apply(self) -> Any:
+        """(machine) -> the changed machine."""
+        ...
+
+
+class Simulator(ABC):
+    """Machines, the effects that can befall them, and sessions with them."""
+
+    name: str
+    """As `generate --simulator` takes it and as seals state it."""
+
+    variant_name: str
+    """What folders of its variants begin with."""
+
+    entropy: tuple[int, ...]
+    """Joins every seed that cases and variants are drawn with, so that no two simulators draw alike."""
+
+    outside: tuple[str, ...]
+    """Its kinds that no family of the contract describes; it has a kind for each family by that family's name."""
+
+    largest_size: Mapping[str, float]
+    """Physical bound of each kind's size."""
+
+    often_unseen: tuple[str, ...]
+    """Kinds of which many draws never show (a limit that no one goes to): their largest size is tried first."""
+
+    @abstractmethod
+    def sound_machine(self, specification: MachineSpecification, number: int, seed: int) -> Machine:
+        """The machine of a variant without any effect.
+
+        Args:
+            specification: Names, limits, rate, workspace.
+            number: Of the variant.
+            seed: Of what one machine has otherwise than the next.
+        """
+
+    @abstractmethod
+    def draw_effect(self, kind: str, seed: int, variant: "Variant", size: float) -> Effect:
+        """An effect.
+
+        Args:
+            kind: A family, or one of `outside`.
+            seed: Of joint, direction and strength.
+            variant: That it will befall.
+            size: Strength, 1 for a typical one.
+        """
+
+    @abstractmethod
+    def record(
+        self,
+        specification: MachineSpecification,
+        machine: Machine,
+        changes: Sequence[tuple[float, Machine]],
+        style_seed: int,
+        minutes: float,
+        seed: int,
+        start_time_ns: int,
+    ) -> SessionLog:
+        """Let an operator work.
+
+        Args:
+            specification: Names, limits, rate, workspace.
+            machine: At the start.
+            changes: Later ones, each with the time from which on it holds, s; ascending.
+            style_seed: Of the operator's habits.
+            minutes: Duration.
+            seed: Of the session's chances.
+            start_time_ns: Absolute time of the start.
+        """
