@@ -2,11 +2,12 @@
 
 from benchmarks.closed_loop import kinds
 from benchmarks.closed_loop.hydraulic_plant import HydraulicPlant
+from benchmarks.closed_loop.kinematic_joints import KinematicJoints
 from benchmarks.closed_loop.simulator import Simulator
 
-PLANT = HydraulicPlant()
+PLANT, KINEMATIC = HydraulicPlant(), KinematicJoints()
 
-SIMULATORS: dict[str, Simulator] = {simulator.name: simulator for simulator in (PLANT,)}
+SIMULATORS: dict[str, Simulator] = {simulator.name: simulator for simulator in (PLANT, KINEMATIC)}
 """By name."""
 
 OUTSIDE = tuple(kind for simulator in SIMULATORS.values() for kind in simulator.outside)
