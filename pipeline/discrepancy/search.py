@@ -50,6 +50,9 @@ REFINED = 3  # of a joint's candidates
 TOLD_LOSERS = 6  # of a joint's candidates
 ONSET_FACTOR, ONSET_T = 1.2, 1.5  # times the gain without onset; of the gain by blocks
 WHOLE_SECOND_SHARE = 0.5
+REST_SHARE = (
+    0.5  # of the squares that earlier effects leave; of what one cause leaves, no name removes a fifth
+)
 SECOND_CAUSE_SHARE = 0.2  # of what the first explains on all its joints
 # What an effect has to do beside the others: of the smallest share, and by blocks.
 STILL_SHARE, STILL_T = 0.4, 2.5
@@ -221,14 +224,16 @@ class Search:
             (f.candidate.gain for f in self.found if f.candidate.family in WHOLE_MACHINE), default=0.0
         )
         for candidate in passing:
-            if candidate.gain < WHOLE_SECOND_SHARE * whole:
+            # What is left of one cause is of no simple form: a name that explains most of it is a second cause.
+            is_the_rest = candidate.share > REST_SHARE and not is_dependence(candidate)
+            if candidate.gain < WHOLE_SECOND_SHARE * whole and not is_the_rest:
                 continue  # no wrapper of the whole machine fits every joint so well that nothing is left
             place = next((i for i, f in enumerate(self.found) if f.candidate.joint == candidate.joint), None)
             if place is None or self.found[place].candidate.family in COMMON_CAUSES:
                 kept.append(candidate)
                 continue
             first = self.found[place].candidate
-            if candidate.gain > self.config.second_share * first.gain:
+            if candidate.gain > self.config.second_share * first.gain or is_the_rest:
                 kept.append(candidate)
                 continue
             rivals = [

@@ -9,6 +9,7 @@ import pytest
 
 from pipeline.configuration import load_section
 from pipeline.discrepancy.document import unexplained
+from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.plausibility import is_at_bound, is_plausible
 from pipeline.discrepancy.regression import Folds, t_statistic
 from pipeline.discrepancy.screen import Candidate, Rows
@@ -148,6 +149,23 @@ def test_what_is_rare_but_reproduced_by_both_halves_of_the_rows_counts() -> None
     assert looking.passes(twice) and not looking.passes(once)
     assert not looking.passes(replace(twice, share=0.05))
     assert not looking.passes(replace(twice, onset=1))  # before an onset there is nothing to be reproduced
+
+
+@pytest.mark.parametrize(
+    ("family", "gain", "share", "is_kept"),
+    [
+        ("gain", 60.0, 0.8, True),  # little beside the first, but most of what it leaves
+        ("gain", 60.0, 0.2, False),  # a repair
+        ("gain", 300.0, 0.2, True),  # much beside the first
+        ("other:warmth", 60.0, 0.8, False),  # flexible as it is, it mends anything
+    ],
+)
+@pytest.mark.parametrize("first", ["delay", "timing"])
+def test_a_second_cause_explains_most_of_what_the_first_leaves(family, gain, share, is_kept, first) -> None:
+    looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
+    looking.found = [Found(candidate(first, 0, 1000.0 if first == "delay" else 400.0))]
+    second = replace(candidate(family, 0, gain), share=share)
+    assert looking._without_repairs([second]) == ([second] if is_kept else [])
 
 
 def test_a_dependence_that_explains_more_than_the_name_takes_its_certainty() -> None:
