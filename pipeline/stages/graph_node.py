@@ -1,12 +1,13 @@
 """Stage `graph_node`: one node of the ROS 1 graph, a process of its own; started by `run_graph` or by roslaunch."""
 
+import contextlib
 import enum
 import gc
 import json
 import shutil
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
@@ -238,8 +239,20 @@ def operate(
         operator = Operator(machine, taps)
         operator.wait_for_server(START_TIMEOUT_S, is_running)
         time.sleep(SETTLE_S)
-        results = operator.pursue(goals, configuration.episodes.steps * machine.dt_s + GOAL_MARGIN_S)
+        with kept_if_cut_off(configuration, operator.recorder):
+            results = operator.pursue(goals, configuration.episodes.steps * machine.dt_s + GOAL_MARGIN_S)
     return results, operator.recorder
+
+
+@contextlib.contextmanager
+def kept_if_cut_off(configuration: GraphStage, recorder: Recorder) -> Iterator[None]:
+    """Write what was heard where a goal never ends, a node dies or the user interrupts, and go on with that error."""
+    try:
+        yield
+    except BaseException:
+        if recorder.states and recorder.commands:
+            write_run(configuration, recorder.results, recorder)
+        raise
 
 
 def reach_goals(configuration: GraphStage) -> list[ReachGoal]:

@@ -3,10 +3,12 @@
 import contextlib
 import dataclasses
 import itertools
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from pipeline.deployment.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.control_interface import ControlInterface
 from pipeline.deployment.control_supervisor import ControlSupervisor
-from pipeline.deployment.messages import JointState, MachineCommand, Topic
+from pipeline.deployment.messages import JointState, MachineCommand, Outcome, ReachResult, Topic
 from pipeline.deployment.recording import Recorder
 from pipeline.deployment.scripted_joystick import ScriptedJoystick
 from pipeline.deployment.simulated_time.delays import no_delays
@@ -28,7 +30,7 @@ from pipeline.deployment.teleoperation_server import TeleoperationServer
 from pipeline.errors import InputError
 from pipeline.logs.tuples import read_tuples
 from pipeline.stages import teleoperate
-from pipeline.stages.graph_node import Driver
+from pipeline.stages.graph_node import Driver, kept_if_cut_off
 from pipeline.stages.teleoperate import GraphKind, Sticks, TeleoperateStage, kept
 from tests.deployment.machines import MIDDLE, SPEED, Integrator, bobcat, estimator, paper
 from tests.deployment.test_ros_trial import PACKAGES
@@ -123,6 +125,23 @@ def test_where_nothing_was_recorded_the_cause_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a node ended"), kept(Recorder(), configuration):
         raise InputError("a node ended")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("end", [InputError("a goal did not end"), KeyboardInterrupt()])
+def test_goals_that_were_pursued_outlive_one_that_never_ends(end: BaseException, tmp_path: Path) -> None:
+    configuration = SimpleNamespace(output=str(tmp_path), machine=bobcat())
+    recorder = spoken_to(begun_s=10)
+    recorder(Topic.result, ReachResult(12 * NANOSECONDS, 0, Outcome.reached, 200), 12 * NANOSECONDS)
+    with pytest.raises(type(end)), kept_if_cut_off(configuration, recorder):
+        raise end
+    assert [result["outcome"] for result in json.loads((tmp_path / "results.json").read_text())] == [
+        "reached"
+    ]
+    (bag,) = (tmp_path / "logs").iterdir()
+    assert {"/joint_states", "/joint_commands"} <= {topic for topic, _, _ in heard(bag)}
+    with pytest.raises(type(end)), kept_if_cut_off(configuration, Recorder()):  # nothing was heard
+        raise end
+    assert len(list((tmp_path / "logs").iterdir())) == 1
 
 
 def spoken_to(begun_s: int) -> Recorder:
