@@ -53,7 +53,7 @@ search: env ## search hyper-parameters for all four model kinds, then select (ne
 	$(BIN)/python -m pipeline.stages.select
 
 .PHONY: control-level
-control-level: env ## policies from before and after closing the loop, on the changed machine (an hour, after `make repro`)
+control-level: env ## policies from before and after closing the loop, on the changed machine (two hours, after `make repro`)
 	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro artifacts/control_level/dvc.yaml
 
 .PHONY: ablation

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline.discrepancy.contract_parameters import (
+    OF_95_PERCENT,
     Quantity,
     describe,
     deviation_of,
@@ -16,7 +17,7 @@ from pipeline.discrepancy.contract_parameters import (
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.grouping import OTHER, Effect, contract_family, depends_on
 from pipeline.discrepancy.held_out_errors import WindowErrors
-from pipeline.discrepancy.late_starts import late_starts
+from pipeline.discrepancy.late_starts import LateStarts, late_starts
 from pipeline.discrepancy.load_over_poses import mean_speed_ratios
 from pipeline.discrepancy.next_experiment import next_experiment
 from pipeline.discrepancy.plausibility import LOAD, OSCILLATION, STICTION, TIMING, is_dependence
@@ -200,7 +201,11 @@ def is_alone(member: Found, found: Sequence[Found]) -> bool:
 def _as_it_starts(loop: "Loop", candidate: Candidate, described: Mapping[str, Any]) -> dict[str, Quantity]:
     """Extra time until there is motion, and the threshold of the joint's rest; the wrapper's are of its command."""
     threshold, extra = described["rest_threshold"], described["mean_extra_time"]
-    rows = loop.sequences._replace(is_row=loop.rows.is_used)
+    is_row = loop.rows.is_used
+    if candidate.onset is not None:
+        acts_from = candidate.onset if candidate.onset_between is None else candidate.onset_between[1]
+        is_row = is_row & (loop.sequences.stamp_ns >= acts_from)
+    rows = loop.sequences._replace(is_row=is_row)
     late = late_starts(
         (loop.nominal_simulation.sequences, loop.nominal_phases),
         (rows, loop.phases),
@@ -209,18 +214,24 @@ def _as_it_starts(loop: "Loop", candidate: Candidate, described: Mapping[str, An
         loop.setting.speed_scale[candidate.joint],
         loop.machine.dt_s,
     )
-    if late is None:
+    if late is None or late.extra_s <= 0.0:
         return {}
-    error = loop.config.gate.model_error * late.extra_s
-    stopping = float(np.clip(late.stopping_s, 0.0, threshold["value"]))
+    told = _until_it_moves(late, loop.config.gate.model_error)
+    if late.stopping_s >= threshold["value"]:
+        return told | {"mean_extra_time_of_command": extra}
     # Whether a rest is the command's or the joint's nobody says: the interval holds both.
-    of_rest = float(np.hypot(deviation_of(threshold), 0.5 * stopping))
+    of_rest = float(np.hypot(deviation_of(threshold), late.stopping_s / OF_95_PERCENT))
     return {
-        "mean_extra_time": quantity(late.extra_s, "s", float(np.hypot(late.extra_deviation_s, error))),
-        "rest_threshold": quantity(threshold["value"] - stopping, "s", of_rest),
+        **told,
+        "rest_threshold": quantity(threshold["value"] - late.stopping_s, "s", of_rest),
         "mean_extra_time_of_command": extra,
         "rest_threshold_of_command": threshold,
     }
+
+
+def _until_it_moves(late: LateStarts, model_error: float) -> dict[str, Quantity]:
+    deviation = float(np.hypot(late.extra_deviation_s, model_error * late.extra_s))
+    return {"mean_extra_time": quantity(late.extra_s, "s", deviation)}
 
 
 def _beside_recordings_phases(loop: "Loop", latency: Mapping[str, Any]) -> Quantity:

@@ -12,12 +12,12 @@ import numpy as np
 
 from pipeline.discrepancy.sequences import Sequences
 
-MOVING_SHARE = 0.1  # of the speed reached: from there on a joint moves
-FULL_SPEED_S = (0.8, 1.0)  # after the command: the speed that it reaches
+MOVING_SHARE = 0.1  # of the usual speed: from there on a joint moves
+MOVING_ROWS = 3  # in a row: encoder noise alone is as fast now and then
 SHORTEST_HOLD_S = 1.0  # of commands that count
-SLOWEST_SHARE = 0.3  # of the usual speed: what stays slower runs into a stop or never starts
+ROOM_S = 0.5  # of usual speed, up to the furthest reading: who is nearer to a stop may not move for that
 LONG_REST = 2.0  # thresholds: after such a rest little of the lock is missing
-FEWEST_STARTS = 8  # after long rests, in either logs
+FEWEST_STARTS = 5  # after long rests, in one direction, in either logs
 
 
 class LateStarts(NamedTuple):
@@ -35,8 +35,12 @@ class LateStarts(NamedTuple):
 
 
 class _Starts(NamedTuple):
-    """(n,) each, s: rest of the command before, and time until the joint moves; (m,) time until it stands."""
+    """(n,) each: direction of the command, its rest before, s, and time until the joint moves, s.
 
+    Also (m,) time until it stands, s.
+    """
+
+    direction: np.ndarray
     rest_s: np.ndarray
     start_s: np.ndarray
     stopping_s: np.ndarray
@@ -50,7 +54,7 @@ def late_starts(
     speed: float,
     dt_s: float,
 ) -> LateStarts | None:
-    """How late a joint starts; None where too few starts follow a long rest.
+    """How late a joint starts, where it stands and has room to move; None where too few starts follow a long rest.
 
     Args:
         nominal: Logs of the machine as it was, and (B,) steps by which each of them is read late.
@@ -60,51 +64,77 @@ def late_starts(
         speed: Usual speed of the joint, rad/s or m/s.
         dt_s: Length of a row.
     """
-    before, after = (_starts(logs, phases, joint, speed, dt_s) for logs, phases in (nominal, measured))
-    long = [of.start_s[of.rest_s > LONG_REST * threshold_s] for of in (before, after)]
-    if min(map(len, long)) < FEWEST_STARTS or len(after.stopping_s) == 0:
+    logs = (nominal, measured)
+    reached = np.concatenate([of.q[of.is_row][:, joint] for of, _ in logs])
+    ends = float(reached.min(initial=np.inf)), float(reached.max(initial=-np.inf))
+    before, after = (_starts(*of, joint, speed, ends, dt_s) for of in logs)
+    if len(after.stopping_s) == 0:
         return None
-    extra = float(long[1].mean() - long[0].mean())
-    deviation = float(np.sqrt(sum(of.var(ddof=1) / len(of) for of in long)))
-    return LateStarts(extra, deviation, float(np.median(after.stopping_s)))
+    extra, variance, weight = [], [], []
+    for direction in (-1.0, 1.0):  # dead times differ by direction, and so may the share of starts in each
+        long = [
+            of.start_s[(of.direction == direction) & (of.rest_s > LONG_REST * threshold_s)]
+            for of in (before, after)
+        ]
+        if min(map(len, long)) >= FEWEST_STARTS:
+            extra.append(float(long[1].mean() - long[0].mean()))
+            variance.append(sum(float(of.var(ddof=1)) / len(of) for of in long))
+            weight.append(float(len(long[1])))
+    if not extra:
+        return None
+    share = np.array(weight) / sum(weight)
+    deviation = float(np.sqrt(share**2 @ np.array(variance)))
+    return LateStarts(float(share @ extra), deviation, float(np.median(after.stopping_s)))
 
 
-def _starts(logs: Sequences, phases: np.ndarray, joint: int, speed: float, dt_s: float) -> _Starts:
-    rests: list[float] = []
-    starts: list[float] = []
+def _starts(
+    logs: Sequences, phases: np.ndarray, joint: int, speed: float, ends: tuple[float, float], dt_s: float
+) -> _Starts:
+    """Starts of a joint that stands and has room to move, and its stops; `ends` are its furthest readings."""
+    starts: list[tuple[float, float, float]] = []
     stopping: list[float] = []
+    threshold = MOVING_SHARE * speed
     for log, phase_s in enumerate(np.asarray(phases, float) * dt_s):
         command, velocity = logs.command[log, :, joint], logs.velocity[log, :, joint]
+        # which way the joint goes under a positive command
+        positive = float(np.sign(np.sum(logs.is_row[log] * command * velocity)))
         changes = np.flatnonzero(np.diff(command) != 0.0) + 1
         for previous, begin, end in zip(changes[:-2], changes[1:-1], changes[2:], strict=True):
             if not logs.is_row[log, previous:end].all():
                 continue
-            held_s = (end - begin) * dt_s
             if command[begin] == 0.0:
                 way = np.sign(velocity[begin])
-                stands = _first_below(
-                    way * velocity[begin:end], MOVING_SHARE * abs(velocity[previous:begin]).max()
-                )
-                if abs(velocity[begin]) > SLOWEST_SHARE * speed and stands is not None:
+                stands = _first_below(way * velocity[begin:end], threshold)
+                if abs(velocity[begin]) > 2.0 * threshold and stands is not None:
                     stopping.append(stands * dt_s - phase_s)
-            elif command[begin - 1] == 0.0 and held_s >= SHORTEST_HOLD_S:
-                first, last = (begin + round(s / dt_s) for s in FULL_SPEED_S)
-                reached = float(velocity[first:last].mean())
-                moves = _first_below(-np.sign(reached) * velocity[begin:end], -MOVING_SHARE * abs(reached))
-                if abs(reached) > SLOWEST_SHARE * speed and moves is not None:
-                    rests.append((begin - previous) * dt_s)
-                    starts.append(moves * dt_s - phase_s)
-    return _Starts(np.array(rests), np.array(starts), np.array(stopping))
+            elif command[begin - 1] == 0.0 and (end - begin) * dt_s >= SHORTEST_HOLD_S:
+                way = positive * np.sign(command[begin])
+                room = abs((ends[1] if way > 0.0 else ends[0]) - logs.q[log, begin, joint])
+                stands_before = np.abs(velocity[max(begin - MOVING_ROWS, 0) : begin]).max() < threshold
+                if stands_before and room > ROOM_S * speed:
+                    moves = _first_lasting(way * velocity[begin:end], threshold)
+                    # a start that failed is at least as late as its command is long
+                    until_s = (end - begin if moves is None else moves) * dt_s - phase_s
+                    starts.append((float(np.sign(command[begin])), (begin - previous) * dt_s, until_s))
+    direction, rest_s, start_s = np.array(starts, float).reshape(-1, 3).T
+    return _Starts(direction, rest_s, start_s, np.array(stopping))
 
 
 def _first_below(values: np.ndarray, threshold: float) -> float | None:
     """Rows until `values` (n,) fall below a threshold, interpolated; None if they never do."""
     below = np.flatnonzero(values < threshold)
-    if len(below) == 0:
-        return None
-    place = int(below[0])
+    return _crossing(values, threshold, int(below[0])) if len(below) else None
+
+
+def _first_lasting(values: np.ndarray, threshold: float) -> float | None:
+    """Rows until `values` (n,) rise above a threshold for `MOVING_ROWS` rows, interpolated; None if they never do."""
+    above = np.convolve(values > threshold, np.ones(MOVING_ROWS), mode="valid") == MOVING_ROWS
+    lasting = np.flatnonzero(above)
+    return _crossing(values, threshold, int(lasting[0])) if len(lasting) else None
+
+
+def _crossing(values: np.ndarray, threshold: float, place: int) -> float:
+    """Where between the row before `place` and it the threshold is crossed, rows; a row's mean is of its middle."""
     if place == 0:
         return 0.0
-    # A row's velocity is the mean over it: it belongs to the row's middle.
-    fallen = (values[place - 1] - threshold) / (values[place - 1] - values[place])
-    return place - 1 + float(fallen) + 0.5
+    return place - 1 + float((values[place - 1] - threshold) / (values[place - 1] - values[place])) + 0.5

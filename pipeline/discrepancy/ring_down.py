@@ -28,7 +28,7 @@ LOUD_PERCENTILE, LOUD_SHARE = (
     0.3,
 )  # of the velocity's standard deviation over stops: what rings less is mostly noise
 FEWEST_RINGING = 0.5  # of the loud stops
-LARGEST_LEFT = 0.2  # of a stop's variance, when it is fitted
+LARGEST_LEFT = 0.5  # of a stop's variance, when it is fitted: noise of a coarse encoder may be a third of it
 BOUNDS = ((0.3, 1e-3), (8.0, 0.9))  # of frequency, Hz, and damping
 POSES_SHARE = (
     0.5  # of the scatter over poses: by so much are "the" frequency and damping a matter of where one looks

@@ -224,8 +224,11 @@ class Search:
             (f.candidate.gain for f in self.found if f.candidate.family in WHOLE_MACHINE), default=0.0
         )
         for candidate in passing:
-            # What is left of one cause is of no simple form: a name that explains most of it is a second cause.
-            is_the_rest = candidate.share > REST_SHARE and not is_dependence(candidate)
+            # What one cause leaves is seldom of a simple form: a name that explains most of it is a second cause.
+            squares = candidate.gain / candidate.share
+            is_the_rest = self.comparison.net(candidate) > REST_SHARE * squares and not is_dependence(
+                candidate
+            )
             if candidate.gain < WHOLE_SECOND_SHARE * whole and not is_the_rest:
                 continue  # no wrapper of the whole machine fits every joint so well that nothing is left
             place = next((i for i, f in enumerate(self.found) if f.candidate.joint == candidate.joint), None)

@@ -60,7 +60,7 @@ def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tupl
         order = np.argsort([-length for length in lengths], kind="stable")
         purposes = [np.zeros(0, np.int8)] * len(lengths)
         for place, index in enumerate(order):
-            purposes[index] = np.full(lengths[index], cycle[place % 3], np.int8)
+            purposes[index] = np.full(lengths[index], cycle[place % len(cycle)], np.int8)
         return purposes, "whole trajectories, by length in turn: fit, select, confirm"
     total_s = sum(lengths) * dt_s
     block_s = float(np.clip(total_s / config.blocks, config.smallest_block_s, config.block_s))
@@ -70,10 +70,11 @@ def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tupl
         edges = np.round(np.linspace(0, length, n_blocks + 1)).astype(int)
         rows = np.zeros(length, np.int8)
         purge = round(config.purge_s / dt_s)
+        # Logs begin with different purposes, as drifts show there. The first ends with a block to confirm, the second
+        # with one before its last, beside others to find on: what sets in late can be found and confirmed.
+        first = (number - n_blocks if n_blocks >= len(cycle) else number) % len(cycle)
         for block, (begin, end) in enumerate(itertools.pairwise(edges)):
-            # Logs begin with different purposes, as drifts show there; each of two long ones ends with a block to
-            # confirm beside one to fit on, so that what sets in late can be confirmed.
-            rows[begin:end] = cycle[(block + number) % 3]
+            rows[begin:end] = cycle[(block + first) % len(cycle)]
             if block:
                 rows[begin : begin + purge] = Purpose.purged
         purposes.append(rows)

@@ -251,7 +251,10 @@ def kept_if_cut_off(configuration: GraphStage, recorder: Recorder) -> Iterator[N
         yield
     except BaseException:
         if recorder.states and recorder.commands:
-            write_run(configuration, recorder.results, recorder)
+            try:
+                write_run(configuration, recorder.results, recorder)
+            except OSError as trouble:
+                print(f"what was heard until then could not be written: {trouble}", flush=True)
         raise
 
 

@@ -160,7 +160,7 @@ def test_what_is_rare_but_reproduced_by_both_halves_of_the_rows_counts() -> None
         ("other:warmth", 60.0, 0.8, False),  # flexible as it is, it mends anything
     ],
 )
-@pytest.mark.parametrize("first", ["delay", "timing"])
+@pytest.mark.parametrize("first", ["delay", "thermal_drift", "flow_coupling"])
 def test_a_second_cause_explains_most_of_what_the_first_leaves(family, gain, share, is_kept, first) -> None:
     looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
     looking.found = [Found(candidate(first, 0, 1000.0 if first == "delay" else 400.0))]

@@ -49,6 +49,13 @@ def test_frequency_and_damping_are_found_in_noise(frequency: float, damping_rati
     assert abs(ring.damping_ratio - damping_ratio) < 4.0 * ring.damping_deviation
 
 
+@pytest.mark.parametrize(("damping_ratio", "noise"), [(0.15, 1e-3), (0.05, 2e-3)])
+def test_a_coarse_encoder_does_not_hide_that_a_joint_rings(damping_ratio: float, noise: float) -> None:
+    ring = found(stops(np.full(N_STOPS, 2.0), damping_ratio, noise))
+    assert ring.frequency_hz == pytest.approx(2.0, rel=0.05)
+    assert ring.damping_ratio == pytest.approx(damping_ratio, abs=0.05)
+
+
 @pytest.mark.parametrize(("lowest", "highest"), [(1.6, 2.0), (0.9, 2.3)])
 def test_poses_of_different_frequency_do_not_look_like_damping(lowest: float, highest: float) -> None:
     frequencies = np.random.default_rng(1).uniform(lowest, highest, N_STOPS)

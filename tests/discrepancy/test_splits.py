@@ -1,6 +1,7 @@
 """Purposes of rows: no row has two, purges lie between, every purpose gets its share."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,13 +31,16 @@ def test_long_logs_serve_every_purpose_alike() -> None:
     assert counts[1:].min() > 0.25 * counts.sum()
 
 
-def test_two_logs_begin_differently_and_end_with_rows_to_find_and_to_confirm_what_sets_in_late() -> None:
-    purposes, _ = split_rows([7200, 7200], DT_S, CONFIG)
+@pytest.mark.parametrize("minutes", [4, 5, 6, 7, 8, 10])
+def test_two_logs_begin_differently_and_end_with_rows_to_find_and_to_confirm_what_sets_in_late(
+    minutes: int,
+) -> None:
+    purposes, _ = split_rows([1200 * minutes, 1200 * minutes], DT_S, CONFIG)
     assert purposes[0][0] != purposes[1][0]
     for rows in purposes:
-        last_third = rows[4800:]
-        assert (last_third == Purpose.confirm).sum() * DT_S > 50.0
-        assert np.isin(last_third, (Purpose.fit, Purpose.select)).sum() * DT_S > 50.0
+        last_blocks = rows[-2400:]
+        assert (last_blocks == Purpose.confirm).sum() * DT_S > 50.0
+        assert np.isin(last_blocks, (Purpose.fit, Purpose.select)).sum() * DT_S > 50.0
 
 
 def test_many_trajectories_are_split_as_wholes() -> None:
