@@ -70,11 +70,10 @@ def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tupl
         edges = np.round(np.linspace(0, length, n_blocks + 1)).astype(int)
         rows = np.zeros(length, np.int8)
         purge = round(config.purge_s / dt_s)
-        # Logs begin with different purposes, as drifts show there. The first ends with a block to confirm, the second
-        # with one before its last, beside others to find on: what sets in late can be found and confirmed.
-        first = (number - n_blocks if n_blocks >= len(cycle) else number) % len(cycle)
         for block, (begin, end) in enumerate(itertools.pairwise(edges)):
-            rows[begin:end] = cycle[(block + first) % len(cycle)]
+            # Logs begin with different purposes, as drifts show there; of two logs of six blocks each, the last two
+            # blocks hold one to confirm, beside one to find on what sets in late.
+            rows[begin:end] = cycle[(block + number) % len(cycle)]
             if block:
                 rows[begin : begin + purge] = Purpose.purged
         purposes.append(rows)

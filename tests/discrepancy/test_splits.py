@@ -31,7 +31,7 @@ def test_long_logs_serve_every_purpose_alike() -> None:
     assert counts[1:].min() > 0.25 * counts.sum()
 
 
-@pytest.mark.parametrize("minutes", [4, 5, 6, 7, 8, 10])
+@pytest.mark.parametrize("minutes", [6, 12])
 def test_two_logs_begin_differently_and_end_with_rows_to_find_and_to_confirm_what_sets_in_late(
     minutes: int,
 ) -> None:
