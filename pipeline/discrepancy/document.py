@@ -163,7 +163,7 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
             )
         if effect.family == OSCILLATION:
             described[-1] |= _as_it_rings_down(loop, joint)
-        if effect.family == STICTION and is_alone(member, found):
+        if effect.family == STICTION and _is_alone(member, found):
             described[-1] |= _as_it_starts(loop, member.candidate, described[-1])
     if effect.family == TIMING:
         described = [{"latency": of["added_delay"]} for of in described]
@@ -193,7 +193,7 @@ def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:
     }
 
 
-def is_alone(member: Found, found: Sequence[Found]) -> bool:
+def _is_alone(member: Found, found: Sequence[Found]) -> bool:
     """Whether nothing else was found on the joint, which may start late for that."""
     return all(other is member or other.candidate.joint != member.candidate.joint for other in found)
 
