@@ -17,7 +17,7 @@ from pipeline.discrepancy.plausibility import is_dependence
 from pipeline.discrepancy.residual_network import fit_residual_network
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.splits import Purpose
-from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
@@ -74,14 +74,15 @@ def wrong_effect(effects: Sequence[Effect], screened: Sequence[Candidate]) -> Ef
         effects: That were found, strongest first.
         screened: Candidates of the first screen.
     """
-    if not effects or effects[0].members[0].candidate.family == SUPPLY:
+    if not effects or not has_wrapper(effects[0].members[0].candidate):
         return None
     first = effects[0].members[0].candidate
     others = [
         c
         for c in screened
         if c.joint == first.joint
-        and c.family not in (first.family, SUPPLY)
+        and c.family != first.family
+        and has_wrapper(c)
         and not is_dependence(c)
         and c.gain > 0
     ]

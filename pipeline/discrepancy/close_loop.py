@@ -34,7 +34,7 @@ from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
 from pipeline.discrepancy.stops import Encoder, encoders_of
-from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
@@ -264,9 +264,7 @@ class Loop:
         }
 
     def _active(self, effects: Sequence[Effect]) -> ActiveEffects | None:
-        found = [
-            member for effect in effects for member in effect.members if member.candidate.family != SUPPLY
-        ]
+        found = [member for effect in effects for member in effect.members if has_wrapper(member.candidate)]
         if not found:
             return None
         onset_ns: dict[str, int] = {}
@@ -331,7 +329,7 @@ class Loop:
 
     def _shows(self, effect: Effect) -> bool:
         """Whether an effect that removes little of the open-loop error shows in a good part of the speeds' residual."""
-        if effect.family == SUPPLY:
+        if not has_wrapper(effect.members[0].candidate):
             return True
         share = max(self.judgements[member.candidate.key].share for member in effect.members)
         return share > self.config.gate.smallest_share or self._rings(effect)

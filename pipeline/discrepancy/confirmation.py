@@ -2,13 +2,16 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
 
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
+from pipeline.discrepancy.course_in_time import course_candidates, gain_beyond_constant
 from pipeline.discrepancy.found import Found, residual_of, values_of
 from pipeline.discrepancy.gate import GateConfig, can_be_shifted, lower_bound, placebo_p, pooled, rank_p
-from pipeline.discrepancy.screen import Candidate, Rows, averaged
+from pipeline.discrepancy.screen import Key, Rows, averaged
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
@@ -25,7 +28,7 @@ class Judgement:
     Attributes:
         share: Of the squared residual on confirmation rows that it removes.
         bound: Lower bound of what is asked of it: of the share, or, if that is more, of what its cause removes on all
-            its joints; of a common change of speed, which is tested by shifts alone, its joints' mean share itself.
+            its joints; of what has no wrapper, which predicts nothing that could be resampled, the mean share itself.
         p_value: After correction for all that was searched.
         is_confirmed: Whether it passes the gate.
         is_pooled: Whether it is its joints together whose bound that is.
@@ -36,6 +39,20 @@ class Judgement:
     p_value: float
     is_confirmed: bool
     is_pooled: bool
+
+
+class Seen(NamedTuple):
+    """What confirmation rows show of an effect without a wrapper.
+
+    Attributes:
+        share: Of the squared residual that its course explains.
+        p_value: After correction.
+        largest_p: That is allowed.
+    """
+
+    share: float
+    p_value: float
+    largest_p: float
 
 
 @dataclass(frozen=True)
@@ -67,9 +84,9 @@ class Confirmation:
     def judge(self, found: Sequence[Found]) -> list[Judgement]:
         """One judgement per effect, beside all others."""
         with_all = self._residual(self.held_out, found), self._residual(self.fitted, found)
-        of_supply = self._supply(found)
-        together = self._together(found, with_all[0], of_supply[0])
-        return [self._of(effect, found, with_all, of_supply, together) for effect in found]
+        without_wrapper = {**self._supply(found), **self._courses(found)}
+        together = self._together(found, with_all[0], without_wrapper)
+        return [self._of(effect, found, with_all, without_wrapper, together) for effect in found]
 
     def _residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
         return residual_of(self.simulation, rows, found)
@@ -79,13 +96,13 @@ class Confirmation:
         effect: Found,
         found: Sequence[Found],
         with_all: tuple[np.ndarray, np.ndarray],
-        of_supply: tuple[Mapping[int, Candidate], float],
+        without_wrapper: Mapping[Key, Seen],
         together: Mapping[str, float],
     ) -> Judgement:
         candidate, largest_p = effect.candidate, self.config.largest_p
-        if candidate.family == SUPPLY:
-            confirmed, p_value = of_supply
-            share = bound = confirmed[candidate.joint].share
+        if candidate.key in without_wrapper:
+            share, p_value, largest_p = without_wrapper[candidate.key]
+            bound = share
         else:
             share, bound, p_value, largest_p = self._beside_others(effect, found, with_all)
         is_confirmed = bound > self.config.smallest_improvement
@@ -125,17 +142,35 @@ class Confirmation:
         config = self.config
         return lower_bound(before, after, self.held_out, config.resamples, config.confidence, self.seed)
 
-    def _supply(self, found: Sequence[Found]) -> tuple[Mapping[int, Candidate], float]:
-        """A common change of speed on confirmation rows, per joint, and its p-value."""
-        widths_s = {
-            f.candidate.joint: f.candidate.point["width"] for f in found if f.candidate.family == SUPPLY
-        }
+    def _supply(self, found: Sequence[Found]) -> dict[Key, Seen]:
+        """A common change of speed, per joint."""
+        widths_s = _widths_s(found, SUPPLY)
         if not widths_s:
-            return {}, 1.0
+            return {}
         active = values_of(self.simulation, found)
-        confirmed = {c.joint: c for c in supply_candidates(self.simulation, active, self.held_out)}
         p_value = supply_p(self.simulation, active, self.fitted, widths_s, self.seed)
-        return confirmed, min(p_value * self.n_hypotheses, 1.0)
+        corrected = min(p_value * self.n_hypotheses, 1.0)
+        confirmed = supply_candidates(self.simulation, active, self.held_out)
+        return {
+            c.key: Seen(c.share, corrected, self.config.largest_p) for c in confirmed if c.joint in widths_s
+        }
+
+    def _courses(self, found: Sequence[Found]) -> dict[Key, Seen]:
+        """Joints' own courses in time, of which the rows for fitting tell between others, too."""
+        widths_s = _widths_s(found, COURSE)
+        if not widths_s:
+            return {}
+        active = values_of(self.simulation, found)
+        judged = {}
+        for candidate in course_candidates(self.simulation, active, self.held_out, beside=self.fitted):
+            if candidate.joint in widths_s:
+                joint, width_s = candidate.joint, widths_s[candidate.joint]
+                by_block = gain_beyond_constant(
+                    self.simulation, active, self.held_out, self.fitted, joint, width_s
+                )
+                p_value = rank_p(by_block, len(found))
+                judged[candidate.key] = Seen(candidate.share, p_value, self.config.largest_rank_p)
+        return judged
 
     def _may_set_in(self, found: Found) -> np.ndarray:
         """(N,) confirmation rows of which the rows for fitting cannot say whether the effect has set in by then."""
@@ -147,7 +182,10 @@ class Confirmation:
         return averaged(is_between.astype(float), self.held_out.is_used) > 0.0
 
     def _together(
-        self, found: Sequence[Found], everything: np.ndarray, of_supply: Mapping[int, Candidate]
+        self,
+        found: Sequence[Found],
+        everything: np.ndarray,
+        without_wrapper: Mapping[Key, Seen],
     ) -> dict[str, float]:
         """Lower bound of what a cause removes on all its joints together, for causes that several joints have."""
         bounds = {}
@@ -155,7 +193,9 @@ class Confirmation:
             members = [f for f in found if f.candidate.family == family]
             joints = [f.candidate.joint for f in members]
             if family == SUPPLY:
-                bounds[family] = float(np.mean([of_supply[joint].share for joint in joints]))
+                bounds[family] = float(
+                    np.mean([without_wrapper[member.candidate.key].share for member in members])
+                )
                 continue
             without = self._residual(self.held_out, [f for f in found if f not in members])
             known = ~np.any([self._may_set_in(member) for member in members], axis=0)
@@ -163,6 +203,11 @@ class Confirmation:
             before, after = (known * pooled(residual, joints, scale) for residual in (without, everything))
             bounds[family] = self._bounded(before, after)[1]
         return bounds
+
+
+def _widths_s(found: Sequence[Found], family: str) -> dict[int, float]:
+    """Per joint, over which time an effect without a wrapper is averaged."""
+    return {f.candidate.joint: f.candidate.point["width"] for f in found if f.candidate.family == family}
 
 
 def in_words(effect: Found, judgement: Judgement, joint: str) -> str:

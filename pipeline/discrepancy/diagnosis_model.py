@@ -140,10 +140,7 @@ def train_diagnosis_model(
     columns = (nominal.command, nominal.q, nominal.velocity, ~standing(nominal, scales))
     data = tuple(jnp.asarray(column, jnp.float32) for column in columns)
     keys = jax.random.split(jax.random.key(seed), config.members)
-    n_in = nominal.command.shape[-1] * (config.lags + 1)
-    compiled = _train.lower(
-        keys[0], jnp.asarray(segments[0]), data, scales, dt_s, n_in, _Static(config)
-    ).compile()
+    compiled = _train.lower(keys[0], jnp.asarray(segments[0]), data, scales, dt_s, _Static(config)).compile()
     with ThreadPoolExecutor() as pool:  # matrices this small do not fill a core each
         trained = list(
             pool.map(lambda key, starts: compiled(key, starts, data, scales), keys, jnp.asarray(segments))
@@ -167,9 +164,9 @@ class _Static:
         return isinstance(other, _Static) and self._key == other._key
 
 
-@partial(jax.jit, static_argnums=(4, 5, 6))
+@partial(jax.jit, static_argnums=(4, 5))
 def _train(
-    key: jax.Array, starts: jax.Array, data: tuple, scales: Scales, dt_s: float, n_in: int, static: _Static
+    key: jax.Array, starts: jax.Array, data: tuple, scales: Scales, dt_s: float, static: _Static
 ) -> Weights:
     """Train one member on the segments that begin at `starts`."""
     config = static.config
@@ -194,7 +191,7 @@ def _train(
         return jnp.mean(error**2) + config.displacement_weight * jnp.mean(displacement**2)
 
     weights_key, order_key = jax.random.split(key)
-    weights = _initial(weights_key, n_in, config.hidden, n_joint)
+    weights = _initial(weights_key, inputs.shape[-1], config.hidden, n_joint)
 
     def update(carry: tuple, key: jax.Array) -> tuple[tuple, None]:
         weights, state = carry
@@ -226,13 +223,21 @@ def _network(weights: Weights, x: jax.Array) -> jax.Array:
 
 
 def _inputs(command: jax.Array, q: jax.Array, scales: Scales, lags: int) -> jax.Array:
-    """Commands of rows t-lags+1 … t and the normalised position of row t: (..., T, n_joint (lags + 1))."""
+    """Commands of rows t-lags+1 … t, what they ask for together, and the normalised position of row t: (..., T, n).
+
+    Joints that share a supply are slower together from the point on where they ask for more than there is, wherever
+    that lies: the sum of commands goes in with a kink at every number of joints. Told so, the network need not learn
+    it joint by joint; of an operator who moves one at a time, logs hold few rows of any three.
+    """
     n_rows = command.shape[-2]
     before = [(0, 0)] * (command.ndim - 2) + [(lags - 1, 0), (0, 0)]
     known = jnp.pad(command, before)
     windows = [known[..., lag : lag + n_rows, :] for lag in range(lags)]
+    together = [jnp.sum(jnp.abs(window), axis=-1, keepdims=True) for window in windows]
+    kinks = range(command.shape[-1] - 1)
+    demand = [jnp.maximum(total - kink, 0.0) for total in together for kink in kinks]
     place = 2.0 * (q - scales.lower) / (scales.upper - scales.lower) - 1.0
-    return jnp.concatenate([*windows, place], axis=-1)
+    return jnp.concatenate([*windows, place, *demand], axis=-1)
 
 
 def _parts(is_row: np.ndarray, n_parts: int) -> np.ndarray:
@@ -264,6 +269,7 @@ def _segments(is_row: np.ndarray, parts: np.ndarray, config: DiagnosisModelConfi
 
 PARTS_OF_RANGE = 20
 SMALLEST_VISITS_SHARE = 0.008  # of moving rows, per part of the range
+SMALLEST_TOGETHER_SHARE = 0.002  # of moving rows, per number of joints that are commanded at once
 SMALLEST_STANDS = 10  # rows from which a stop is known more exactly than its stated limit
 NEAR_SHARE = 0.02  # of the range, from the stop
 STANDING_SHARE = 0.15  # of the usual speed
@@ -304,11 +310,14 @@ def standing(sequences: Sequences, scales: Scales) -> np.ndarray:
 
 
 def is_known(nominal: Sequences, sequences: Sequences, scales: Scales) -> np.ndarray:
-    """Where a joint stands in a part of its range that it often moved through in nominal logs, (B, T, n_joint).
+    """Where nominal logs show how a joint moves, (B, T, n_joint).
 
-    Elsewhere the diagnosis model extrapolates, and what it is off there is no sign of an effect.
+    It stands in a part of its range that it often moved through, and as many joints are commanded as sometimes were
+    while it moved. Elsewhere the diagnosis model extrapolates, and what it is off there is no sign of an effect.
     """
     result = np.zeros(sequences.q.shape, bool)
+    together, asked_together = (np.abs(of.command).sum(axis=-1) for of in (nominal, sequences))
+    numbers = np.arange(nominal.command.shape[-1] + 2) - 0.5
     for joint in range(nominal.q.shape[-1]):
         edges = np.linspace(scales.lower[joint], scales.upper[joint], PARTS_OF_RANGE + 1)
         moving = nominal.is_row & (
@@ -316,4 +325,7 @@ def is_known(nominal: Sequences, sequences: Sequences, scales: Scales) -> np.nda
         )
         asked = sequences.q[..., joint]
         result[..., joint] = is_often(nominal.q[..., joint][moving], asked, edges, SMALLEST_VISITS_SHARE)
+        asks = np.abs(sequences.command[..., joint]) > 0.0
+        known = is_often(together[moving], asked_together, numbers, SMALLEST_TOGETHER_SHARE)
+        result[..., joint] &= known | ~asks
     return result

@@ -27,6 +27,7 @@ from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.splits import Purpose
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.supply_variation import supply_parameters
+from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.effects.catalogue import KNOWN
 
 if TYPE_CHECKING:
@@ -141,6 +142,8 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
             "std_log_speed": quantity(values["std_log_speed"], "1", 0.15 * values["std_log_speed"]),
             "correlation_time": quantity(values["correlation_time"], "s", 0.4 * values["correlation_time"]),
         }
+    if not has_wrapper(effect.members[0].candidate):
+        return {}
     found = loop.search.found
     described = []
     for member in effect.members:

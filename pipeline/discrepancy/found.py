@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.discrepancy.screen import Candidate, Rows, with_candidate
 from pipeline.discrepancy.simulation import Simulation
-from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.wrapperless import has_wrapper
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,10 @@ class Found:
 
 
 def values_of(simulation: Simulation, found: Sequence[Found]) -> dict:
-    """The hypothesis of several effects; a common change of speed has no values."""
+    """The hypothesis of several effects; those without a wrapper have no values."""
     values: dict = {}
     for effect in found:
-        if effect.candidate.family != SUPPLY:
+        if has_wrapper(effect.candidate):
             values = with_candidate(simulation, values, effect.candidate)
     return values
 

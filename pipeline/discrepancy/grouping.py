@@ -3,6 +3,7 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.late_channel import late_channel
 from pipeline.discrepancy.plausibility import DELAY, FLOW_COUPLING, LOAD, TIMING, is_dependence
@@ -101,6 +102,8 @@ def depends_on(effect: Effect, joints: Sequence[str]) -> list[str]:
             entries += KNOWN[TIMING].card.depends_on
         elif candidate.family == SUPPLY:
             entries.append("latent")
+        elif candidate.family == COURSE:
+            entries.append("absolute_time")
         elif candidate.family == FLOW_COUPLING:
             entries += [
                 f"command:{joints[source]}"

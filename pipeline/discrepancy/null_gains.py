@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from pipeline.discrepancy.course_in_time import course_candidates
 from pipeline.discrepancy.plausibility import THERMAL_DRIFT, is_plausible
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.screen import Misfit, Nominal, Rows, screen
@@ -20,7 +21,11 @@ def null_gains(simulation: Simulation, rows: Rows, excluded: Sequence[str], fact
         excluded: Families that are not tried.
         factor: How many times its gain per row a candidate owes at most: misfit differs from log to log.
     """
-    candidates = screen(simulation, {}, rows, excluded) + supply_candidates(simulation, {}, rows)
+    candidates = [
+        *screen(simulation, {}, rows, excluded),
+        *supply_candidates(simulation, {}, rows),
+        *course_candidates(simulation, {}, rows),
+    ]
     n = len(rows.folds.fold)
     misfits = {c.key: Misfit(c, factor * c.gain / n) for c in candidates if c.gain > 0.0}
     warming = [

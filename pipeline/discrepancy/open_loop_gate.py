@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.discrepancy.gate import GateConfig
 from pipeline.discrepancy.grouping import Effect
 from pipeline.discrepancy.held_out_errors import WindowErrors
-from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.effects.catalogue import KNOWN
 
 
@@ -47,7 +47,7 @@ class OpenLoopGate:
         """Drop the weakest effect of a joint whose error rises beyond the margin, until none does."""
         while effects:
             worse = self._worse(effects)
-            suspects = [e for e in reversed(effects) if e.family != SUPPLY and _may_harm(e, worse)]
+            suspects = [e for e in reversed(effects) if _may_harm(e, worse)]
             if not worse or not suspects:
                 break
             # The weakest whose absence restores the joints; where none does by itself, the weakest.
@@ -95,6 +95,8 @@ class OpenLoopGate:
 
 
 def _may_harm(effect: Effect, joints: set[int]) -> bool:
+    if not has_wrapper(effect.members[0].candidate):
+        return False
     reaches = any(KNOWN[m.candidate.family].reaches_other_joints for m in effect.members)
     return reaches or bool(set(effect.joints) & joints)
 

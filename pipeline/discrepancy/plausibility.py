@@ -4,9 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.shared_flow import is_shared
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Effect
@@ -20,13 +22,13 @@ STICTION, OSCILLATION = "stiction", "oscillation"
 OPPOSED = 0.3
 AT_BOUND = 0.01  # of the range between the bounds
 
-SUPPLY_COMPLEXITY = 4.0  # as if it stood on a card: it has no wrapper
+WITHOUT_CARD = {SUPPLY: 4.0, COURSE: 6.0}  # complexity: a course in time fits more than any equation
 TWO_WAYS_COMPLEXITY, ONSET_COMPLEXITY = 2.8, 0.6  # more: of a gain that differs by direction, of an onset
 
 
 def complexity(candidate: Candidate) -> float:
     """How much a candidate can fit; an onset is one choice more."""
-    of_card = SUPPLY_COMPLEXITY if candidate.family == SUPPLY else KNOWN[candidate.family].card.complexity
+    of_card = WITHOUT_CARD.get(candidate.family) or KNOWN[candidate.family].card.complexity
     two_ways = TWO_WAYS_COMPLEXITY * (candidate.family == GAIN and len(candidate.freed) > 1)
     return of_card + two_ways + ONSET_COMPLEXITY * (candidate.onset is not None)
 
@@ -65,7 +67,7 @@ def _is_opposed(candidate: Candidate) -> bool:
 
 def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:
     """Whether a named effect fits only with a value at the edge of what is plausible: then it is another."""
-    if candidate.family in DEPENDENCES or candidate.family == SUPPLY:
+    if candidate.family in DEPENDENCES or not has_wrapper(candidate):
         return False
     by_name = {p.name: p for p in effects[candidate.family].card.parameters}
     values = list(candidate.point.items())

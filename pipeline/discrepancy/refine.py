@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
 from pipeline.discrepancy.screen import Candidate, Rows
 from pipeline.discrepancy.simulation import Simulation
-from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.wrapperless import has_wrapper
 
 ITERATIONS = 5
 RELATIVE_STEP = 0.04
@@ -164,7 +164,7 @@ def coordinates_of(simulation: Simulation, found: Sequence[Found]) -> dict[int, 
     for number, effect in enumerate(found):
         candidate = effect.candidate
         of_joint = result.setdefault(candidate.joint, [])
-        if candidate.family == SUPPLY or candidate.deviation is not None:
+        if not has_wrapper(candidate) or candidate.deviation is not None:
             continue
         by_name = {p.name: p for p in simulation.effects[candidate.family].card.parameters}
         for name in candidate.point:

@@ -24,6 +24,10 @@ TAKEN_TOGETHER = (
 ROWS_AVERAGED = 2  # velocities over one step carry the encoders' noise twice
 
 
+Key = tuple[str, int, int | None]
+"""Family, joint and source."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """One effect on one joint.
@@ -61,7 +65,7 @@ class Candidate:
     owed: float = 0.0
 
     @property
-    def key(self) -> tuple[str, int, int | None]:
+    def key(self) -> Key:
         """What tells it from the others of a screen, and from the other effects found."""
         return self.family, self.joint, self.source
 
@@ -83,7 +87,7 @@ class Misfit(NamedTuple):
     most_per_row: float
 
 
-Nominal = Mapping[tuple[str, int, int | None], Misfit]
+Nominal = Mapping[Key, Misfit]
 
 
 @dataclass(frozen=True)
@@ -205,8 +209,8 @@ class _Screen:
         # Beside effects that were found before, an effect on the velocity acts on what they leave: so hypotheses of one
         # family each are enough, whose compilations are there already.
         self.before = jnp.asarray(np.moveaxis(velocity, 1, 0), jnp.float32) if active else self.u
-        self.best: dict[tuple[str, int, int | None], Candidate] = {}
-        self.owed: dict[tuple[str, int, int | None], float] = {}
+        self.best: dict[Key, Candidate] = {}
+        self.owed: dict[Key, float] = {}
 
     def run(self) -> list[Candidate]:
         for family, effect in self.simulation.effects.items():

@@ -11,6 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, why_not
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
+from pipeline.discrepancy.course_in_time import course_candidates
 from pipeline.discrepancy.decide_again import decide_again
 from pipeline.discrepancy.encoder_error import encoder_errors
 from pipeline.discrepancy.found import Found, onsets_of, values_of
@@ -45,6 +47,7 @@ from pipeline.discrepancy.whole_machine import (
     common_cause,
     of_one_cause,
 )
+from pipeline.discrepancy.wrapperless import has_wrapper
 
 REFINED = 3  # of a joint's candidates
 TOLD_LOSERS = 6  # of a joint's candidates
@@ -107,7 +110,8 @@ class Search:
             if any(f.candidate.family in COMMON_CAUSES for f in self.found):
                 passing = [c for c in passing if c.family not in COMMON_CAUSES]
             passing = self._without_repairs([c for c in passing if self._may_stand_alone(c, candidates)])
-            passing = [c for c in passing if c.joint not in self._closed]
+            closed = self._closed | {f.candidate.joint for f in self.found if f.candidate.family == COURSE}
+            passing = [c for c in passing if c.joint not in closed]  # nothing takes a course off what is left
             if not passing:
                 break
             self.found += self._choose(passing, candidates)
@@ -179,6 +183,8 @@ class Search:
         candidates = screen(self.simulation, active, self.rows, self.excluded, nominal=self.nominal)
         if SUPPLY not in self.excluded and not any(f.candidate.family == SUPPLY for f in self.found):
             candidates += supply_candidates(self.simulation, active, self.rows, self.nominal)
+        if COURSE not in self.excluded:
+            candidates += course_candidates(self.simulation, active, self.rows, self.nominal)
         taken = {f.candidate.key for f in self.found}
         candidates = [c for c in candidates if c.key not in taken and not self._is_refuted_by_stops(c)]
         # What sets in at the same moment as an effect found before is one event.
@@ -357,7 +363,7 @@ class Search:
     def _refined(self, candidates: list[Candidate]) -> list[Candidate]:
         """Candidates moved off their grids; those that are linear stay."""
         return [
-            c if c.family == SUPPLY else refine_alone(self.simulation, self.rows, self.found, c)
+            refine_alone(self.simulation, self.rows, self.found, c) if has_wrapper(c) else c
             for c in candidates
         ]
 
@@ -367,7 +373,7 @@ class Search:
     def _complete(self, found: Found) -> Found:
         """With the parameters that belong to an effect, but do not make it known."""
         candidate = found.candidate
-        if candidate.family == SUPPLY:
+        if not has_wrapper(candidate):
             return found
         later = tuple(
             one
@@ -383,7 +389,7 @@ class Search:
         """Drop what the others made superfluous."""
         kept = list(self.found)
         for found in sorted(kept, key=lambda f: -complexity(f.candidate)):
-            if len(kept) == 1 or found.candidate.family == SUPPLY or found.candidate.deviation is not None:
+            if len(kept) == 1 or not has_wrapper(found.candidate) or found.candidate.deviation is not None:
                 continue
             if found.candidate.family in of_one_cause([f.candidate for f in kept], self.excited):
                 continue  # one cause, which the gate judges as one

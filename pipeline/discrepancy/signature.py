@@ -9,7 +9,7 @@ from pipeline.discrepancy.evidence import Signature
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.sequences import Sequences
-from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Abscissa, Along
 
@@ -62,8 +62,8 @@ def signature_of(loop: "Loop", effect: Found, found: Sequence[Found]) -> Signatu
 
 
 def _drawn(candidate: Candidate) -> tuple[Abscissa, Along]:
-    """A change of speed that all joints have in common has no card; it varies in time."""
-    if candidate.family == SUPPLY:
+    """What has no wrapper has no card; it varies in time."""
+    if not has_wrapper(candidate):
         return Abscissa.time, Along.motion
     card = KNOWN[candidate.family].card
     return card.drawn_over, card.counted_along

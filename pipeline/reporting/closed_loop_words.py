@@ -79,7 +79,7 @@ _VARIABLES = {
     "rest_time": ("how long it has been at rest", "how long {joint} has been at rest"),
     "time_since_start": ("the time since the start of the log", "the time since the start of the log"),
     "time_since_stop": ("the time since the last stop", "the time since {joint} last stopped"),
-    "absolute_time": ("the time of day", "the time of day"),
+    "absolute_time": ("time itself", "time itself"),
     "activity": ("how much work there was lately", "how much {joint} has worked lately"),
     "travel": ("how far it has moved altogether", "how far {joint} has moved altogether"),
     "zero_command": ("whether there is no command", "whether {joint} has no command"),

@@ -11,7 +11,7 @@ from pipeline.atomic_files import write_whole
 from pipeline.configuration import ControlConfiguration, PipelineConfiguration, stage
 from pipeline.discrepancy.close_loop import close_loop
 from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY_VARIATION
+from pipeline.discrepancy.wrapperless import WITHOUT_WRAPPER
 from pipeline.dynamics.fit import fit
 from pipeline.dynamics.judgement import seen_again
 from pipeline.dynamics.model import DynamicsModel, Target
@@ -51,7 +51,7 @@ class CloseLoopStage(PipelineConfiguration):
     def __post_init__(self) -> None:
         if not isinstance(self.close_loop, CloseLoopConfig):
             return  # OmegaConf builds the node first and the object later
-        known = [*KNOWN, SUPPLY_VARIATION]
+        known = [*KNOWN, *WITHOUT_WRAPPER]
         for family in self.close_loop.exclude:
             if family not in known:
                 raise InputError(

@@ -1,0 +1,78 @@
+"""One joint's own course in time against speeds whose course is known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from pipeline.discrepancy.course_in_time import course_candidates, gain_beyond_constant
+from pipeline.discrepancy.gate import rank_p
+from pipeline.discrepancy.regression import Folds
+from pipeline.discrepancy.screen import Candidate, Rows
+
+N_ROWS, DT_S, NOISE = 12000, 0.05, 0.1
+TIME_S = DT_S * np.arange(N_ROWS)
+
+
+def logs(change: np.ndarray, noise_width_s: float = 0.0) -> tuple[SimpleNamespace, Rows]:
+    """Two joints in moves of a second; the first one's speed is changed by that share, the second keeps its own."""
+    random = np.random.default_rng(0)
+    u = random.integers(-1, 2, size=(N_ROWS // 20, 2)).repeat(20, axis=0)[None].astype(float)
+    noise = random.standard_normal(u.shape)
+    if noise_width_s:
+        noise = gaussian_filter1d(noise, noise_width_s / DT_S, axis=1)
+    noise *= NOISE / noise.std()
+    velocity = u * (1.0 + change[:, None] * np.array([1.0, 0.0])) + noise
+    simulation = SimpleNamespace(
+        sequences=SimpleNamespace(velocity=velocity),
+        velocities=lambda hypotheses: np.stack([u] * len(hypotheses)),
+        setting=SimpleNamespace(dt_s=DT_S, n_joint=2),
+    )
+    n = N_ROWS // 2
+    block = np.arange(n) // 100
+    used = np.ones((1, N_ROWS), bool)
+    return simulation, Rows(
+        used, Folds(block % 2, block, int(block.max()) + 1), np.full(2, NOISE**2), np.ones((n, 2))
+    )
+
+
+@pytest.mark.parametrize("period_s", [30.0, 60.0])
+def test_a_cycle_of_the_clock_is_seen_on_its_joint_alone(period_s):
+    simulation, rows = logs(-0.3 * (TIME_S % period_s < period_s / 2))
+    first, second = course_candidates(simulation, {}, rows)
+    assert first.share > 0.6  # of a square wave, whose edges no smooth course follows
+    assert abs(second.share) < 0.02
+    assert chance(simulation, rows, first) < 1e-6
+    assert chance(simulation, rows, second) > 0.01
+
+
+def test_what_is_slower_all_the_time_has_no_course():
+    simulation, rows = logs(np.full(N_ROWS, -0.2))
+    first = course_candidates(simulation, {}, rows)[0]
+    assert first.share > 0.5  # it has a mean, which a gain explains as well
+    assert chance(simulation, rows, first) > 0.01
+
+
+def test_noise_that_is_alike_for_half_a_second_is_no_course():
+    simulation, rows = logs(np.zeros(N_ROWS), noise_width_s=0.3)
+    for candidate in course_candidates(simulation, {}, rows):
+        assert candidate.share < 0.01
+
+
+def test_rows_beside_tell_of_a_course_between_them():
+    simulation, rows = logs(0.2 * np.sin(2 * np.pi * TIME_S / 60.0))
+    is_held_out = (TIME_S % 20.0 < 4.0)[None]
+    n = int(is_held_out.sum()) // 2
+    block = np.arange(n) // 40
+    held_out = Rows(is_held_out, Folds(block % 2, block, int(block.max()) + 1), rows.floor, np.ones((n, 2)))
+    fitted = Rows(~is_held_out, rows.folds, rows.floor, rows.weight)
+    alone = course_candidates(simulation, {}, held_out)[0].share
+    beside = course_candidates(simulation, {}, held_out, beside=fitted)[0].share
+    assert beside > max(alone, 0.5)
+
+
+def chance(simulation: SimpleNamespace, rows: Rows, candidate: Candidate) -> float:
+    width_s = candidate.point["width"]
+    by_block = gain_beyond_constant(simulation, {}, rows, rows, candidate.joint, width_s)
+    return rank_p(by_block, n_tests=1)
