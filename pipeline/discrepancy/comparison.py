@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.plausibility import GAIN, complexity, is_dependence, is_offset, say_the_same
 from pipeline.discrepancy.regression import Folds, t_statistic
 from pipeline.discrepancy.screen import Candidate
@@ -17,6 +18,7 @@ SHOWS_T = 1.5
 AS_SIMPLE = 0.4
 DOUBT_FACTOR = 1.1
 BETTER_FACTOR, BETTER_T = 1.06, 1.0  # of a dependence, to come before a name
+LAST_RESORT_FACTOR = 1.2  # of a course in time, to come before anything: it follows whatever varies slowly
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,9 @@ class Comparison:
         """Whether a candidate explains less than the best, beyond scatter and beyond what a name idealises."""
         if self.net(candidate) < LEAST_OF_BEST * self.net(best):
             return True  # whatever the scatter: few blocks may hold all there is to see of a rare effect
+        if best.family == COURSE and candidate.family != COURSE:
+            is_clear = self.net(best) > LAST_RESORT_FACTOR * self.net(candidate)
+            return is_clear and self._is_surely_worse(candidate, best)
         if is_dependence(best) and not is_dependence(candidate):
             # Flexible as it is, it mends what any name idealises: it comes first only if it explains clearly more.
             is_clear = self.net(best) > DOUBT_FACTOR * self.net(candidate)
@@ -139,14 +144,19 @@ class Comparison:
         """Whether, with more freedom, it is a dependence that explains more than the name chosen, or a better name."""
         if is_dependence(chosen):
             return False
-        factor = 1.0 if is_dependence(candidate) else DOUBT_FACTOR
+        factor = 1.0 if is_dependence(candidate) and candidate.family != COURSE else DOUBT_FACTOR
         return self.net(candidate) > factor * self.net(chosen)
 
     def better_dependence(self, chosen: Candidate, as_good: Sequence[Candidate]) -> Candidate | None:
         """The dependence, if any, that explains clearly more than the name chosen."""
         if is_dependence(chosen):
             return None
-        others = [c for c in as_good if is_dependence(c)]
+        others = [
+            c
+            for c in as_good
+            if is_dependence(c)
+            and (c.family != COURSE or self.net(c) > LAST_RESORT_FACTOR * self.net(chosen))
+        ]
         best = max(others, key=self.net, default=None)
         if best is None or self.net(best) < BETTER_FACTOR * self.net(chosen):
             return None

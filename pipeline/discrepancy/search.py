@@ -248,6 +248,7 @@ class Search:
                 for c in self.first
                 if c.joint == first.joint
                 and is_dependence(c)
+                and c.family != COURSE
                 and c.key not in {f.candidate.key for f in self.found}
                 and self.passes(c)
             ]
