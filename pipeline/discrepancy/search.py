@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.course_in_time import course_candidates
-from pipeline.discrepancy.decide_again import decide_again
+from pipeline.discrepancy.decide_again import decide_again, with_doubts_of_the_oil
 from pipeline.discrepancy.encoder_error import encoder_errors
 from pipeline.discrepancy.found import Found, onsets_of, values_of
 from pipeline.discrepancy.late_channel import late_channel, set_in_together, shortened
@@ -120,6 +120,7 @@ class Search:
             self._split_common_delay()
         self._look_back()
         self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._say)
+        self.found = with_doubts_of_the_oil(self.found, self.first)
         return self.found
 
     def _split_common_delay(self) -> None:

@@ -45,3 +45,14 @@ def test_a_dependence_gives_way_to_a_name_that_explains_as_much(comparison: Comp
     assert comparison.better_dependence(simple, as_good) is dependence
     assert comparison.names_instead(dependence, as_good) == [cushion]
     assert comparison.names_instead(dependence, [simple, dependence]) == []
+
+
+def test_a_course_in_time_is_a_last_resort(comparison: Comparison) -> None:
+    travel, gain = that_gains("other:travel", 300.0), that_gains("gain", 300.0)
+    slightly, clearly = (that_gains("other:absolute_time", of) for of in (340.0, 400.0))
+    assert comparison.simplest(comparison.as_good_as(slightly, [slightly, travel])) is travel
+    assert comparison.simplest(comparison.as_good_as(clearly, [clearly, travel])) is clearly
+    assert comparison.better_dependence(gain, [gain, slightly]) is None
+    assert comparison.better_dependence(gain, [gain, clearly]) is clearly
+    assert comparison.raises_doubt(slightly, gain)
+    assert not comparison.raises_doubt(that_gains("other:absolute_time", 310.0), gain)
