@@ -93,6 +93,7 @@ class DiagnosisModel:
         lags: Commands that it sees.
         dt_s: Length of one time step.
         left_out: Per member (B, T) bool: the nominal rows that it was not trained on.
+        is_switched: Whether commands are -1, 0 or 1, so that their number says what joints ask for together.
     """
 
     weights: Weights
@@ -100,10 +101,11 @@ class DiagnosisModel:
     lags: int
     dt_s: float
     left_out: np.ndarray
+    is_switched: bool
 
     def members_velocity(self, command: jax.Array, q: jax.Array) -> jax.Array:
         """Velocity by each member, (n_members, ..., T, n_joint), before the stops."""
-        inputs = _inputs(command, q, self.scales, self.lags)
+        inputs = _inputs(command, q, self.scales, self.lags, self.is_switched)
         return jax.vmap(lambda weights: _network(weights, inputs))(self.weights) * self.scales.speed
 
     def stopped(self, velocity: jax.Array, q: jax.Array) -> jax.Array:
@@ -140,14 +142,21 @@ def train_diagnosis_model(
     columns = (nominal.command, nominal.q, nominal.velocity, ~standing(nominal, scales))
     data = tuple(jnp.asarray(column, jnp.float32) for column in columns)
     keys = jax.random.split(jax.random.key(seed), config.members)
-    compiled = _train.lower(keys[0], jnp.asarray(segments[0]), data, scales, dt_s, _Static(config)).compile()
+    compiled = _train.lower(
+        keys[0], jnp.asarray(segments[0]), data, scales, dt_s, _Static(config), is_switched(nominal)
+    ).compile()
     with ThreadPoolExecutor() as pool:  # matrices this small do not fill a core each
         trained = list(
             pool.map(lambda key, starts: compiled(key, starts, data, scales), keys, jnp.asarray(segments))
         )
     weights = jax.tree.map(lambda *members: jnp.stack(members), *trained)
     left_out = np.stack([parts == member for member in range(config.members)])
-    return DiagnosisModel(weights, scales, config.lags, dt_s, left_out)
+    return DiagnosisModel(weights, scales, config.lags, dt_s, left_out, is_switched(nominal))
+
+
+def is_switched(sequences: Sequences) -> bool:
+    """Whether joints are commanded by switches, all or nothing."""
+    return bool(np.all(np.isin(sequences.command, (-1.0, 0.0, 1.0))))
 
 
 class _Static:
@@ -164,15 +173,21 @@ class _Static:
         return isinstance(other, _Static) and self._key == other._key
 
 
-@partial(jax.jit, static_argnums=(4, 5))
+@partial(jax.jit, static_argnums=(4, 5, 6))
 def _train(
-    key: jax.Array, starts: jax.Array, data: tuple, scales: Scales, dt_s: float, static: _Static
+    key: jax.Array,
+    starts: jax.Array,
+    data: tuple,
+    scales: Scales,
+    dt_s: float,
+    static: _Static,
+    switched: bool,
 ) -> Weights:
     """Train one member on the segments that begin at `starts`."""
     config = static.config
     command, q, velocity, weight = data
     n_joint = command.shape[-1]
-    inputs = _inputs(command, q, scales, config.lags)
+    inputs = _inputs(command, q, scales, config.lags, switched)
     lower = jnp.minimum((scales.stop_lower - q) / dt_s, 0.0) / scales.speed
     upper = jnp.maximum((scales.stop_upper - q) / dt_s, 0.0) / scales.speed
     flat = [
@@ -222,20 +237,24 @@ def _network(weights: Weights, x: jax.Array) -> jax.Array:
     return x @ weights["w3"] + weights["b3"]
 
 
-def _inputs(command: jax.Array, q: jax.Array, scales: Scales, lags: int) -> jax.Array:
+def _inputs(command: jax.Array, q: jax.Array, scales: Scales, lags: int, switched: bool) -> jax.Array:
     """Commands of rows t-lags+1 … t, what they ask for together, and the normalised position of row t: (..., T, n).
 
     Joints that share a supply are slower together from the point on where they ask for more than there is, wherever
-    that lies: the sum of commands goes in with a kink at every number of joints. Told so, the network need not learn
-    it joint by joint; of an operator who moves one at a time, logs hold few rows of any three.
+    that lies: by how many the joints that are commanded exceed one, two, … goes in, as means over stretches of the
+    lags. Told so, the network need not learn it joint by joint; of an operator who moves one at a time, logs hold few
+    rows of any three. Of proportional commands, whose sum says little of what valves let through, nothing is told.
     """
-    n_rows = command.shape[-2]
+    n_rows, n_joint = command.shape[-2:]
     before = [(0, 0)] * (command.ndim - 2) + [(lags - 1, 0), (0, 0)]
     known = jnp.pad(command, before)
     windows = [known[..., lag : lag + n_rows, :] for lag in range(lags)]
-    together = [jnp.sum(jnp.abs(window), axis=-1, keepdims=True) for window in windows]
-    kinks = range(command.shape[-1] - 1)
-    demand = [jnp.maximum(total - kink, 0.0) for total in together for kink in kinks]
+    together = jnp.stack([jnp.sum(jnp.abs(window), axis=-1, keepdims=True) for window in windows])
+    numbers = range(1, n_joint - 1) if switched else ()
+    beyond = [jnp.maximum(together - number, 0.0) for number in numbers]
+    ends = [lags - 2**k for k in reversed(range(lags.bit_length())) if 2**k < lags]
+    stretches = np.split(np.arange(lags), ends)  # short ones for what is new
+    demand = [jnp.mean(of[stretch], axis=0) for of in beyond for stretch in stretches]
     place = 2.0 * (q - scales.lower) / (scales.upper - scales.lower) - 1.0
     return jnp.concatenate([*windows, place, *demand], axis=-1)
 
@@ -312,8 +331,9 @@ def standing(sequences: Sequences, scales: Scales) -> np.ndarray:
 def is_known(nominal: Sequences, sequences: Sequences, scales: Scales) -> np.ndarray:
     """Where nominal logs show how a joint moves, (B, T, n_joint).
 
-    It stands in a part of its range that it often moved through, and as many joints are commanded as sometimes were
-    while it moved. Elsewhere the diagnosis model extrapolates, and what it is off there is no sign of an effect.
+    It stands in a part of its range that it often moved through, and, of a machine with switches, as many joints are
+    commanded as sometimes were while it moved. Elsewhere the diagnosis model extrapolates, and what it is off there is
+    no sign of an effect.
     """
     result = np.zeros(sequences.q.shape, bool)
     together, asked_together = (np.abs(of.command).sum(axis=-1) for of in (nominal, sequences))
@@ -327,5 +347,5 @@ def is_known(nominal: Sequences, sequences: Sequences, scales: Scales) -> np.nda
         result[..., joint] = is_often(nominal.q[..., joint][moving], asked, edges, SMALLEST_VISITS_SHARE)
         asks = np.abs(sequences.command[..., joint]) > 0.0
         known = is_often(together[moving], asked_together, numbers, SMALLEST_TOGETHER_SHARE)
-        result[..., joint] &= known | ~asks
+        result[..., joint] &= known | ~asks | (not is_switched(nominal))
     return result
