@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline.discrepancy.baselines import trained_baselines, wrong_effect
 from pipeline.discrepancy.confirmation import Confirmation, in_words
+from pipeline.discrepancy.decide_again import with_doubts_of_the_oil
 from pipeline.discrepancy.diagnosis_model import is_known, train_diagnosis_model
 from pipeline.discrepancy.document import document_of
 from pipeline.discrepancy.found import Found, residual_of, values_of
@@ -34,6 +35,7 @@ from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
 from pipeline.discrepancy.stops import Encoder, encoders_of
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
@@ -188,7 +190,9 @@ class Loop:
 
     def _search(self) -> list[Found]:
         moving = np.abs(self.simulation.velocities([{}])[0]) > 0.3 * self.diagnosis.scales.speed
-        self.moving_s = (moving & self.rows.is_used[..., None]).sum(axis=(0, 1)) * self.machine.dt_s
+        is_used = moving & self.rows.is_used[..., None]
+        self.moving_s = (is_used & self.weight).sum(axis=(0, 1)) * self.machine.dt_s
+        self.unknown_share = 1.0 - (is_used & self.weight).sum(axis=(0, 1)) / is_used.sum(axis=(0, 1)).clip(1)
         self.excited = [
             j for j in range(len(self.joints)) if self.moving_s[j] >= self.config.gate.smallest_excitation_s
         ]
@@ -238,7 +242,12 @@ class Loop:
             judgement = self.judgements[effect.candidate.key]
             self.say(in_words(effect, judgement, self.joints[effect.candidate.joint]))
         passed = [f for f in found if self.judgements[f.candidate.key].is_confirmed]
-        effects = self._refitted(passed) if 0 < len(passed) < len(found) else self._grouped(passed)
+        passed = with_doubts_of_the_oil(passed, self.search.first)
+        if 0 < len(passed) < len(found):
+            effects = self._refitted(passed)
+        else:
+            self.search.found = passed or found
+            effects = self._grouped(passed)
         self.lap("gate")
         return effects
 
@@ -329,7 +338,7 @@ class Loop:
 
     def _shows(self, effect: Effect) -> bool:
         """Whether an effect that removes little of the open-loop error shows in a good part of the speeds' residual."""
-        if not has_wrapper(effect.members[0].candidate):
+        if effect.family == SUPPLY:
             return True
         share = max(self.judgements[member.candidate.key].share for member in effect.members)
         return share > self.config.gate.smallest_share or self._rings(effect)

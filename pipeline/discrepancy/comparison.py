@@ -98,6 +98,10 @@ class Comparison:
     def as_good_as(self, best: Candidate, rivals: Sequence[Candidate]) -> list[Candidate]:
         """Those that are not worse than the best of all, nor a name worse than the best of names."""
         as_good = [c for c in rivals if not self.is_worse(c, best)]
+        others = [c for c in as_good if c.family != COURSE]
+        if best.family == COURSE and others:
+            rivals = [c for c in rivals if c.family != COURSE]
+            return [*self.as_good_as(max(others, key=self.net), rivals), best]
         names = [c for c in as_good if not is_dependence(c)]
         if not names:
             return as_good
@@ -151,16 +155,15 @@ class Comparison:
         """The dependence, if any, that explains clearly more than the name chosen."""
         if is_dependence(chosen):
             return None
-        others = [
-            c
-            for c in as_good
-            if is_dependence(c)
-            and (c.family != COURSE or self.net(c) > LAST_RESORT_FACTOR * self.net(chosen))
-        ]
-        best = max(others, key=self.net, default=None)
-        if best is None or self.net(best) < BETTER_FACTOR * self.net(chosen):
+        others = [c for c in as_good if is_dependence(c)]
+        best = max(others, key=self.as_last_resort, default=None)
+        if best is None or self.as_last_resort(best) < BETTER_FACTOR * self.net(chosen):
             return None
         return best if t_statistic(best.gain_by_block - chosen.gain_by_block) > BETTER_T else None
+
+    def as_last_resort(self, candidate: Candidate) -> float:
+        """What it explains, of a course in time as much less as it has to explain more."""
+        return self.net(candidate) / (LAST_RESORT_FACTOR if candidate.family == COURSE else 1.0)
 
     def names_instead(self, dependence: Candidate, as_good: Sequence[Candidate]) -> list[Candidate]:
         """Names that explain no less than a dependence does, if with more freedom than the simplest name."""

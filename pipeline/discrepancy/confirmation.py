@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
-from pipeline.discrepancy.course_in_time import course_candidates, gain_beyond_constant
-from pipeline.discrepancy.found import Found, residual_of, values_of
+from pipeline.discrepancy.course_in_time import beyond_constants
+from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
 from pipeline.discrepancy.gate import GateConfig, can_be_shifted, lower_bound, placebo_p, pooled, rank_p
 from pipeline.discrepancy.screen import Key, Rows, averaged
 from pipeline.discrepancy.simulation import Simulation
@@ -28,7 +28,7 @@ class Judgement:
     Attributes:
         share: Of the squared residual on confirmation rows that it removes.
         bound: Lower bound of what is asked of it: of the share, or, if that is more, of what its cause removes on all
-            its joints; of what has no wrapper, which predicts nothing that could be resampled, the mean share itself.
+            its joints; of a common change of speed, which is tested by shifts alone, its joints' mean share itself.
         p_value: After correction for all that was searched.
         is_confirmed: Whether it passes the gate.
         is_pooled: Whether it is its joints together whose bound that is.
@@ -45,12 +45,14 @@ class Seen(NamedTuple):
     """What confirmation rows show of an effect without a wrapper.
 
     Attributes:
-        share: Of the squared residual that its course explains.
+        share: Of the squared residual that it explains.
+        bound: Lower bound of it; of a common change of speed the share itself.
         p_value: After correction.
         largest_p: That is allowed.
     """
 
     share: float
+    bound: float
     p_value: float
     largest_p: float
 
@@ -101,8 +103,7 @@ class Confirmation:
     ) -> Judgement:
         candidate, largest_p = effect.candidate, self.config.largest_p
         if candidate.key in without_wrapper:
-            share, p_value, largest_p = without_wrapper[candidate.key]
-            bound = share
+            share, bound, p_value, largest_p = without_wrapper[candidate.key]
         else:
             share, bound, p_value, largest_p = self._beside_others(effect, found, with_all)
         is_confirmed = bound > self.config.smallest_improvement
@@ -148,28 +149,25 @@ class Confirmation:
         if not widths_s:
             return {}
         active = values_of(self.simulation, found)
-        p_value = supply_p(self.simulation, active, self.fitted, widths_s, self.seed)
-        corrected = min(p_value * self.n_hypotheses, 1.0)
-        confirmed = supply_candidates(self.simulation, active, self.held_out)
-        return {
-            c.key: Seen(c.share, corrected, self.config.largest_p) for c in confirmed if c.joint in widths_s
-        }
+        with onsets_in(self.simulation, found):
+            p_value = supply_p(self.simulation, active, self.fitted, widths_s, self.seed)
+            confirmed = supply_candidates(self.simulation, active, self.held_out)
+        corrected, largest_p = min(p_value * self.n_hypotheses, 1.0), self.config.largest_p
+        return {c.key: Seen(c.share, c.share, corrected, largest_p) for c in confirmed if c.joint in widths_s}
 
     def _courses(self, found: Sequence[Found]) -> dict[Key, Seen]:
         """Joints' own courses in time, of which the rows for fitting tell between others, too."""
-        widths_s = _widths_s(found, COURSE)
-        if not widths_s:
-            return {}
-        active = values_of(self.simulation, found)
-        judged = {}
-        for candidate in course_candidates(self.simulation, active, self.held_out, beside=self.fitted):
-            if candidate.joint in widths_s:
-                joint, width_s = candidate.joint, widths_s[candidate.joint]
-                by_block = gain_beyond_constant(
+        judged: dict[Key, Seen] = {}
+        active, folds = values_of(self.simulation, found), self.held_out.folds
+        for joint, width_s in _widths_s(found, COURSE).items():
+            with onsets_in(self.simulation, found):
+                before, after = beyond_constants(
                     self.simulation, active, self.held_out, self.fitted, joint, width_s
                 )
-                p_value = rank_p(by_block, len(found))
-                judged[candidate.key] = Seen(candidate.share, p_value, self.config.largest_rank_p)
+            by_block = np.bincount(folds.block, before**2 - after**2, minlength=folds.n_blocks)
+            p_value = rank_p(by_block, len(found))
+            share, bound = self._bounded(before, after)
+            judged[COURSE, joint, None] = Seen(share, bound, p_value, self.config.largest_rank_p)
         return judged
 
     def _may_set_in(self, found: Found) -> np.ndarray:

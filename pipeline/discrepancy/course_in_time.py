@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from pipeline.discrepancy.regression import evidence
-from pipeline.discrepancy.screen import Candidate, Nominal, Rows, averaged, scored
+from pipeline.discrepancy.screen import Candidate, Nominal, Rows, averaged, scored, spread
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 FAMILY = "other:absolute_time"
@@ -29,14 +29,17 @@ PRIOR_STD = 0.1  # of z: keeps the estimate at zero where the joint does not mov
 class _Course:
     """A joint's change of speed as its own residual shows it at other times."""
 
-    def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows, known: np.ndarray) -> None:
+    def __init__(
+        self, simulation: Simulation, active: Hypothesis, rows: Rows, beside: Rows | None = None
+    ) -> None:
         velocity = simulation.velocities([active])[0]
         residual = simulation.sequences.velocity - velocity
+        known = sum(spread(of.weight, of.is_used) for of in (rows, beside) if of is not None)
         self.rows = rows
         self.dt_s = simulation.setting.dt_s
         self.velocity = np.where(rows.is_used[..., None], velocity, 0.0)
-        self.product = np.where(known[..., None], residual * velocity, 0.0) / rows.floor
-        self.square = np.where(known[..., None], velocity**2, 0.0) / rows.floor
+        self.product = known * residual * velocity / rows.floor
+        self.square = known * velocity**2 / rows.floor
         self.reference = rows.weight * rows.averaged(np.where(rows.is_used[..., None], residual, 0.0))
 
     def of(self, joint: int, width_s: float) -> np.ndarray:
@@ -62,7 +65,6 @@ def course_candidates(
     active: Hypothesis,
     rows: Rows,
     nominal: Nominal = MappingProxyType({}),
-    beside: Rows | None = None,
 ) -> list[Candidate]:
     """One candidate per joint, at the best width.
 
@@ -71,10 +73,8 @@ def course_candidates(
         active: Effects beside it.
         rows: Rows on which it is scored.
         nominal: What joints' speeds vary by on nominal logs, as much of which per row is owed to the model's misfit.
-        beside: Further rows that tell of the course, but are not scored.
     """
-    known = rows.is_used if beside is None else rows.is_used | beside.is_used
-    course = _Course(simulation, active, rows, known)
+    course = _Course(simulation, active, rows)
     n = len(rows.folds.fold)
     candidates = []
     for joint in range(simulation.setting.n_joint):
@@ -93,10 +93,10 @@ def _candidate(course: _Course, joint: int, width_s: float) -> Candidate:
     return scored(found, reference, course.rows.floor[joint], FAMILY, joint, None, {"width": width_s}, ())
 
 
-def gain_beyond_constant(
+def beyond_constants(
     simulation: Simulation, active: Hypothesis, rows: Rows, beside: Rows, joint: int, width_s: float
-) -> np.ndarray:
-    """(n_blocks,) squares that a course takes off what the best constant ratio leaves, which is no course.
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the best constant ratio of either direction leaves, which is no course, and what the course leaves of it.
 
     Not a course that is shifted in time: one that comes round again explains as much a period later.
 
@@ -107,11 +107,16 @@ def gain_beyond_constant(
         beside: Further rows that tell of the course.
         joint: Index.
         width_s: Of the kernel.
+
+    Returns:
+        (N,) residuals without and with the course.
     """
-    course = _Course(simulation, active, rows, rows.is_used | beside.is_used)
-    residual, folds = course.reference[:, joint], rows.folds
-    constant = course.regressor(joint, np.ones(rows.is_used.shape))[:, None]
-    both = np.concatenate([constant, course.regressor(joint, course.of(joint, width_s))[:, None]], axis=1)
-    widest = np.array([2.0, 2.0])
-    alone = evidence(residual, residual, constant, folds, -widest[:1], widest[:1])
-    return evidence(residual, residual, both, folds, -widest, widest).gain_by_block - alone.gain_by_block
+    course = _Course(simulation, active, rows, beside)
+    residual = course.reference[:, joint]
+    moving = course.velocity[..., joint]
+    ways = np.stack([course.regressor(joint, way) for way in (moving > 0.0, moving < 0.0)], axis=1)
+    both = np.column_stack([ways, course.regressor(joint, course.of(joint, width_s))])
+    most = np.full(3, 2.0)
+    least = np.array([-2.0, -2.0, 0.0])
+    alone = evidence(residual, residual, ways, rows.folds, least[:2], most[:2])
+    return alone.after, evidence(residual, residual, both, rows.folds, least, most).after

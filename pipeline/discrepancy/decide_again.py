@@ -69,18 +69,20 @@ def decide_again(
 
 
 def with_doubts_of_the_oil(found: Sequence[Found], screened: Sequence[Candidate]) -> list[Found]:
-    """Joints that respond late one like the other need no cause each: oil that stays cold does that to all of them.
+    """Joints that respond late one like the other need no cause each: oil that stays cold does that to several.
 
     Args:
-        found: All effects.
+        found: All effects that passed the gate.
         screened: Candidates of the first screen.
     """
+    if any(f.candidate.family == THERMAL_DRIFT for f in found):
+        return list(found)
     count = Counter(f.candidate.family for f in found if f.candidate.family in LATE_ALIKE)
     doubted = []
     for effect in found:
         if count[effect.candidate.family] > 1:
             joint, known = effect.candidate.joint, {c.family for c in effect.equivalents}
-            cold = [c for c in screened if c.family == THERMAL_DRIFT and c.joint == joint]
+            cold = [c for c in screened if c.family == THERMAL_DRIFT and c.joint == joint and c.gain > 0.0]
             if THERMAL_DRIFT not in known:
                 effect = replace(effect, equivalents=[*effect.equivalents, *cold])
         doubted.append(effect)

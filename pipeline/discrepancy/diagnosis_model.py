@@ -240,10 +240,10 @@ def _network(weights: Weights, x: jax.Array) -> jax.Array:
 def _inputs(command: jax.Array, q: jax.Array, scales: Scales, lags: int, switched: bool) -> jax.Array:
     """Commands of rows t-lags+1 … t, what they ask for together, and the normalised position of row t: (..., T, n).
 
-    Joints that share a supply are slower together from the point on where they ask for more than there is, wherever
-    that lies: by how many the joints that are commanded exceed one, two, … goes in, as means over stretches of the
-    lags. Told so, the network need not learn it joint by joint; of an operator who moves one at a time, logs hold few
-    rows of any three. Of proportional commands, whose sum says little of what valves let through, nothing is told.
+    Joints that share a supply are slower together from the point on where they ask for more than there is: by how many
+    the joints that are commanded exceed one, two, up to all but two goes in, as means over stretches of the lags. Told
+    so, the network need not learn it joint by joint; of an operator who moves one at a time, logs hold few rows of any
+    three. Of proportional commands, whose sum says little of what valves let through, nothing is told.
     """
     n_rows, n_joint = command.shape[-2:]
     before = [(0, 0)] * (command.ndim - 2) + [(lags - 1, 0), (0, 0)]

@@ -271,7 +271,9 @@ def unexplained(loop: "Loop") -> list[dict]:
     for joint in np.flatnonzero(ratio.mean(axis=0) > UNEXPLAINED_RATIO):
         if t_statistic(np.bincount(block, ratio[:, joint] - 1.0)) < UNEXPLAINED_T:
             continue
-        best = next((c for c in loop.search.first if c.joint == joint and is_dependence(c)), None)
+        best = next(
+            (c for c in loop.search.first if c.joint == joint and is_dependence(c) and has_wrapper(c)), None
+        )
         entries.append(
             {
                 "family": OTHER,

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 TRACK_S = 15.0
 LARGEST_UNCOVERED = 0.2  # of a joint's commands, without a warning
+LARGEST_UNKNOWN = 0.3  # of a joint's motion, the same
 
 
 def evidence_of(
@@ -49,6 +50,12 @@ def evidence_of(
         f"{name} moves only {loop.moving_s[loop.joints.index(name)]:.0f} s in the rows used; an effect on it may go "
         "unseen."
         for name in idle
+    ]
+    warnings += [
+        f"{share:.0%} of {name}'s motion does not count: nominal logs hardly show how it moves there, or with as many "
+        "joints at once."
+        for name, share in zip(loop.joints, loop.unknown_share, strict=True)
+        if share > LARGEST_UNKNOWN
     ]
     if loop.machine.command_kind is not CommandKind.discrete:
         warnings += _extrapolations(loop)

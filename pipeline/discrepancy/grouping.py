@@ -79,7 +79,7 @@ def effects_of(found: Sequence[Found], excited: Collection[int], allow_timing: b
         late = [f for f in delays if f.candidate.joint in joints]
         effects.append(Effect(TIMING, late))
         left = [f for f in left if f not in late]
-    for family in OF_ONE_CAUSE:
+    for family in (*OF_ONE_CAUSE, COURSE):
         members = [f for f in left if f.candidate.family == family]
         if members:
             effects.append(Effect(contract_family(members[0].candidate), members))

@@ -1,5 +1,6 @@
 """The shortest manoeuvre that would tell two effects apart, or show one that these logs cannot show."""
 
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.effects.catalogue import WITH_AN_EQUATION
 
 PAIRS = {
@@ -59,6 +60,8 @@ def next_experiment(verdict: str, families: list[str], joint: str | None, idle: 
         return sentence.format(joint=joint).capitalize() + "."
     if verdict in ("named", "outside_catalogue") and families and families[0] in WITH_AN_EQUATION:
         return f"To narrow the interval: {WITH_AN_EQUATION[families[0]].card.excitation}."
+    if verdict == "outside_catalogue" and families and families[0] == COURSE:
+        return f"Repeat the same move of {joint} every few seconds for ten minutes, with nothing else moving."
     if verdict == "outside_catalogue":
         return (
             f"Repeat the same move of {joint} while only what it depends on changes, in five steps of its "

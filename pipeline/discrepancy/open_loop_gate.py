@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.gate import GateConfig
 from pipeline.discrepancy.grouping import Effect
 from pipeline.discrepancy.held_out_errors import WindowErrors
@@ -81,12 +82,13 @@ class OpenLoopGate:
 
         Args:
             effects: Strongest first.
-            shows_otherwise: Whether one that hardly moves positions shows all the same.
+            shows_otherwise: Whether one that hardly moves positions, or predicts nothing, shows all the same.
         """
         kept = []
         for number, effect in enumerate(effects):
             reduction = self.error_reduction(effect)
-            is_shown = number == 0 and shows_otherwise(effect)
+            can_be_shown = number == 0 or effect.members[0].candidate.family == COURSE
+            is_shown = can_be_shown and shows_otherwise(effect)
             if reduction < self.config.smallest_error_reduction and not is_shown:
                 self.say(f"{effect.family} is not named: it removes {reduction:.0%} of the open-loop error.")
             else:

@@ -13,11 +13,13 @@ class Evidence(NamedTuple):
         coefficients: (k,) fitted on all rows given.
         gain: Held-out reduction of the sum of squares: fitted on one fold, counted on the other, both ways.
         gain_by_block: The same, per block.
+        after: (N,) what is left of each row, by the coefficients fitted on the other fold.
     """
 
     coefficients: np.ndarray
     gain: float
     gain_by_block: np.ndarray
+    after: np.ndarray
 
 
 class Folds(NamedTuple):
@@ -63,7 +65,7 @@ def evidence(
     else:
         coefficients = np.zeros(0)
     by_block = np.bincount(folds.block, reference**2 - after**2, minlength=folds.n_blocks)
-    return Evidence(coefficients, float(by_block.sum()), by_block)
+    return Evidence(coefficients, float(by_block.sum()), by_block, after)
 
 
 def t_statistic(by_block: np.ndarray) -> float:

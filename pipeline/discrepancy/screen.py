@@ -120,6 +120,17 @@ def averaged(values: np.ndarray, is_used: np.ndarray) -> np.ndarray:
     return grouped.mean(axis=2)[used]
 
 
+def spread(values: np.ndarray, is_used: np.ndarray) -> np.ndarray:
+    """What `averaged` gave, back on the rows that it is of, 0 on all others: (N, ...) to (B, T, ...)."""
+    n_groups = is_used.shape[1] // ROWS_AVERAGED
+    whole = is_used[:, : n_groups * ROWS_AVERAGED].reshape(len(is_used), n_groups, ROWS_AVERAGED).all(axis=2)
+    result = np.zeros((*is_used.shape, *values.shape[1:]))
+    grouped = np.zeros((*whole.shape, *values.shape[1:]))
+    grouped[whole] = values
+    result[:, : n_groups * ROWS_AVERAGED] = np.repeat(grouped, ROWS_AVERAGED, axis=1)
+    return result
+
+
 def screen(
     simulation: Simulation,
     active: Hypothesis,

@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.course_in_time import course_candidates
-from pipeline.discrepancy.decide_again import decide_again, with_doubts_of_the_oil
+from pipeline.discrepancy.decide_again import decide_again
 from pipeline.discrepancy.encoder_error import encoder_errors
 from pipeline.discrepancy.found import Found, onsets_of, values_of
 from pipeline.discrepancy.late_channel import late_channel, set_in_together, shortened
@@ -120,7 +120,6 @@ class Search:
             self._split_common_delay()
         self._look_back()
         self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._say)
-        self.found = with_doubts_of_the_oil(self.found, self.first)
         return self.found
 
     def _split_common_delay(self) -> None:
@@ -199,7 +198,7 @@ class Search:
 
     def _since_its_onset(self, active: dict, candidates: list[Candidate]) -> list[Candidate]:
         """All candidates from the same moment on, where what explains most sets in at some moment."""
-        best = max(candidates, key=self.comparison.net)
+        best = max(filter(has_wrapper, candidates), key=self.comparison.net)
         if best.onset is None or t_statistic(best.gain_by_block) < ONSET_T:
             return candidates
         known = {c.key: c for c in candidates}
@@ -266,7 +265,7 @@ class Search:
 
     def _choose(self, passing: list[Candidate], candidates: list[Candidate]) -> list[Found]:
         """The joint with most to gain; the simplest of its candidates that are not significantly worse."""
-        best = max(passing, key=self.comparison.net)
+        best = max(passing, key=self.comparison.as_last_resort)
         # A second common cause would only mend the first.
         if not any(f.candidate.family in COMMON_CAUSES for f in self.found):
             common = common_cause(best, candidates, self.comparison.net, self.comparison.shows)
@@ -276,7 +275,8 @@ class Search:
                 )
                 return [Found(c) for c in common]
         rivals = sorted((c for c in passing if c.joint == best.joint), key=self.comparison.net, reverse=True)
-        rivals = self._refined(rivals[:REFINED]) + rivals[REFINED:]
+        foremost = [c for c in rivals if has_wrapper(c)][:REFINED]
+        rivals = self._refined(foremost) + [c for c in rivals if not any(c is one for one in foremost)]
         beyond = [is_at_bound(self.simulation.effects, rival) for rival in rivals]
         at_bound = [rival for rival, is_beyond in zip(rivals, beyond, strict=True) if is_beyond]
         rivals = [rival for rival, is_beyond in zip(rivals, beyond, strict=True) if not is_beyond]

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.evidence import Signature
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.screen import Candidate
@@ -29,6 +30,8 @@ def signature_of(loop: "Loop", effect: Found, found: Sequence[Found]) -> Signatu
         effect: One of `found`.
         found: All effects.
     """
+    if effect.candidate.family == COURSE:
+        return None  # parts of a log would average out what comes and goes
     joint, rows = effect.candidate.joint, loop.confirm
     u = loop.simulation.velocities([{}])[0][..., joint]
     over, along = _drawn(effect.candidate)

@@ -56,3 +56,13 @@ def test_a_course_in_time_is_a_last_resort(comparison: Comparison) -> None:
     assert comparison.better_dependence(gain, [gain, clearly]) is clearly
     assert comparison.raises_doubt(slightly, gain)
     assert not comparison.raises_doubt(that_gains("other:absolute_time", 310.0), gain)
+    # it has to explain that much more than another dependence, too, and does not make one out of its rivals
+    position = that_gains("other:position", 330.0)
+    assert (
+        comparison.better_dependence(gain, [gain, position, that_gains("other:absolute_time", 380.0)])
+        is position
+    )
+    assert comparison.as_good_as(slightly, [slightly, travel, that_gains("other:warmth", 200.0)]) == [
+        travel,
+        slightly,
+    ]

@@ -81,3 +81,20 @@ def test_the_sentence_says_whose_bound_it_is() -> None:
     pooled = replace(judgement, is_pooled=True, is_confirmed=False)
     assert "not confirmed" in in_words(coupled(0, 0.1), pooled, "lift")
     assert "(with its other joints at least 20%)" in in_words(coupled(0, 0.1), pooled, "lift")
+
+
+@pytest.mark.parametrize(("loss_by_turns", "is_confirmed"), [((0.0, 0.4), True), ((0.2, 0.2), False)])
+def test_a_course_in_time_has_to_explain_more_than_a_constant(loss_by_turns, is_confirmed) -> None:
+    judged = confirmation((0.0, 0.0))
+    simulation = judged.simulation
+    simulation.setting = SimpleNamespace(dt_s=0.05, n_joint=2)
+    is_second = np.arange(N_ROWS) // 400 % 2
+    u = simulation.velocities([{}])[0]
+    simulation.sequences.velocity[..., 0] -= np.array(loss_by_turns)[is_second] * u[..., 0]
+    course = Found(
+        Candidate("other:absolute_time", 0, None, {"width": 3.0}, (), np.ones(1), 1.0, 0.5, np.ones(4))
+    )
+    seen = judged.judge([course])[0]
+    assert seen.is_confirmed is is_confirmed
+    assert seen.bound <= seen.share
+    assert (seen.share > 0.5) is is_confirmed

@@ -90,3 +90,12 @@ def test_what_does_harm_once_the_unnamed_is_gone_goes_too() -> None:
     effects = [effect("gain", 0), effect("delay", 1), effect("lag", 1)]
     assert names(case.gate().passing(effects, lambda _: False)) == [("gain", (0,))]
     assert case.refits == [[("gain", (0,)), ("delay", (1,))], [("gain", (0,))]]
+
+
+def test_a_course_in_time_predicts_nothing_and_is_named_where_it_shows() -> None:
+    course = effect("other:absolute_time", 1, 2)
+    effects = [effect("gain", 0), course, effect("lag", 2)]
+    case = Case({("gain", 0): 0.3})
+    assert names(case.gate().worth_a_name(effects, lambda e: e is course)) == names(effects[:2])
+    assert names(case.gate().worth_a_name(effects, lambda _: False)) == names(effects[:1])
+    assert case.gate().without_harm([course]) == [course]
