@@ -74,7 +74,7 @@ def wrong_effect(effects: Sequence[Effect], screened: Sequence[Candidate]) -> Ef
         effects: That were found, strongest first.
         screened: Candidates of the first screen.
     """
-    if not effects or not has_wrapper(effects[0].members[0].candidate):
+    if not effects or not effects[0].has_wrapper:
         return None
     first = effects[0].members[0].candidate
     others = [

@@ -36,7 +36,6 @@ from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
 from pipeline.discrepancy.stops import Encoder, encoders_of
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
-from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
@@ -46,7 +45,7 @@ from pipeline.effects.effect import Setting
 from pipeline.effects.store import ActiveEffects, predictor
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, validation_part
-from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.specification import CommandKind, MachineSpecification
 
 LEVELS = (1, 80, 1000)
 NULL_BLOCK_ROWS = 1200
@@ -123,7 +122,10 @@ class Loop:
         machine, config = self.machine, self.config
         rows = side_by_side(self.nominal, machine.dt_s)
         lower, upper = machine.lower, machine.upper
-        diagnosis = train_diagnosis_model(rows, lower, upper, machine.dt_s, config.diagnosis, config.seed)
+        is_switched = machine.command_kind is CommandKind.discrete
+        diagnosis = train_diagnosis_model(
+            rows, lower, upper, machine.dt_s, config.diagnosis, config.seed, is_switched
+        )
         self.setting = Setting(machine.dt_s, lower, upper, diagnosis.scales.speed)
         effects = [e for f, e in known_for(machine.command_kind).items() if f not in config.exclude]
         self.lap("diagnosis model")
@@ -134,7 +136,7 @@ class Loop:
         simulation = Simulation(diagnosis, rows, effects, self.setting, diagnosis.left_out[..., :n_rows])
         self.nominal_phases = sampling_phases(simulation, rows.is_row)
         simulation.set_phases(self.nominal_phases)
-        weight = is_known(known, rows, diagnosis.scales)
+        weight = is_known(known, rows, diagnosis.scales, is_switched)
         residual = (averaged(weight.astype(float), rows.is_row) > 0.999) * averaged(
             rows.velocity - simulation.velocities([{}])[0], rows.is_row
         )
@@ -165,7 +167,7 @@ class Loop:
         self.label = np.zeros(self.sequences.is_row.shape, np.int8)
         for index, purpose in enumerate(purposes):
             self.label[index, : len(purpose)] = purpose
-        self.weight = is_known(known, self.sequences, diagnosis.scales)
+        self.weight = is_known(known, self.sequences, diagnosis.scales, is_switched)
         used = self.sequences.is_row & np.isin(self.label, (Purpose.fit, Purpose.select))
         self.phases = sampling_phases(self.simulation, used)
         self.simulation.set_phases(self.phases)
@@ -191,8 +193,9 @@ class Loop:
     def _search(self) -> list[Found]:
         moving = np.abs(self.simulation.velocities([{}])[0]) > 0.3 * self.diagnosis.scales.speed
         is_used = moving & self.rows.is_used[..., None]
-        self.moving_s = (is_used & self.weight).sum(axis=(0, 1)) * self.machine.dt_s
-        self.unknown_share = 1.0 - (is_used & self.weight).sum(axis=(0, 1)) / is_used.sum(axis=(0, 1)).clip(1)
+        n_known = (is_used & self.weight).sum(axis=(0, 1))
+        self.moving_s = n_known * self.machine.dt_s
+        self.unknown_share = 1.0 - n_known / is_used.sum(axis=(0, 1)).clip(1)
         self.excited = [
             j for j in range(len(self.joints)) if self.moving_s[j] >= self.config.gate.smallest_excitation_s
         ]
@@ -273,7 +276,7 @@ class Loop:
         }
 
     def _active(self, effects: Sequence[Effect]) -> ActiveEffects | None:
-        found = [member for effect in effects for member in effect.members if has_wrapper(member.candidate)]
+        found = [member for effect in effects if effect.has_wrapper for member in effect.members]
         if not found:
             return None
         onset_ns: dict[str, int] = {}

@@ -122,6 +122,7 @@ def train_diagnosis_model(
     dt_s: float,
     config: DiagnosisModelConfig,
     seed: int,
+    is_switched: bool,
 ) -> DiagnosisModel:
     """Train all members at once.
 
@@ -132,6 +133,7 @@ def train_diagnosis_model(
         dt_s: Length of one time step.
         config: Size and training.
         seed: Initial weights and order of the segments.
+        is_switched: Whether commands are -1, 0 or 1.
 
     Raises:
         InputError: The logs are too short for a training segment per member.
@@ -143,7 +145,7 @@ def train_diagnosis_model(
     data = tuple(jnp.asarray(column, jnp.float32) for column in columns)
     keys = jax.random.split(jax.random.key(seed), config.members)
     compiled = _train.lower(
-        keys[0], jnp.asarray(segments[0]), data, scales, dt_s, _Static(config), is_switched(nominal)
+        keys[0], jnp.asarray(segments[0]), data, scales, dt_s, _Static(config), is_switched
     ).compile()
     with ThreadPoolExecutor() as pool:  # matrices this small do not fill a core each
         trained = list(
@@ -151,12 +153,7 @@ def train_diagnosis_model(
         )
     weights = jax.tree.map(lambda *members: jnp.stack(members), *trained)
     left_out = np.stack([parts == member for member in range(config.members)])
-    return DiagnosisModel(weights, scales, config.lags, dt_s, left_out, is_switched(nominal))
-
-
-def is_switched(sequences: Sequences) -> bool:
-    """Whether joints are commanded by switches, all or nothing."""
-    return bool(np.all(np.isin(sequences.command, (-1.0, 0.0, 1.0))))
+    return DiagnosisModel(weights, scales, config.lags, dt_s, left_out, is_switched)
 
 
 class _Static:
@@ -181,13 +178,13 @@ def _train(
     scales: Scales,
     dt_s: float,
     static: _Static,
-    switched: bool,
+    is_switched: bool,
 ) -> Weights:
     """Train one member on the segments that begin at `starts`."""
     config = static.config
     command, q, velocity, weight = data
     n_joint = command.shape[-1]
-    inputs = _inputs(command, q, scales, config.lags, switched)
+    inputs = _inputs(command, q, scales, config.lags, is_switched)
     lower = jnp.minimum((scales.stop_lower - q) / dt_s, 0.0) / scales.speed
     upper = jnp.maximum((scales.stop_upper - q) / dt_s, 0.0) / scales.speed
     flat = [
@@ -237,7 +234,7 @@ def _network(weights: Weights, x: jax.Array) -> jax.Array:
     return x @ weights["w3"] + weights["b3"]
 
 
-def _inputs(command: jax.Array, q: jax.Array, scales: Scales, lags: int, switched: bool) -> jax.Array:
+def _inputs(command: jax.Array, q: jax.Array, scales: Scales, lags: int, is_switched: bool) -> jax.Array:
     """Commands of rows t-lags+1 … t, what they ask for together, and the normalised position of row t: (..., T, n).
 
     Joints that share a supply are slower together from the point on where they ask for more than there is: by how many
@@ -250,7 +247,7 @@ def _inputs(command: jax.Array, q: jax.Array, scales: Scales, lags: int, switche
     known = jnp.pad(command, before)
     windows = [known[..., lag : lag + n_rows, :] for lag in range(lags)]
     together = jnp.stack([jnp.sum(jnp.abs(window), axis=-1, keepdims=True) for window in windows])
-    numbers = range(1, n_joint - 1) if switched else ()
+    numbers = range(1, n_joint - 1) if is_switched else ()
     beyond = [jnp.maximum(together - number, 0.0) for number in numbers]
     ends = [lags - 2**k for k in reversed(range(lags.bit_length())) if 2**k < lags]
     stretches = np.split(np.arange(lags), ends)  # short ones for what is new
@@ -328,7 +325,7 @@ def standing(sequences: Sequences, scales: Scales) -> np.ndarray:
     return slow & (above | below)
 
 
-def is_known(nominal: Sequences, sequences: Sequences, scales: Scales) -> np.ndarray:
+def is_known(nominal: Sequences, sequences: Sequences, scales: Scales, is_switched: bool) -> np.ndarray:
     """Where nominal logs show how a joint moves, (B, T, n_joint).
 
     It stands in a part of its range that it often moved through, and, of a machine with switches, as many joints are
@@ -346,6 +343,7 @@ def is_known(nominal: Sequences, sequences: Sequences, scales: Scales) -> np.nda
         asked = sequences.q[..., joint]
         result[..., joint] = is_often(nominal.q[..., joint][moving], asked, edges, SMALLEST_VISITS_SHARE)
         asks = np.abs(sequences.command[..., joint]) > 0.0
-        known = is_often(together[moving], asked_together, numbers, SMALLEST_TOGETHER_SHARE)
-        result[..., joint] &= known | ~asks | (not is_switched(nominal))
+        if is_switched:
+            known = is_often(together[moving], asked_together, numbers, SMALLEST_TOGETHER_SHARE)
+            result[..., joint] &= known | ~asks
     return result

@@ -142,7 +142,7 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
             "std_log_speed": quantity(values["std_log_speed"], "1", 0.15 * values["std_log_speed"]),
             "correlation_time": quantity(values["correlation_time"], "s", 0.4 * values["correlation_time"]),
         }
-    if not has_wrapper(effect.members[0].candidate):
+    if not effect.has_wrapper:
         return {}
     found = loop.search.found
     described = []

@@ -11,6 +11,7 @@ from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.shared_flow import coefficients_by_source
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.whole_machine import OF_ONE_CAUSE
+from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 
@@ -34,6 +35,11 @@ class Effect:
     def card(self) -> str:
         """Key of its card: of a dependence that of its form."""
         return self.members[0].candidate.family if self.family == OTHER else self.family
+
+    @property
+    def has_wrapper(self) -> bool:
+        """Whether there is something to put into the model."""
+        return has_wrapper(self.members[0].candidate)
 
     @property
     def can_lose_joints(self) -> bool:

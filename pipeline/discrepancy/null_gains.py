@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 
-from pipeline.discrepancy.course_in_time import course_candidates
 from pipeline.discrepancy.plausibility import THERMAL_DRIFT, is_plausible
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.screen import Misfit, Nominal, Rows, screen
 from pipeline.discrepancy.simulation import Simulation
-from pipeline.discrepancy.supply_variation import supply_candidates
+from pipeline.discrepancy.wrapperless import screen_without_wrapper
 
 PRESENT_SHARE, PRESENT_T = 0.1, 2.5  # of an effect that the nominal logs have, too
 
@@ -23,8 +22,7 @@ def null_gains(simulation: Simulation, rows: Rows, excluded: Sequence[str], fact
     """
     candidates = [
         *screen(simulation, {}, rows, excluded),
-        *supply_candidates(simulation, {}, rows),
-        *course_candidates(simulation, {}, rows),
+        *screen_without_wrapper(simulation, {}, rows, excluded),
     ]
     n = len(rows.folds.fold)
     misfits = {c.key: Misfit(c, factor * c.gain / n) for c in candidates if c.gain > 0.0}

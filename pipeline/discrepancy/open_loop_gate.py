@@ -9,7 +9,6 @@ from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.gate import GateConfig
 from pipeline.discrepancy.grouping import Effect
 from pipeline.discrepancy.held_out_errors import WindowErrors
-from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.effects.catalogue import KNOWN
 
 
@@ -97,7 +96,7 @@ class OpenLoopGate:
 
 
 def _may_harm(effect: Effect, joints: set[int]) -> bool:
-    if not has_wrapper(effect.members[0].candidate):
+    if not effect.has_wrapper:
         return False
     reaches = any(KNOWN[m.candidate.family].reaches_other_joints for m in effect.members)
     return reaches or bool(set(effect.joints) & joints)

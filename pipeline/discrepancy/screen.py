@@ -113,22 +113,24 @@ class Rows:
 
 def averaged(values: np.ndarray, is_used: np.ndarray) -> np.ndarray:
     """Means over groups of `ROWS_AVERAGED` rows that are all used: (B, T, ...) to (N, ...)."""
-    n_groups = values.shape[1] // ROWS_AVERAGED
-    shape = (values.shape[0], n_groups, ROWS_AVERAGED)
-    grouped = values[:, : n_groups * ROWS_AVERAGED].reshape(*shape, *values.shape[2:])
-    used = is_used[:, : n_groups * ROWS_AVERAGED].reshape(shape).all(axis=2)
-    return grouped.mean(axis=2)[used]
+    return _grouped(values).mean(axis=2)[_grouped(is_used).all(axis=2)]
 
 
 def spread(values: np.ndarray, is_used: np.ndarray) -> np.ndarray:
     """What `averaged` gave, back on the rows that it is of, 0 on all others: (N, ...) to (B, T, ...)."""
-    n_groups = is_used.shape[1] // ROWS_AVERAGED
-    whole = is_used[:, : n_groups * ROWS_AVERAGED].reshape(len(is_used), n_groups, ROWS_AVERAGED).all(axis=2)
-    result = np.zeros((*is_used.shape, *values.shape[1:]))
+    whole = _grouped(is_used).all(axis=2)
     grouped = np.zeros((*whole.shape, *values.shape[1:]))
     grouped[whole] = values
-    result[:, : n_groups * ROWS_AVERAGED] = np.repeat(grouped, ROWS_AVERAGED, axis=1)
+    result = np.zeros((*is_used.shape, *values.shape[1:]))
+    result[:, : whole.shape[1] * ROWS_AVERAGED] = np.repeat(grouped, ROWS_AVERAGED, axis=1)
     return result
+
+
+def _grouped(values: np.ndarray) -> np.ndarray:
+    """(B, T, ...) to (B, n_groups, ROWS_AVERAGED, ...)."""
+    n_groups = values.shape[1] // ROWS_AVERAGED
+    whole = values[:, : n_groups * ROWS_AVERAGED]
+    return whole.reshape(len(values), n_groups, ROWS_AVERAGED, *values.shape[2:])
 
 
 def screen(

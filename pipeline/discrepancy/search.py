@@ -12,7 +12,6 @@ import numpy as np
 
 from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
-from pipeline.discrepancy.course_in_time import course_candidates
 from pipeline.discrepancy.decide_again import decide_again
 from pipeline.discrepancy.encoder_error import encoder_errors
 from pipeline.discrepancy.found import Found, onsets_of, values_of
@@ -37,7 +36,6 @@ from pipeline.discrepancy.search_thresholds import SearchConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
-from pipeline.discrepancy.supply_variation import supply_candidates
 from pipeline.discrepancy.whole_machine import (
     COMMON_CAUSES,
     DOUBTED_FACTOR,
@@ -47,7 +45,7 @@ from pipeline.discrepancy.whole_machine import (
     common_cause,
     of_one_cause,
 )
-from pipeline.discrepancy.wrapperless import has_wrapper
+from pipeline.discrepancy.wrapperless import WITHOUT_WRAPPER, has_wrapper, screen_without_wrapper
 
 REFINED = 3  # of a joint's candidates
 TOLD_LOSERS = 6  # of a joint's candidates
@@ -181,10 +179,10 @@ class Search:
     def _candidates(self) -> list[Candidate]:
         active = values_of(self.simulation, self.found)
         candidates = screen(self.simulation, active, self.rows, self.excluded, nominal=self.nominal)
-        if SUPPLY not in self.excluded and not any(f.candidate.family == SUPPLY for f in self.found):
-            candidates += supply_candidates(self.simulation, active, self.rows, self.nominal)
-        if COURSE not in self.excluded:
-            candidates += course_candidates(self.simulation, active, self.rows, self.nominal)
+        # No wrapper takes a common change off what is left: neither it nor a joint's own course is to be sought there.
+        is_supply_known = any(f.candidate.family == SUPPLY for f in self.found)
+        excluded = WITHOUT_WRAPPER if is_supply_known else self.excluded
+        candidates += screen_without_wrapper(self.simulation, active, self.rows, excluded, self.nominal)
         taken = {f.candidate.key for f in self.found}
         candidates = [c for c in candidates if c.key not in taken and not self._is_refuted_by_stops(c)]
         # What sets in at the same moment as an effect found before is one event.

@@ -8,84 +8,48 @@ chapter 3.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from pipeline.discrepancy.change_of_speed import ChangeOfSpeed
 from pipeline.discrepancy.gate import shifted_p
-from pipeline.discrepancy.regression import evidence
-from pipeline.discrepancy.screen import Candidate, Nominal, Rows, averaged, scored
+from pipeline.discrepancy.screen import Candidate, Nominal, Rows
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 FAMILY = "supply_variation"
-WIDTHS_S = (0.7, 1.5, 3.0, 6.0, 12.0)
 STEP_S, LAGS = 0.5, np.arange(2, 41)  # of the covariance: 1 to 20 s
-PRIOR_STD = 0.1  # of z: keeps the estimate at zero where nothing moves
 
 
-class _Common:
+class _Common(ChangeOfSpeed):
     """The common change of speed as the other joints show it."""
 
+    family = FAMILY
+    widths_s = (0.7, 1.5, 3.0, 6.0, 12.0)
+
     def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows) -> None:
-        velocity = simulation.velocities([active])[0]
-        usable = rows.is_used[..., None]
-        self.rows = rows
-        self.dt_s = simulation.setting.dt_s
-        self.residual = np.where(usable, simulation.sequences.velocity - velocity, 0.0)
-        self.moving = np.where(usable, velocity, 0.0)
-        self.reference = rows.weight * rows.averaged(self.residual)
-        self.joints = range(velocity.shape[-1])
+        super().__init__(simulation, active, rows, rows.is_used[..., None])
 
-    def of_others(self, joint: int, width_s: float) -> np.ndarray:
-        """z, (B, T), by all joints but one: a moving average of their residuals per velocity."""
+    def of(self, joint: int, width_s: float) -> np.ndarray:
+        """By all joints but one: a moving average of their residuals per velocity."""
         width = width_s / self.dt_s
-        others = [other for other in self.joints if other != joint]
+        others = [other for other in range(self.square.shape[-1]) if other != joint]
         product, square = (
-            gaussian_filter1d(
-                (values * self.moving / self.rows.floor)[..., others].sum(axis=-1),
-                width,
-                axis=1,
-                mode="constant",
-            )
-            for values in (self.residual, self.moving)
+            gaussian_filter1d(of[..., others].sum(axis=-1), width, axis=1, mode="constant")
+            for of in (self.product, self.square)
         )
-        # The floor's correlation leaves about one independent value per second.
-        information = square * width * self.dt_s
-        z = product / np.maximum(square, 1e-9) * information / (information + 1.0 / PRIOR_STD**2)
+        z = self.ratio(product, square, square * width)
         # What stays the same all the time is a gain of every joint, not a variation.
-        motion = self.moving[..., joint] ** 2
+        motion = self.square[..., joint]
         return z - np.sum(z * motion) / max(np.sum(motion), 1e-12)
-
-    def regressor(self, joint: int, z: np.ndarray) -> np.ndarray:
-        """(N,) change of the joint's velocity."""
-        return self.rows.weight[:, joint] * averaged(z * self.moving[..., joint], self.rows.is_used)
 
 
 def supply_candidates(
     simulation: Simulation, active: Hypothesis, rows: Rows, nominal: Nominal = MappingProxyType({})
 ) -> list[Candidate]:
-    """One candidate per joint, at the best width of the moving average.
-
-    What joints have in common on nominal logs is another draw of the same process: as much per row is owed to it.
-    """
-    common = _Common(simulation, active, rows)
-    best: dict[int, Candidate] = {}
-    for width_s in WIDTHS_S:
-        for joint in common.joints:
-            reference = common.reference[:, joint]
-            regressor = common.regressor(joint, common.of_others(joint, width_s))[:, None]
-            found = evidence(reference, reference, regressor, rows.folds, np.array([0.0]), np.array([2.0]))
-            candidate = scored(
-                found, reference, rows.floor[joint], FAMILY, joint, None, {"width": width_s}, ()
-            )
-            if joint not in best or candidate.gain > best[joint].gain:
-                best[joint] = candidate
-    n = len(rows.folds.fold)
-    return [
-        replace(c, owed=nominal[c.key].most_per_row * n) if c.key in nominal else c for c in best.values()
-    ]
+    """One candidate per joint, at the best width; arguments as of `ChangeOfSpeed`, and of its `candidates`."""
+    return _Common(simulation, active, rows).candidates(nominal)
 
 
 def supply_p(
@@ -104,7 +68,7 @@ def supply_p(
         seed: Of the shifts.
     """
     common = _Common(simulation, active, rows)
-    z = {joint: common.of_others(joint, width_s) for joint, width_s in widths_s.items()}
+    z = {joint: common.of(joint, width_s) for joint, width_s in widths_s.items()}
 
     def root_gain(shift: int) -> float:
         total = 0.0
@@ -143,11 +107,8 @@ def supply_parameters(
 
 def _covariance(simulation: Simulation, rows: Rows) -> np.ndarray:
     """Of the common change of speed, at `LAGS`."""
-    velocity = simulation.velocities([{}])[0]
-    residual = np.where(rows.is_used[..., None], simulation.sequences.velocity - velocity, 0.0)
-    moving = np.where(rows.is_used[..., None], velocity, 0.0)
-    numerator = (residual * moving / rows.floor).sum(axis=-1)
-    denominator = (moving**2 / rows.floor).sum(axis=-1)
+    common = _Common(simulation, {}, rows)
+    numerator, denominator = common.product.sum(axis=-1), common.square.sum(axis=-1)
     step = round(STEP_S / simulation.setting.dt_s)
     n = numerator.shape[1] // step * step
     numerator, denominator = (

@@ -1,12 +1,31 @@
 """Effects without a wrapper: they are seen, tested and named, but nothing says what they will do next."""
 
-from pipeline.discrepancy.course_in_time import FAMILY as COURSE
-from pipeline.discrepancy.screen import Candidate
-from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from collections.abc import Collection
+from types import MappingProxyType
 
-WITHOUT_WRAPPER = (SUPPLY, COURSE)
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
+from pipeline.discrepancy.course_in_time import course_candidates
+from pipeline.discrepancy.screen import Candidate, Nominal, Rows
+from pipeline.discrepancy.simulation import Hypothesis, Simulation
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.supply_variation import supply_candidates
+
+TRIED = {SUPPLY: supply_candidates, COURSE: course_candidates}
+WITHOUT_WRAPPER = tuple(TRIED)
 
 
 def has_wrapper(candidate: Candidate) -> bool:
     """Whether there is something to put into the model."""
     return candidate.family not in WITHOUT_WRAPPER
+
+
+def screen_without_wrapper(
+    simulation: Simulation,
+    active: Hypothesis,
+    rows: Rows,
+    excluded: Collection[str],
+    nominal: Nominal = MappingProxyType({}),
+) -> list[Candidate]:
+    """One candidate per joint of each such family; arguments as of `screen`."""
+    tried = [candidates for family, candidates in TRIED.items() if family not in excluded]
+    return [one for candidates in tried for one in candidates(simulation, active, rows, nominal)]

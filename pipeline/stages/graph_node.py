@@ -225,19 +225,19 @@ def _server(configuration: GraphStage) -> Node:
 
 
 def operate(
-    configuration: GraphStage, is_running: Callable[[], bool] = lambda: True
+    configuration: GraphStage, require_running: Callable[[], None] = lambda: None
 ) -> tuple[list[ReachResult], Recorder]:
     """Join the graph and pursue the targets one after the other.
 
     Args:
         configuration: names the targets.
-        is_running: whether all nodes still run.
+        require_running: raises where a node has ended.
     """
     machine = configuration.machine
     goals = reach_goals(configuration)
     with live_view(machine, MACHINE_DIRECTORY, configuration.live_port) as taps:
         operator = Operator(machine, taps)
-        operator.wait_for_server(START_TIMEOUT_S, is_running)
+        operator.wait_for_server(START_TIMEOUT_S, require_running)
         time.sleep(SETTLE_S)
         with kept_if_cut_off(configuration, operator.recorder):
             results = operator.pursue(goals, configuration.episodes.steps * machine.dt_s + GOAL_MARGIN_S)

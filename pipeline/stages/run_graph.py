@@ -3,6 +3,7 @@
 import json
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from pipeline.deployment.machine import LearnedMachine, Machine
 from pipeline.deployment.messages import ReachResult
 from pipeline.deployment.recording import Recorder
 from pipeline.deployment.ros1.agreement import agreement_table, paired_differences
-from pipeline.deployment.ros1.launch import graph
+from pipeline.deployment.ros1.launch import graph, require_running
 from pipeline.deployment.successive import run_successive
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import load_logs
@@ -88,8 +89,9 @@ def trials_of(folder: Path, configuration: RunGraphStage) -> list[dict[str, Any]
 def run_targets(configuration: GraphStage, overrides: list[str]) -> tuple[list[ReachResult], Recorder]:
     """Launch the nodes with the overrides of this command, pursue the targets, shut the nodes down."""
     nodes = node_commands(configuration, overrides)
-    with graph(nodes, Path(configuration.output) / "nodes") as processes:
-        return operate(configuration, lambda: all(process.poll() is None for process in processes.values()))
+    folder = Path(configuration.output) / "nodes"
+    with graph(nodes, folder) as processes:
+        return operate(configuration, partial(require_running, processes, folder))
 
 
 def simulate(configuration: GraphStage) -> Recorder:

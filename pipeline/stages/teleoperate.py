@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from pipeline.configuration import MACHINE_DIRECTORY, stage
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.controllers import ControllerKind
 from pipeline.deployment.recording import Recorder
-from pipeline.deployment.ros1.launch import graph
+from pipeline.deployment.ros1.launch import graph, require_running
 from pipeline.deployment.ros1.listener import Listener
 from pipeline.deployment.simulated_time.delays import delays_of, load_delays
 from pipeline.deployment.simulated_time.graph import SimulatedGraph, Tap
@@ -149,21 +150,19 @@ def drive(configuration: TeleoperateStage, overrides: Sequence[str], taps: Seque
         InputError: ROS 1 is not installed, or a node ended.
     """
     nodes = node_commands(configuration, overrides, configuration.commanding)
-    with graph(nodes, Path(configuration.output) / "nodes") as processes:
-
-        def is_running() -> bool:
-            return all(process.poll() is None for process in processes.values())
-
+    folder = Path(configuration.output) / "nodes"
+    with graph(nodes, folder) as processes:
+        all_running = partial(require_running, processes, folder)
         if configuration.joystick is Sticks.device:
             print(
                 f"teleoperate: waits for a joystick on /joystick, ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}",
                 flush=True,
             )
         listener = Listener(configuration.machine, "recorder", taps)
-        listener.wait_for_nodes(len(nodes), START_TIMEOUT_S, is_running)
+        listener.wait_for_nodes(len(nodes), START_TIMEOUT_S, all_running)
         time.sleep(SETTLE_S)
         with kept(listener.recorder, configuration):  # before the nodes are ended, which takes them seconds
-            listener.listen(configuration.seconds, is_running)
+            listener.listen(configuration.seconds, all_running)
     return listener.recorder
 
 

@@ -66,7 +66,9 @@ def test_noise_that_is_alike_for_half_a_second_is_no_course():
 def test_rows_beside_tell_of_a_course_between_them():
     simulation, _ = logs(0.2 * np.sin(2 * np.pi * TIME_S / 60.0))
     is_held_out = (TIME_S % 20.0 < 4.0)[None]
-    held_out, fitted, nothing = (rows_of(used) for used in (is_held_out, ~is_held_out, 0 * is_held_out > 0))
+    held_out, fitted, nothing = (
+        rows_of(used) for used in (is_held_out, ~is_held_out, np.zeros_like(is_held_out))
+    )
     left = [
         np.sum(beyond_constants(simulation, {}, held_out, beside, 0, 6.0)[1] ** 2)
         for beside in (nothing, fitted)

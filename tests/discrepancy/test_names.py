@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from pipeline.configuration import load_section
+from pipeline.discrepancy import search as search_module
+from pipeline.discrepancy import wrapperless
 from pipeline.discrepancy.document import unexplained
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.plausibility import is_at_bound, is_plausible
@@ -166,6 +168,20 @@ def test_a_second_cause_explains_most_of_what_the_first_leaves(family, gain, sha
     looking.found = [Found(candidate(first, 0, 1000.0 if first == "delay" else 400.0))]
     second = replace(candidate(family, 0, gain), share=share)
     assert looking._without_repairs([second]) == ([second] if is_kept else [])
+
+
+def test_what_a_common_change_of_speed_leaves_is_no_joints_own_course(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
+    course, rest = candidate("other:absolute_time", 0, 50.0), candidate("gain", 0, 40.0)
+    monkeypatch.setattr(search_module, "screen", lambda *_, **__: [rest])
+    monkeypatch.setattr(search_module, "with_onsets", lambda *arguments: arguments[3])
+    monkeypatch.setitem(wrapperless.TRIED, "other:absolute_time", lambda *_: [course])
+    monkeypatch.setitem(wrapperless.TRIED, "supply_variation", lambda *_: [])
+    assert looking._candidates() == [rest, course]
+    looking.found = [Found(candidate("supply_variation", 0, 100.0, point={"width": 6.0}))]
+    assert looking._candidates() == [rest]
 
 
 def test_a_dependence_that_explains_more_than_the_name_takes_its_certainty() -> None:

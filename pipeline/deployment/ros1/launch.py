@@ -65,6 +65,25 @@ def graph(nodes: Mapping[str, Sequence[str]], folder: Path) -> Iterator[dict[str
                 os.environ[name] = value
 
 
+def require_running(processes: Mapping[str, subprocess.Popen[bytes]], folder: Path) -> None:
+    """Do nothing where all nodes still run.
+
+    Args:
+        processes: of `graph`.
+        folder: the same that `graph` was given.
+
+    Raises:
+        InputError: a node has ended; with the last line that it printed, which says why.
+    """
+    for name, process in processes.items():
+        if process.poll() is None:
+            continue
+        log = folder / f"{name}.log"
+        lines = log.read_text(errors="replace").split("\n")
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "it printed nothing")
+        raise InputError(f"{name} ended before its time: {last} ({log})")
+
+
 def _start(command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
     with log.open("wb") as stream:
         return subprocess.Popen(

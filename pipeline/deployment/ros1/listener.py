@@ -79,7 +79,7 @@ class Listener:
         """Time of the graph."""
         return self._clock.now_ns()
 
-    def wait_for_nodes(self, n_nodes: int, timeout_s: float, is_running: Callable[[], bool]) -> None:
+    def wait_for_nodes(self, n_nodes: int, timeout_s: float, require_running: Callable[[], None]) -> None:
         """Wait until so many of the graph's nodes are connected, each of which announces every topic.
 
         Raises:
@@ -89,9 +89,9 @@ class Listener:
         def are_connected() -> bool:
             return min(subscriber.get_num_connections() for subscriber in self._subscribers) >= n_nodes
 
-        wait_until_up(are_connected, f"{n_nodes} nodes", timeout_s, is_running)
+        wait_until_up(are_connected, f"{n_nodes} nodes", timeout_s, require_running)
 
-    def listen(self, duration_s: float, is_running: Callable[[], bool]) -> None:
+    def listen(self, duration_s: float, require_running: Callable[[], None]) -> None:
         """Hear the graph for so long; what it says afterwards reaches neither recorder nor taps.
 
         Raises:
@@ -100,8 +100,7 @@ class Listener:
         deadline = time.monotonic() + duration_s
         try:
             while (left_s := deadline - time.monotonic()) > 0:
-                if not is_running():
-                    raise InputError("a node ended before its time; see the nodes' logs")
+                require_running()
                 time.sleep(min(POLL_S, left_s))
         finally:
             with self._lock:  # which messages are kept under, so that none is half kept
@@ -109,7 +108,7 @@ class Listener:
 
 
 def wait_until_up(
-    is_up: Callable[[], bool], what: str, timeout_s: float, is_running: Callable[[], bool]
+    is_up: Callable[[], bool], what: str, timeout_s: float, require_running: Callable[[], None]
 ) -> None:
     """Wait for something of the graph.
 
@@ -117,15 +116,14 @@ def wait_until_up(
         is_up: whether it is there.
         what: its name, for the message.
         timeout_s: how long to wait.
-        is_running: whether all nodes still run.
+        require_running: raises where a node has ended.
 
     Raises:
         InputError: it is not in time, or a node has ended.
     """
     deadline = time.monotonic() + timeout_s
     while not is_up():
-        if not is_running():
-            raise InputError("a node ended while the graph came up; see the nodes' logs")
+        require_running()
         if time.monotonic() > deadline:
             raise InputError(f"{what} did not come up within {timeout_s:g} s; see the nodes' logs")
         time.sleep(POLL_S)

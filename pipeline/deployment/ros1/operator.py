@@ -26,13 +26,15 @@ class Operator(Listener):
         super().__init__(machine, "operator", taps)
         self.client = ReachClient()
 
-    def wait_for_server(self, timeout_s: float, is_running: Callable[[], bool]) -> None:
+    def wait_for_server(self, timeout_s: float, require_running: Callable[[], None]) -> None:
         """Wait until the server hears goals.
 
         Raises:
             InputError: it does not in time, or a node has ended.
         """
-        wait_until_up(lambda: self.client.is_connected(POLL_S), "autonomous_server", timeout_s, is_running)
+        wait_until_up(
+            lambda: self.client.is_connected(POLL_S), "autonomous_server", timeout_s, require_running
+        )
 
     def pursue(self, goals: Sequence[ReachGoal], timeout_s: float) -> list[ReachResult]:
         """Give each goal when the one before has ended.
