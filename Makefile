@@ -42,8 +42,9 @@ demo: env ## run the same graph on the smoke profile in build/demo: a first look
 	sed -i -e 's/^profile: .*/profile: smoke/' -e 's/^seeds: .*/seeds: [0]/' -e 's/^icem_variants: .*/icem_variants: [icem]/' \
 	  -e 's/^frames_per_second: .*/frames_per_second: 2/' \
 	  -e '/^  icem_double_dagger_/d' build/demo/params.yaml
-	cd build/demo && git init --quiet && mkdir compiled && export NUMBA_CACHE_DIR="$$PWD/compiled" \
-	  JAX_COMPILATION_CACHE_DIR="$$PWD/compiled" JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.2 TF_CPP_MIN_LOG_LEVEL=3 \
+	cd build/demo && git init --quiet && export JAX_COMPILATION_CACHE_DIR="$${JAX_COMPILATION_CACHE_DIR:-$$PWD/compiled}" \
+	  && mkdir -p "$$JAX_COMPILATION_CACHE_DIR" && export NUMBA_CACHE_DIR="$$JAX_COMPILATION_CACHE_DIR" \
+	  JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.2 TF_CPP_MIN_LOG_LEVEL=3 \
 	  && PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
 	@echo "Open build/demo/artifacts/report/index.html"
 
