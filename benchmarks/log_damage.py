@@ -11,7 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.logs.damage_cases import CASES, DamageCase, Damaged
+from tests.logs.damage import CASES
+from tests.logs.damage.case import DamageCase, Damaged
 from tests.logs.damage_outcome import Outcome, outcomes
 from tests.logs.whole_logs import whole_log
 

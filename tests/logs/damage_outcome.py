@@ -29,7 +29,7 @@ from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.raw_log import Note, NoteKind
 from tests.logs.conftest import REPOSITORY
-from tests.logs.damage_cases import REFUSED, DamageCase, Damaged, Where
+from tests.logs.damage.case import REFUSED, DamageCase, Damaged, Where
 
 DEADLINE_S = 15
 FUSE_BYTES = 4 << 30  # of memory that is the process's own; files may be mapped beyond it

@@ -1,6 +1,6 @@
 """Damaged logs: what is before the damage is recovered, the line says where and what was lost, nothing else happens.
 
-The list of cases is `damage_cases.py`; `python -m benchmarks.log_damage` prints it with what came of each.
+The list of cases is the folder `damage`; `python -m benchmarks.log_damage` prints it with what came of each.
 """
 
 import hashlib
@@ -22,7 +22,8 @@ from pipeline.logs.bags import read_log
 from pipeline.logs.discover import find_logs
 from pipeline.logs.raw_log import NoteKind
 from tests.logs.conftest import REPOSITORY
-from tests.logs.damage_cases import CASES, REFUSED, Where
+from tests.logs.damage import CASES
+from tests.logs.damage.case import REFUSED, Where
 from tests.logs.damage_outcome import (
     DEADLINE_S,
     FULL_DISK_FILE_BYTES,

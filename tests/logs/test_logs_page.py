@@ -15,7 +15,7 @@ from pipeline.logs.raw_log import NoteKind
 from pipeline.machine.specification import CommandSourceKind, MachineSpecification
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import REPOSITORY, make_session
-from tests.logs.damage_cases import CASES
+from tests.logs.damage import CASES
 
 PAGE = (REPOSITORY / "docs/logs.md").read_text(encoding="utf-8")
 SNIPPETS = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
