@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pipeline.discrepancy.baselines import trained_baselines, wrong_effect
+from pipeline.discrepancy.cold_oil import with_doubts_of_the_oil
 from pipeline.discrepancy.confirmation import Confirmation, in_words
-from pipeline.discrepancy.decide_again import with_doubts_of_the_oil
 from pipeline.discrepancy.diagnosis_model import is_known, train_diagnosis_model
 from pipeline.discrepancy.document import document_of
 from pipeline.discrepancy.found import Found, residual_of, values_of

@@ -1,21 +1,17 @@
 """A second decision between effects that could not be told apart while what is beside them was unknown."""
 
-from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from pipeline.discrepancy.comparison import NEGLIGIBLE
 from pipeline.discrepancy.found import Found, residual_of
-from pipeline.discrepancy.plausibility import LAG, STICTION, THERMAL_DRIFT, is_dependence
+from pipeline.discrepancy.plausibility import is_dependence
 from pipeline.discrepancy.refine import refine
 from pipeline.discrepancy.regression import t_statistic
-from pipeline.discrepancy.screen import Candidate, Rows
+from pipeline.discrepancy.screen import Rows
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.whole_machine import OF_ONE_CAUSE
-
-LATE_ALIKE = (LAG, STICTION)  # delays of all joints are a late channel
 
 
 def decide_again(
@@ -41,7 +37,7 @@ def decide_again(
         # what several joints have in common is no matter of one of them
         known = beside.union(OF_ONE_CAUSE)
         named = [c for c in first.equivalents if not is_dependence(c) and c.family not in known]
-        if not named or not beside:
+        if not named or not beside or first.candidate.family in OF_ONE_CAUSE:
             continue
         trials = [found]
         for option in named:
@@ -66,27 +62,6 @@ def decide_again(
             *found[place + 1 :],
         ]
     return found
-
-
-def with_doubts_of_the_oil(found: Sequence[Found], screened: Sequence[Candidate]) -> list[Found]:
-    """Joints that respond late one like the other need no cause each: oil that stays cold does that to several.
-
-    Args:
-        found: All effects that passed the gate.
-        screened: Candidates of the first screen.
-    """
-    if any(f.candidate.family == THERMAL_DRIFT for f in found):
-        return list(found)
-    count = Counter(f.candidate.family for f in found if f.candidate.family in LATE_ALIKE)
-    doubted = []
-    for effect in found:
-        if count[effect.candidate.family] > 1:
-            joint, known = effect.candidate.joint, {c.family for c in effect.equivalents}
-            cold = [c for c in screened if c.family == THERMAL_DRIFT and c.joint == joint and c.gain > 0.0]
-            if THERMAL_DRIFT not in known:
-                effect = replace(effect, equivalents=[*effect.equivalents, *cold])
-        doubted.append(effect)
-    return doubted
 
 
 def _squares_by_block(simulation: Simulation, rows: Rows, found: Sequence[Found], joint: int) -> np.ndarray:

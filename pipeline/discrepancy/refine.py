@@ -79,19 +79,43 @@ def refine_alone(
     simulation: Simulation, rows: Rows, found: Sequence[Found], candidate: Candidate
 ) -> Candidate:
     """Move one candidate off its grid, the effects that were found before held where they are."""
-    if not candidate.point:
-        return candidate
-    others = list(found)
-    reference = residual_of(simulation, rows, others)[:, candidate.joint]
-    refined = refine(simulation, rows, [*others, Found(candidate)])[-1].candidate
-    after = residual_of(simulation, rows, [*others, Found(refined)])[:, candidate.joint]
+    return refined_together(simulation, rows, found, [candidate])[0] if candidate.point else candidate
+
+
+def refined_together(
+    simulation: Simulation, rows: Rows, found: Sequence[Found], candidates: Sequence[Candidate]
+) -> list[Candidate]:
+    """Move candidates on different joints off their grids, beside the effects that were found before."""
+    before = residual_of(simulation, rows, found)
+    fitted = refine(simulation, rows, [*found, *map(Found, candidates)])[len(found) :]
+    after = residual_of(simulation, rows, [*found, *fitted])
+    return [
+        _better(candidate, of.candidate, rows, before[:, candidate.joint], after[:, candidate.joint])
+        for candidate, of in zip(candidates, fitted, strict=True)
+    ]
+
+
+def _better(
+    candidate: Candidate, refined: Candidate, rows: Rows, before: np.ndarray, after: np.ndarray
+) -> Candidate:
+    """The refined one with what it explains, or the one of the grid, on rows that it was not fitted to."""
     floor = rows.floor[candidate.joint]
-    by_block = np.bincount(rows.folds.block, reference**2 - after**2, minlength=rows.folds.n_blocks) / floor
+    by_block = np.bincount(rows.folds.block, before**2 - after**2, minlength=rows.folds.n_blocks) / floor
     gain = float(by_block.sum())
     if gain <= candidate.gain:
         return candidate
-    share = gain * floor / max(float(np.sum(reference**2)), 1e-12)
+    share = gain * floor / max(float(np.sum(before**2)), 1e-12)
     return replace(refined, gain=gain, share=share, gain_by_block=by_block)
+
+
+def completed(simulation: Simulation, candidate: Candidate) -> Candidate:
+    """With the parameters that belong to an effect, but do not make it known."""
+    if not has_wrapper(candidate):
+        return candidate
+    of_family = simulation.effects[candidate.family].freed_later()
+    later = tuple(one for one in of_family if one not in candidate.freed)
+    coefficients = np.append(candidate.coefficients, np.zeros(len(later)))
+    return replace(candidate, freed=candidate.freed + later, coefficients=coefficients)
 
 
 def gain_without(simulation: Simulation, rows: Rows, found: Sequence[Found], left_out: Found) -> np.ndarray:

@@ -8,8 +8,7 @@ taken; what is as simple and as good is kept as its equivalent (`comparison.py`)
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
+from pipeline.discrepancy.cold_oil import cold_oil
 from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.decide_again import decide_again
@@ -29,7 +28,7 @@ from pipeline.discrepancy.plausibility import (
     is_dependence,
     is_plausible,
 )
-from pipeline.discrepancy.refine import gain_without, refine, refine_alone
+from pipeline.discrepancy.refine import completed, gain_without, refine, refine_alone
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.screen import Candidate, Nominal, Rows, screen
 from pipeline.discrepancy.search_thresholds import SearchConfig
@@ -38,6 +37,7 @@ from pipeline.discrepancy.stops import Encoder
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.whole_machine import (
     COMMON_CAUSES,
+    COMMON_FACTOR,
     DOUBTED_FACTOR,
     OF_ONE_CAUSE,
     ON_SEVERAL_JOINTS,
@@ -52,6 +52,7 @@ TOLD_LOSERS = 6  # of a joint's candidates
 ONSET_FACTOR, ONSET_T = 1.2, 1.5  # times the gain without onset; of the gain by blocks
 WHOLE_SECOND_SHARE = 0.5
 REST_SHARE = 0.5  # net, of the squares that earlier effects leave
+OIL_FACTOR = 1.1  # times what another common cause explains
 SECOND_CAUSE_SHARE = 0.2  # of what the first explains on all its joints
 # What an effect has to do beside the others: of the smallest share, and by blocks.
 STILL_SHARE, STILL_T = 0.4, 2.5
@@ -267,11 +268,11 @@ class Search:
         # A second common cause would only mend the first.
         if not any(f.candidate.family in COMMON_CAUSES for f in self.found):
             common = common_cause(best, candidates, self.comparison.net, self.comparison.shows)
-            if any(map(self.passes, common)):
-                self._say(
-                    f"{common[0].family} on {len(common)} joints explains more together than anything on one"
-                )
-                return [Found(c) for c in common]
+            cause = self._cold_oil(best, common, candidates) or [Found(c) for c in common]
+            if any(self.passes(f.candidate) for f in cause):
+                family = cause[0].candidate.family
+                self._say(f"{family} on {len(cause)} joints explains more together than anything on one")
+                return cause
         rivals = sorted((c for c in passing if c.joint == best.joint), key=self.comparison.net, reverse=True)
         foremost = [c for c in rivals if has_wrapper(c)][:REFINED]
         rivals = self._refined(foremost) + [c for c in rivals if not any(c is one for one in foremost)]
@@ -317,6 +318,17 @@ class Search:
         if chosen.family == DELAY and TIMING not in self.excluded:
             found += [Found(c) for c in self._late_elsewhere(chosen, candidates)]
         return found
+
+    def _cold_oil(
+        self, best: Candidate, common: Sequence[Candidate], candidates: Sequence[Candidate]
+    ) -> list[Found]:
+        """Oil that makes joints late, where it explains more than one joint's effect, or any other cause in common."""
+        if THERMAL_DRIFT in self.excluded or any(c.family == THERMAL_DRIFT for c in common):
+            return []
+        oil = cold_oil(self.simulation, self.rows, self.found, candidates, self.comparison, self.excited)
+        net = self.comparison.net
+        otherwise = max(OIL_FACTOR * sum(map(net, common)), COMMON_FACTOR * net(best))
+        return oil if sum(net(f.candidate) for f in oil) > otherwise else []
 
     def _as_good_in_common(
         self, best: Candidate, chosen: Candidate, known: Sequence[Candidate], candidates: Sequence[Candidate]
@@ -368,22 +380,8 @@ class Search:
         ]
 
     def _refit(self) -> None:
-        self.found = refine(self.simulation, self.rows, [self._complete(f) for f in self.found])
-
-    def _complete(self, found: Found) -> Found:
-        """With the parameters that belong to an effect, but do not make it known."""
-        candidate = found.candidate
-        if not has_wrapper(candidate):
-            return found
-        later = tuple(
-            one
-            for one in self.simulation.effects[candidate.family].freed_later()
-            if one not in candidate.freed
-        )
-        coefficients = np.append(candidate.coefficients, np.zeros(len(later)))
-        return replace(
-            found, candidate=replace(candidate, freed=candidate.freed + later, coefficients=coefficients)
-        )
+        known = [replace(f, candidate=completed(self.simulation, f.candidate)) for f in self.found]
+        self.found = refine(self.simulation, self.rows, known)
 
     def _look_back(self) -> None:
         """Drop what the others made superfluous."""

@@ -41,7 +41,7 @@ class ThermalDrift(VelocityEffect):
         parameters=(
             Parameter("cold_speed_loss", "1", 0.0, -0.5, 0.8),
             Parameter("warm_gain", "1", 0.0, -0.5, 0.5),
-            Parameter("cold_lag", "s", 0.0, 0.0, 0.2),
+            Parameter("cold_lag", "s", 0.0, 0.0, 0.6),
             Parameter(
                 "time_constant",
                 "s",

@@ -1,0 +1,86 @@
+"""Oil that stays cold makes joints late as much as slow: one cause, where each joint by itself has a sluggish valve."""
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+from pipeline.discrepancy.comparison import DOUBT_FACTOR, Comparison
+from pipeline.discrepancy.found import Found
+from pipeline.discrepancy.plausibility import DELAY, LAG, STICTION, THERMAL_DRIFT, is_plausible
+from pipeline.discrepancy.refine import completed, refined_together
+from pipeline.discrepancy.screen import Candidate, Rows
+from pipeline.discrepancy.simulation import Simulation
+
+LATE_ALIKE = (LAG, STICTION)  # delays of all joints are a late channel
+FEWEST_JOINTS = 3  # valves of two may be sluggish
+# What oil has to explain of what the same joints' own causes do: that every valve became sluggish is less likely
+# than that oil is cold, a late channel is not.
+OF_OWN_CAUSES = {LAG: 0.85, DELAY: 1.0}
+
+
+def cold_oil(
+    simulation: Simulation,
+    rows: Rows,
+    found: Sequence[Found],
+    candidates: Sequence[Candidate],
+    comparison: Comparison,
+    excited: Collection[int],
+) -> list[Found]:
+    """Cold oil on all joints that move enough, with how late it makes them, where all are as late by themselves.
+
+    The screen knows it by its speeds alone, and so as less than it is.
+
+    Args:
+        simulation: On the measured logs.
+        rows: For fitting and selection.
+        found: Effects beside it.
+        candidates: Of the screen.
+        comparison: Of candidates.
+        excited: Joints that move enough to tell.
+
+    Returns:
+        One per joint, the clearest first, lags among their equivalents unless it explains clearly more than these;
+        empty where it is not the oil.
+    """
+    joints = {c.joint for c in candidates if c.family == LAG and comparison.shows(c)}
+    oil = [c for c in candidates if c.family == THERMAL_DRIFT and c.joint in joints]
+    if len(oil) < FEWEST_JOINTS or not {c.joint for c in oil}.issuperset(excited):
+        return []
+    oil = refined_together(simulation, rows, found, [completed(simulation, c) for c in oil])
+    if not is_plausible(THERMAL_DRIFT, oil):
+        return []
+    explained = sum(map(comparison.net, oil))
+    equivalents: list[Candidate] = []
+    for family, share in OF_OWN_CAUSES.items():
+        of_family = [c for c in candidates if c.family == family and c.joint in joints]
+        own = refined_together(simulation, rows, found, of_family)
+        otherwise = sum(map(comparison.net, own))
+        if explained < share * otherwise:
+            return []
+        if explained < DOUBT_FACTOR * otherwise:
+            equivalents += own
+    return [
+        Found(c, [e for e in equivalents if e.joint == c.joint])
+        for c in sorted(oil, key=comparison.net, reverse=True)
+    ]
+
+
+def with_doubts_of_the_oil(found: Sequence[Found], screened: Sequence[Candidate]) -> list[Found]:
+    """Joints that respond late one like the other need no cause each: oil that stays cold does that to several.
+
+    Args:
+        found: All effects that passed the gate.
+        screened: Candidates of the first screen.
+    """
+    if any(f.candidate.family == THERMAL_DRIFT for f in found):
+        return list(found)
+    count = Counter(f.candidate.family for f in found if f.candidate.family in LATE_ALIKE)
+    doubted = []
+    for effect in found:
+        if count[effect.candidate.family] > 1:
+            joint, known = effect.candidate.joint, {c.family for c in effect.equivalents}
+            cold = [c for c in screened if c.family == THERMAL_DRIFT and c.joint == joint and c.gain > 0.0]
+            if THERMAL_DRIFT not in known:
+                effect = replace(effect, equivalents=[*effect.equivalents, *cold])
+        doubted.append(effect)
+    return doubted
