@@ -8,6 +8,7 @@ from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.shared_flow import is_shared
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.supply_variation import WIDTHS_S
 from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
@@ -43,7 +44,7 @@ def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
 
     Oil that warms up makes faster, and leaves a machine that is not much slower than nominal once it is warm; a load
     makes a joint slower one way and faster the other, which no wear of its actuator does; a small pump shows where
-    joints move at once.
+    joints move at once; a supply varies more slowly than joints start and stop, which is where models are off alike.
     """
     if family == THERMAL_DRIFT:
         is_right = [c.coefficients[0] > max(0.0, -c.coefficients[1]) for c in showing]
@@ -53,6 +54,8 @@ def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
         is_right = [len(c.freed) < 2 or not _is_opposed(c) for c in showing]
     elif family == FLOW_COUPLING:
         is_right = [is_shared(c) for c in showing]
+    elif family == SUPPLY:
+        is_right = [c.point["width"] > WIDTHS_S[0] for c in showing]
     else:
         return True
     gains = np.array([c.gain for c in showing])

@@ -174,7 +174,7 @@ class Search:
         if candidate.family == THERMAL_DRIFT:
             showing = [c for c in candidates if c.family == THERMAL_DRIFT and self.comparison.shows(c)]
             return len(showing) > 1 and is_plausible(candidate.family, [candidate])
-        is_judged = candidate.family in (GAIN, *ON_SEVERAL_JOINTS)
+        is_judged = candidate.family in (GAIN, SUPPLY, *ON_SEVERAL_JOINTS)
         return not is_judged or is_plausible(candidate.family, [candidate])
 
     def _candidates(self) -> list[Candidate]:

@@ -19,6 +19,7 @@ from pipeline.discrepancy.screen import Candidate, Nominal, Rows
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 FAMILY = "supply_variation"
+WIDTHS_S = (0.7, 1.5, 3.0, 6.0, 12.0)  # the first is no longer than motions are
 STEP_S, LAGS = 0.5, np.arange(2, 41)  # of the covariance: 1 to 20 s
 
 
@@ -26,7 +27,7 @@ class _Common(ChangeOfSpeed):
     """The common change of speed as the other joints show it."""
 
     family = FAMILY
-    widths_s = (0.7, 1.5, 3.0, 6.0, 12.0)
+    widths_s = WIDTHS_S
 
     def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows) -> None:
         super().__init__(simulation, active, rows, rows.is_used[..., None])

@@ -104,6 +104,12 @@ def test_a_shared_supply_shows_where_joints_move_at_once(coefficients, expected)
     assert is_plausible("flow_coupling", [coupling(1, 1.0, coefficients)]) is expected
 
 
+@pytest.mark.parametrize(("widths_s", "expected"), [((0.7, 0.7, 6.0), False), ((0.7, 3.0, 6.0), True)])
+def test_a_supply_varies_more_slowly_than_joints_start_and_stop(widths_s, expected) -> None:
+    showing = [candidate("supply_variation", j, 50.0, point={"width": w}) for j, w in enumerate(widths_s)]
+    assert is_plausible("supply_variation", showing) is expected
+
+
 def test_a_joint_slowed_alone_belongs_to_the_pump_that_slows_the_others() -> None:
     alone = coupling(0, 90.0, (0.0, 0.0, 0.2, 0.1))
     coupled = [coupling(1, 60.0), coupling(2, 60.0)]
