@@ -98,7 +98,7 @@ def refined_together(
 def _better(
     candidate: Candidate, refined: Candidate, rows: Rows, before: np.ndarray, after: np.ndarray
 ) -> Candidate:
-    """The refined one with what it explains, or the one of the grid, on rows that it was not fitted to."""
+    """The refined one with what it explains of the rows it was fitted to; the one of the grid if that explains more."""
     floor = rows.floor[candidate.joint]
     by_block = np.bincount(rows.folds.block, before**2 - after**2, minlength=rows.folds.n_blocks) / floor
     gain = float(by_block.sum())
