@@ -13,24 +13,22 @@ import numpy as np
 from pipeline.discrepancy.baselines import trained_baselines, wrong_effect
 from pipeline.discrepancy.cold_oil import with_doubts_of_the_oil
 from pipeline.discrepancy.confirmation import Confirmation, in_words
-from pipeline.discrepancy.diagnosis_model import is_known, train_diagnosis_model
 from pipeline.discrepancy.document import document_of
 from pipeline.discrepancy.found import Found, residual_of, values_of
 from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.grouping import Effect, effects_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
-from pipeline.discrepancy.null_gains import null_gains
+from pipeline.discrepancy.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.open_loop_gate import OpenLoopGate
 from pipeline.discrepancy.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.plausibility import OSCILLATION, TIMING
 from pipeline.discrepancy.refine import parameter_covariance, refine
-from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.result import ClosedLoop
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.sampling_phase import sampling_phases
-from pipeline.discrepancy.screen import Rows, averaged
+from pipeline.discrepancy.screen import Rows, rows_in_blocks
 from pipeline.discrepancy.search import Search
-from pipeline.discrepancy.sequences import Sequences, side_by_side
+from pipeline.discrepancy.sequences import side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
@@ -40,15 +38,12 @@ from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
 from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.effects.catalogue import known_for
-from pipeline.effects.effect import Setting
 from pipeline.effects.store import ActiveEffects, predictor
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, validation_part
-from pipeline.machine.specification import CommandKind, MachineSpecification
+from pipeline.machine.specification import MachineSpecification
 
 LEVELS = (1, 80, 1000)
-NULL_BLOCK_ROWS = 1200
 FOLD_ROWS = 200
 TOLD_STEPS = 0.1
 MISFIT_PARTS = 6  # of the nominal logs: four minutes each, of 24
@@ -64,6 +59,7 @@ def close_loop(
     parameters: Parameters,
     config: CloseLoopConfig,
     say: Say = lambda _: None,
+    nominal_behaviour: NominalBehaviour | None = None,
 ) -> ClosedLoop:
     """Find the effects that `model` lacks of the machine that was measured.
 
@@ -75,17 +71,20 @@ def close_loop(
         parameters: θ.
         config: Section `close_loop`.
         say: Called with one sentence per step.
+        nominal_behaviour: What the nominal logs say, if it has been learned for other measured logs already.
 
     Raises:
         InputError: Logs are too short.
     """
-    return Loop(nominal, measured, machine, model, parameters, config, say).run()
+    return Loop(nominal, measured, machine, model, parameters, config, say, nominal_behaviour).run()
 
 
 class Loop:
     """One run; see `close_loop`. The report's evidence is gathered from it afterwards."""
 
-    def __init__(self, nominal, measured, machine, model, parameters, config, say) -> None:  # type: ignore[no-untyped-def]
+    def __init__(  # type: ignore[no-untyped-def]
+        self, nominal, measured, machine, model, parameters, config, say, nominal_behaviour=None
+    ) -> None:
         self.nominal: Sequence[Trajectory] = nominal
         self.measured: Sequence[Trajectory] = measured
         self.machine: MachineSpecification = machine
@@ -98,6 +97,7 @@ class Loop:
         self.steps: list[str] = []
         self._predictors: dict[tuple[int, ...], tuple[list[Effect], Predictor]] = {}
         self._tell = say
+        self.nominal_behaviour: NominalBehaviour | None = nominal_behaviour
         self._mark = time.monotonic()
 
     def say(self, sentence: str) -> None:
@@ -113,87 +113,66 @@ class Loop:
 
     def run(self) -> ClosedLoop:
         """Do everything in its order."""
+        self._split()
         self._diagnose()
         found = self._search()
         effects = self._gate(found)
         return self._confirm(effects)
 
+    def _split(self) -> None:
+        """Which rows are for fitting, for selection and for confirmation; before anything is learned."""
+        dt_s = self.machine.dt_s
+        self.sequences = side_by_side(self.measured, dt_s)
+        self.purposes, self.rule = split_rows([len(t) for t in self.measured], dt_s, self.config.split)
+        if not any(len(starts_within(purpose == Purpose.confirm, 80)) for purpose in self.purposes):
+            raise InputError(
+                f"measured logs: {sum(map(len, self.measured)) * dt_s:.0f} s are too short to hold a window "
+                "of 80 steps back from the fit; record three minutes or more"
+            )
+        self.label = np.zeros(self.sequences.is_row.shape, np.int8)
+        for index, purpose in enumerate(self.purposes):
+            self.label[index, : len(purpose)] = purpose
+
     def _diagnose(self) -> None:
-        machine, config = self.machine, self.config
-        rows = side_by_side(self.nominal, machine.dt_s)
-        lower, upper = machine.lower, machine.upper
-        is_switched = machine.command_kind is CommandKind.discrete
-        diagnosis = train_diagnosis_model(
-            rows, lower, upper, machine.dt_s, config.diagnosis, config.seed, is_switched
-        )
-        self.setting = Setting(machine.dt_s, lower, upper, diagnosis.scales.speed)
-        effects = [e for f, e in known_for(machine.command_kind).items() if f not in config.exclude]
-        self.lap("diagnosis model")
-        # More nominal rows than this make the null no better known, but the search on them slow.
-        n_rows = max(1, config.search.nominal_rows // len(rows.is_row))
-        known = rows
-        rows = Sequences(*(column[:, :n_rows] for column in rows))
-        simulation = Simulation(diagnosis, rows, effects, self.setting, diagnosis.left_out[..., :n_rows])
-        self.nominal_phases = sampling_phases(simulation, rows.is_row)
-        simulation.set_phases(self.nominal_phases)
-        weight = is_known(known, rows, diagnosis.scales, is_switched)
-        residual = (averaged(weight.astype(float), rows.is_row) > 0.999) * averaged(
-            rows.velocity - simulation.velocities([{}])[0], rows.is_row
-        )
-        self.floor = np.maximum(np.mean(residual**2, axis=0), 1e-12)
-        fold = np.where(rows.is_row, (np.arange(rows.is_row.shape[1]) // NULL_BLOCK_ROWS) % 2, 0)
-        self.nominal_simulation = simulation
-        self.nominal_rows = self._rows(rows, rows.is_row, fold, weight)
-        self.null = null_gains(simulation, self.nominal_rows, config.exclude, config.search.null_factor)
-        self.lap("search on nominal logs")
-        self.diagnosis = diagnosis
+        usual = self.nominal_behaviour
+        if usual is None:
+            usual = learn_nominal_behaviour(self.nominal, self.machine, self.config, self.lap)
+        self.usual = usual
+        dt_s = self.machine.dt_s
         self.say(
             "On nominal logs that its members did not see, the diagnosis model is off by "
             + ", ".join(
                 f"{j} {1e3 * np.sqrt(f):.1f} m{u}/s"
-                for j, f, u in zip(self.joints, self.floor, self.units, strict=True)
+                for j, f, u in zip(self.joints, usual.floor, self.units, strict=True)
             )
             + " (root mean square)."
         )
-        self.sequences = side_by_side(self.measured, machine.dt_s)
-        self.simulation = Simulation(diagnosis, self.sequences, effects, self.setting)
-        purposes, self.rule = split_rows([len(t) for t in self.measured], machine.dt_s, config.split)
-        self.purposes = purposes
-        if not any(len(starts_within(purpose == Purpose.confirm, 80)) for purpose in purposes):
-            raise InputError(
-                f"measured logs: {sum(map(len, self.measured)) * machine.dt_s:.0f} s are too short to hold a window "
-                "of 80 steps back from the fit; record three minutes or more"
-            )
-        self.label = np.zeros(self.sequences.is_row.shape, np.int8)
-        for index, purpose in enumerate(purposes):
-            self.label[index, : len(purpose)] = purpose
-        self.weight = is_known(known, self.sequences, diagnosis.scales, is_switched)
+        self.simulation = Simulation(usual.diagnosis, self.sequences, usual.effects, usual.setting)
         used = self.sequences.is_row & np.isin(self.label, (Purpose.fit, Purpose.select))
         self.phases = sampling_phases(self.simulation, used)
         self.simulation.set_phases(self.phases)
         if np.any(np.abs(self.phases) > TOLD_STEPS):
             self.say(
                 "All joints of the measured logs respond alike by "
-                + ", ".join(f"{1e3 * machine.dt_s * phase:.0f}" for phase in self.phases)
+                + ", ".join(f"{1e3 * dt_s * phase:.0f}" for phase in self.phases)
                 + " ms later than on nominal logs: when their recordings began, which is taken out of what follows."
             )
-        self.rows = self._rows(self.sequences, used, (self.label == Purpose.select).astype(int), self.weight)
+        self.is_known = usual.shows(self.sequences)
+        in_blocks = functools.partial(
+            rows_in_blocks,
+            is_known=self.is_known,
+            floor=usual.floor,
+            block_rows=self.config.search.block_rows(dt_s),
+        )
+        self.rows = in_blocks(used, (self.label == Purpose.select).astype(int))
         confirm = self.sequences.is_row & (self.label == Purpose.confirm)
         halves = np.broadcast_to((np.arange(confirm.shape[1]) // FOLD_ROWS) % 2, confirm.shape)
-        self.confirm = self._rows(self.sequences, confirm, halves, self.weight)
-
-    def _rows(self, rows: Sequences, used: np.ndarray, fold: np.ndarray, weight: np.ndarray) -> Rows:
-        block_rows = max(1, round(self.config.search.block_s / self.machine.dt_s))
-        block = np.arange(used.shape[1]) // block_rows + (np.arange(used.shape[0]) * used.shape[1])[:, None]
-        numbers = averaged(np.broadcast_to(block, used.shape).astype(float), used).astype(int)
-        unique, index = np.unique(numbers, return_inverse=True)
-        folds = Folds((averaged(fold.astype(float), used) > 0.5).astype(int), index, max(len(unique), 1))
-        return Rows(used, folds, self.floor, (averaged(weight.astype(float), used) > 0.999).astype(float))
+        self.confirm = in_blocks(confirm, halves)
 
     def _search(self) -> list[Found]:
-        moving = np.abs(self.simulation.velocities([{}])[0]) > 0.3 * self.diagnosis.scales.speed
+        moving = np.abs(self.simulation.velocities([{}])[0]) > 0.3 * self.usual.diagnosis.scales.speed
         is_used = moving & self.rows.is_used[..., None]
-        n_known = (is_used & self.weight).sum(axis=(0, 1))
+        n_known = (is_used & self.is_known).sum(axis=(0, 1))
         self.moving_s = n_known * self.machine.dt_s
         self.unknown_share = 1.0 - n_known / is_used.sum(axis=(0, 1)).clip(1)
         self.excited = [
@@ -202,7 +181,7 @@ class Loop:
         self.search = Search(
             self.simulation,
             self.rows,
-            self.null,
+            self.usual.null,
             self.config.search,
             self.config.exclude,
             self._encoders(),
@@ -219,8 +198,8 @@ class Loop:
     def _encoders(self) -> dict[int, Encoder]:
         """By the stops that were met on rows for fitting and selection."""
         rows = self.sequences._replace(is_row=self.rows.is_used)
-        lower, upper, speed = self.machine.lower, self.machine.upper, self.setting.speed_scale
-        return encoders_of(self.nominal_simulation.sequences, rows, lower, upper, speed)
+        lower, upper, speed = self.machine.lower, self.machine.upper, self.usual.setting.speed_scale
+        return encoders_of(self.usual.simulation.sequences, rows, lower, upper, speed)
 
     def residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
         """(N, n_joint) residual of the diagnosis model with the effects found."""
@@ -267,7 +246,7 @@ class Loop:
     def covariance(self) -> dict:
         """Of all parameters found, per joint: coordinates, and what scatter and misfit make of them."""
         found = self.search.found
-        misfit = misfit_covariance(self.nominal_simulation, self.nominal_rows, found, MISFIT_PARTS)
+        misfit = misfit_covariance(self.usual.simulation, self.usual.rows, found, MISFIT_PARTS)
         return {
             joint: (coordinates, scatter + misfit[joint])
             for joint, (coordinates, scatter) in parameter_covariance(
@@ -285,7 +264,7 @@ class Loop:
             if onset is not None:
                 family = member.candidate.family
                 onset_ns[family] = min(onset, onset_ns.get(family, onset))
-        return ActiveEffects(self.setting, values_of(self.simulation, found), onset_ns)
+        return ActiveEffects(self.usual.setting, values_of(self.simulation, found), onset_ns)
 
     def predictor(self, effects: Sequence[Effect]) -> Predictor:
         """The frozen model with these effects; compiled once, however often it is asked for."""

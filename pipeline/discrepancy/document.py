@@ -137,7 +137,7 @@ def _onset(loop: "Loop", stamp_ns: int | None) -> dict | None:
 
 def _parameters(loop: "Loop", effect: Effect) -> dict:
     if effect.family == SUPPLY:
-        values = supply_parameters((loop.simulation, loop.rows), (loop.nominal_simulation, loop.nominal_rows))
+        values = supply_parameters((loop.simulation, loop.rows), (loop.usual.simulation, loop.usual.rows))
         return {
             "std_log_speed": quantity(values["std_log_speed"], "1", 0.15 * values["std_log_speed"]),
             "correlation_time": quantity(values["correlation_time"], "s", 0.4 * values["correlation_time"]),
@@ -151,7 +151,7 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
         number = next(i for i, f in enumerate(found) if f is member)
         coordinates, covariance = loop.covariance.get(joint, ([], np.zeros((0, 0))))
         spread = spreads(coordinates, covariance, number, member.candidate, loop.config.gate.model_error)
-        wrapper = KNOWN[member.candidate.family](loop.setting)
+        wrapper = KNOWN[member.candidate.family](loop.usual.setting)
         described.append(describe(member.candidate, wrapper, spread, loop.joints, loop.units[joint]))
         if effect.family == LOAD:
             described[-1] |= mean_speed_ratios(
@@ -159,7 +159,7 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
                 number,
                 coordinates,
                 covariance,
-                loop.setting,
+                loop.usual.setting,
                 loop.sequences.q[loop.rows.is_used],
                 loop.simulation.velocities([{}])[0][loop.rows.is_used][:, joint],
                 loop.config.gate.model_error,
@@ -210,11 +210,11 @@ def _as_it_starts(loop: "Loop", candidate: Candidate, described: Mapping[str, An
         is_row = is_row & (loop.sequences.stamp_ns >= acts_from)
     rows = loop.sequences._replace(is_row=is_row)
     late = late_starts(
-        (loop.nominal_simulation.sequences, loop.nominal_phases),
+        (loop.usual.simulation.sequences, loop.usual.phases),
         (rows, loop.phases),
         candidate.joint,
         threshold["value"],
-        loop.setting.speed_scale[candidate.joint],
+        loop.usual.setting.speed_scale[candidate.joint],
         loop.machine.dt_s,
     )
     if late is None or late.extra_s <= 0.0:
@@ -239,7 +239,7 @@ def _until_it_moves(late: LateStarts, model_error: float) -> dict[str, Quantity]
 
 def _beside_recordings_phases(loop: "Loop", latency: Mapping[str, Any]) -> Quantity:
     """A late channel's latency, known no better than the moments between two ticks at which recordings began."""
-    n_logs = [int(rows.any(axis=1).sum()) for rows in (loop.rows.is_used, loop.nominal_rows.is_used)]
+    n_logs = [int(rows.any(axis=1).sum()) for rows in (loop.rows.is_used, loop.usual.rows.is_used)]
     of_phases = loop.machine.dt_s * np.sqrt((1.0 / n_logs[0] + 1.0 / n_logs[1]) / 12.0)
     return quantity(latency["value"], "s", float(np.hypot(deviation_of(latency), of_phases)))
 
@@ -265,7 +265,7 @@ def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:
 
 def unexplained(loop: "Loop") -> list[dict]:
     """Joints that are clearly not as they were, though nothing in the catalogue or among the dependences says why."""
-    ratio = loop.residual(loop.confirm, []) ** 2 / loop.floor
+    ratio = loop.residual(loop.confirm, []) ** 2 / loop.usual.floor
     block = loop.confirm.folds.block
     entries: list[dict[str, Any]] = []
     for joint in np.flatnonzero(ratio.mean(axis=0) > UNEXPLAINED_RATIO):

@@ -62,7 +62,7 @@ def evidence_of(
     return Evidence(
         joints=loop.joints,
         units=loop.units,
-        floor=np.sqrt(loop.floor),
+        floor=np.sqrt(loop.usual.floor),
         before=np.sqrt(np.mean(before**2, axis=0)),
         after=np.sqrt(np.mean(after**2, axis=0)),
         autocorrelation_s=_autocorrelation_s(before, 2 * loop.machine.dt_s),
@@ -92,7 +92,7 @@ def _tracks(loop: "Loop", found: Sequence[Found]) -> list[ResidualTrack]:
     n = round(TRACK_S / loop.machine.dt_s)
     residuals = []
     for present in ([], list(found)):
-        residuals.append(loop.weight * (loop.sequences.velocity - velocity_of(loop.simulation, present)))
+        residuals.append(loop.is_known * (loop.sequences.velocity - velocity_of(loop.simulation, present)))
     tracks = []
     for index, trajectory in enumerate(loop.measured):
         n_blocks = max(1, (len(trajectory) - 1) // n)

@@ -111,6 +111,26 @@ class Rows:
         return averaged(values, self.is_used)
 
 
+def rows_in_blocks(
+    is_used: np.ndarray, fold: np.ndarray, is_known: np.ndarray, floor: np.ndarray, block_rows: int
+) -> Rows:
+    """Rows to score candidates on, in blocks of the bootstrap.
+
+    Args:
+        is_used: (B, T) bool.
+        fold: (B, T) 0 or 1.
+        is_known: (B, T, n_joint) bool: where the nominal logs show how the joint moves.
+        floor: (n_joint,) see `Rows`.
+        block_rows: Rows of a block; none crosses from one log into the next.
+    """
+    n_logs, n_rows = is_used.shape
+    block = np.arange(n_rows) // block_rows + (np.arange(n_logs) * n_rows)[:, None]
+    numbers = averaged(np.broadcast_to(block, is_used.shape).astype(float), is_used).astype(int)
+    unique, index = np.unique(numbers, return_inverse=True)
+    folds = Folds((averaged(fold.astype(float), is_used) > 0.5).astype(int), index, max(len(unique), 1))
+    return Rows(is_used, folds, floor, (averaged(is_known.astype(float), is_used) > 0.999).astype(float))
+
+
 def averaged(values: np.ndarray, is_used: np.ndarray) -> np.ndarray:
     """Means over groups of `ROWS_AVERAGED` rows that are all used: (B, T, ...) to (N, ...)."""
     return _grouped(values).mean(axis=2)[_grouped(is_used).all(axis=2)]

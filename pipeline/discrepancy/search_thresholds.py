@@ -40,3 +40,7 @@ class SearchConfig:
             )
         if self.maximum_effects < 1:
             raise InputError("close_loop.search.maximum_effects must be at least 1")
+
+    def block_rows(self, dt_s: float) -> int:
+        """Rows of a block of the bootstrap."""
+        return max(1, round(self.block_s / dt_s))

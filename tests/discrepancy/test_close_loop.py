@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.configuration import load_section
 from pipeline.discrepancy.close_loop import Loop
+from pipeline.discrepancy.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.fit import fit
 from pipeline.dynamics.model import Target
@@ -86,21 +87,32 @@ def model(nominal: list[Trajectory]):  # type: ignore[no-untyped-def]
     return result.model, result.parameters
 
 
-def close(nominal, measured, model) -> tuple[Loop, dict]:  # type: ignore[no-untyped-def]
-    """The loop, on a smaller budget."""
+def settings() -> CloseLoopConfig:
+    """A smaller budget."""
     config = load_section("close_loop", CloseLoopConfig, "paper")
-    config = replace(
+    return replace(
         config,
         diagnosis=replace(config.diagnosis, updates=800),
         baselines=replace(config.baselines, learning_rates=[1e-3], maximum_epochs=2),
     )
-    loop = Loop(nominal, measured, MACHINE, *model, config, lambda _: None)
+
+
+@pytest.fixture(scope="module")
+def usual(nominal: list[Trajectory]) -> NominalBehaviour:
+    """What the nominal logs say, learned once for all measured ones."""
+    return learn_nominal_behaviour(nominal, MACHINE, settings())
+
+
+def close(nominal, measured, model, usual: NominalBehaviour | None) -> tuple[Loop, dict]:  # type: ignore[no-untyped-def]
+    """The loop."""
+    loop = Loop(nominal, measured, MACHINE, *model, settings(), lambda _: None, usual)
     return loop, loop.run().document
 
 
-def test_a_slower_direction_is_found_named_and_mended(nominal, model) -> None:  # type: ignore[no-untyped-def]
+def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     measured = [record("measured_1", 11, 4000, slower=0.7), record("measured_2", 12, 4000, slower=0.7)]
-    loop, document = close(nominal, measured, model)
+    loop, document = close(nominal, measured, model, None)  # which learns for itself what nominal logs say
+    np.testing.assert_array_equal(loop.usual.floor, usual.floor)
     assert document["verdict"] == "named"
     (effect,) = document["effects"]
     assert (effect["family"], effect["joints"], effect["depends_on"]) == ("gain", ["turn"], ["command:turn"])
@@ -118,13 +130,13 @@ def test_a_slower_direction_is_found_named_and_mended(nominal, model) -> None:  
     )
 
 
-def test_what_sets_in_mid_way_is_found_with_its_moment(nominal, model) -> None:  # type: ignore[no-untyped-def]
+def test_what_sets_in_mid_way_is_found_with_its_moment(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     onset = 2400
     measured = [
         record("measured_1", 11, 4000, slower=0.6, onset=onset),
         record("measured_2", 12, 4000, slower=0.6),
     ]
-    _, document = close(nominal, measured, model)
+    _, document = close(nominal, measured, model, usual)
     assert document["verdict"] == "named"
     (effect,) = document["effects"]
     assert (effect["family"], effect["of"], effect["joints"]) == ("change_point", "gain", ["turn"])
@@ -133,13 +145,13 @@ def test_what_sets_in_mid_way_is_found_with_its_moment(nominal, model) -> None: 
     assert effect["onset"]["t"] == pytest.approx(DT_S * onset, abs=10.0)
 
 
-def test_a_channel_that_is_late_from_mid_way_on_is_one_cause(nominal, model) -> None:  # type: ignore[no-untyped-def]
+def test_a_channel_that_is_late_from_mid_way_on_is_one_cause(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     onset, late_rows = 2400, 3
     measured = [
         record("measured_1", 11, 4000, late_rows=late_rows, onset=onset),
         record("measured_2", 12, 4000, late_rows=late_rows),
     ]
-    _, document = close(nominal, measured, model)
+    _, document = close(nominal, measured, model, usual)
     assert document["verdict"] == "named"
     (effect,) = document["effects"]
     assert (effect["family"], effect["of"], effect["joints"]) == ("change_point", "timing", ["lift", "turn"])
@@ -150,10 +162,10 @@ def test_a_channel_that_is_late_from_mid_way_on_is_one_cause(nominal, model) -> 
     assert upper - lower > 2 * 1.96 * DT_S * np.sqrt((1 / 2 + 1 / 2) / 12)
 
 
-def test_a_leak_slows_its_joint_under_way_and_is_one_effect(nominal, model) -> None:  # type: ignore[no-untyped-def]
+def test_a_leak_slows_its_joint_under_way_and_is_one_effect(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     sag = (-0.02, -0.04, -0.05)
     _, document = close(
-        nominal, [record(f"measured_{seed}", seed, 4000, sag=sag) for seed in (11, 12)], model
+        nominal, [record(f"measured_{seed}", seed, 4000, sag=sag) for seed in (11, 12)], model, usual
     )
     (effect,) = document["effects"]
     assert (document["verdict"], effect["family"], effect["joints"]) == ("named", "leakage", ["lift"])
@@ -163,8 +175,10 @@ def test_a_leak_slows_its_joint_under_way_and_is_one_effect(nominal, model) -> N
     assert found["share_in_positive_motion"] == pytest.approx(1.25, abs=0.25)
 
 
-def test_nothing_is_found_where_nothing_changed(nominal, model) -> None:  # type: ignore[no-untyped-def]
-    _, document = close(nominal, [record("measured_1", 21, 4000), record("measured_2", 22, 4000)], model)
+def test_nothing_is_found_where_nothing_changed(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
+    _, document = close(
+        nominal, [record("measured_1", 21, 4000), record("measured_2", 22, 4000)], model, usual
+    )
     assert document["verdict"] == "none"
     assert document["detected"] is False
     assert document["effects"] == []
@@ -172,7 +186,7 @@ def test_nothing_is_found_where_nothing_changed(nominal, model) -> None:  # type
 
 
 def test_logs_too_short_to_hold_anything_back_are_refused_at_once(nominal, model) -> None:  # type: ignore[no-untyped-def]
-    config = replace(load_section("close_loop", CloseLoopConfig, "paper"))
-    config = replace(config, diagnosis=replace(config.diagnosis, updates=1))
+    loop = Loop(nominal, [record("measured", 31, 300)], MACHINE, *model, settings(), lambda _: None)
     with pytest.raises(InputError, match="too short"):
-        Loop(nominal, [record("measured", 31, 300)], MACHINE, *model, config, lambda _: None).run()
+        loop.run()
+    assert loop.seconds == {}  # nothing was learned first

@@ -8,6 +8,7 @@ import pytest
 from pipeline.configuration import load_section
 from pipeline.discrepancy.close_loop import Loop
 from pipeline.discrepancy.grouping import depends_on, effects_of
+from pipeline.discrepancy.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.screen import screen
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.effects.catalogue import known_for
@@ -66,19 +67,30 @@ def nominal() -> list[Trajectory]:
     return [record("nominal_1", 1, 5000), record("nominal_2", 2, 5000)]
 
 
-def searched(nominal: list[Trajectory], measured: list[Trajectory]) -> Loop:
-    """The loop up to its search, on a smaller budget."""
+def settings() -> CloseLoopConfig:
+    """A smaller budget."""
     config = load_section("close_loop", CloseLoopConfig, "paper")
-    config = replace(config, diagnosis=replace(config.diagnosis, updates=800))
-    loop = Loop(nominal, measured, MACHINE, None, None, config, lambda _: None)
+    return replace(config, diagnosis=replace(config.diagnosis, updates=800))
+
+
+@pytest.fixture(scope="module")
+def usual(nominal: list[Trajectory]) -> NominalBehaviour:
+    """What the nominal logs say."""
+    return learn_nominal_behaviour(nominal, MACHINE, settings())
+
+
+def searched(usual: NominalBehaviour, measured: list[Trajectory]) -> Loop:
+    """The loop up to its search."""
+    loop = Loop([], measured, MACHINE, None, None, settings(), lambda _: None, usual)
+    loop._split()
     loop._diagnose()
     loop._search()
     return loop
 
 
-def test_a_dead_band_and_a_late_channel_are_told_apart(nominal) -> None:  # type: ignore[no-untyped-def]
+def test_a_dead_band_and_a_late_channel_are_told_apart(usual: NominalBehaviour) -> None:
     logs = [record(f"measured_{seed}", seed, 4000, band=0.35, late_rows=(3, 3)) for seed in (11, 12)]
-    loop = searched(nominal, logs)
+    loop = searched(usual, logs)
     effects = {effect.family: effect for effect in effects_of(loop.search.found, loop.excited)}
     assert set(effects) == {"other", "timing"}
     (member,) = effects["other"].members
@@ -91,19 +103,23 @@ def test_a_dead_band_and_a_late_channel_are_told_apart(nominal) -> None:  # type
         assert delay.candidate.point["added_delay"] == pytest.approx(3 * DT_S, abs=0.02)
 
 
-def test_one_late_joint_is_no_late_channel_and_its_dead_band_no_effect_on_the_other(nominal) -> None:  # type: ignore[no-untyped-def]
+def test_one_late_joint_is_no_late_channel_and_its_dead_band_no_effect_on_the_other(
+    usual: NominalBehaviour,
+) -> None:
     logs = [record(f"measured_{seed}", seed, 4000, band=0.35, late_rows=(0, 4)) for seed in (13, 14)]
-    loop = searched(nominal, logs)
+    loop = searched(usual, logs)
     found = {(f.candidate.family, loop.joints[f.candidate.joint]): f.candidate for f in loop.search.found}
     assert set(found) == {("other:dead_band", "turn"), ("delay", "turn")}
     assert found["delay", "turn"].point["added_delay"] == pytest.approx(4 * DT_S, abs=0.03)
 
 
-def test_nothing_is_found_where_nothing_changed_and_on_nominal_logs_all_is_misfit(nominal) -> None:  # type: ignore[no-untyped-def]
-    loop = searched(nominal, [record(f"measured_{seed}", seed, 4000) for seed in (15, 16)])
+def test_nothing_is_found_where_nothing_changed_and_on_nominal_logs_all_is_misfit(
+    usual: NominalBehaviour,
+) -> None:
+    loop = searched(usual, [record(f"measured_{seed}", seed, 4000) for seed in (15, 16)])
     assert loop.search.found == []
-    again = screen(loop.nominal_simulation, {}, loop.nominal_rows, nominal=loop.null)
-    known = [candidate for candidate in again if candidate.key in loop.null]
+    again = screen(usual.simulation, {}, usual.rows, nominal=usual.null)
+    known = [candidate for candidate in again if candidate.key in usual.null]
     assert known
     for candidate in known:
         assert candidate.owed >= candidate.gain * (1.0 - 1e-6), candidate.key

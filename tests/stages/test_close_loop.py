@@ -109,8 +109,12 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
     ),
     "too short to identify from": (["nominal=short"], "error: close_loop: identify: "),
     "too short for the diagnosis": (
-        ["nominal=short", "model=this_machine"],
+        ["nominal=short", "measured=long", "model=this_machine"],
         "error: close_loop: nominal logs: too short ",
+    ),
+    "too short to hold rows back": (
+        ["model=this_machine"],
+        "error: close_loop: measured logs: 4 s are too short ",
     ),
     "a value out of range": (
         ["close_loop.search.smallest_share=2"],
@@ -133,6 +137,7 @@ def mistakes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, s
     write_session(folder / "logs/morning", seconds=4)
     write_session(folder / "new/evening", seconds=4, seed=1)
     write_session(folder / "short/morning", seconds=2)
+    write_session(folder / "long/evening", seconds=240, seed=2)
     (folder / "empty").mkdir()
     write_model(folder / "other_machine", ["swing", "boom", "stick", "bucket"])
     write_model(folder / "this_machine", JOINTS)
