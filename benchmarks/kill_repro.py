@@ -27,6 +27,7 @@ from typing import Any
 
 import yaml
 
+from pipeline.stages.processes.dvc_lock import mend
 from pipeline.tracking.lineage import content_hash
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -133,6 +134,7 @@ def kill_and_start_again(
     hit: list[str] = []
     failures = 0
     while True:
+        mend(folder)  # as `make repro` does
         process = start(folder, command)
         wait_s = draw.uniform(0.0, 2.0 * max(duration_s / (n_kills + 1), STARTING_S))
         try:
