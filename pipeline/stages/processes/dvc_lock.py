@@ -10,8 +10,9 @@ import subprocess
 from pathlib import Path
 
 import yaml
+from dvc.exceptions import DvcException
 from dvc.schema import COMPILED_LOCKFILE_SCHEMA
-from voluptuous import Invalid
+from dvc.utils.strictyaml import validate
 
 from pipeline.atomic_files import write_whole
 
@@ -22,8 +23,8 @@ USERS = Path(".dvc/tmp/rwlock")
 def is_sound(lock: str) -> bool:
     """Whether DVC reads a lock file of this content."""
     try:
-        COMPILED_LOCKFILE_SCHEMA(yaml.safe_load(lock))
-    except (yaml.YAMLError, Invalid):
+        validate(yaml.safe_load(lock), COMPILED_LOCKFILE_SCHEMA)
+    except (yaml.YAMLError, DvcException):
         return False
     return True
 
