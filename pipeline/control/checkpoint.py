@@ -25,13 +25,13 @@ class Checkpoint:
 
     Attributes:
         steps: trained so far.
-        parameters: Brax's (statistics of observations, policy network, value network).
+        state: all arrays of Brax's training and of its episodes (`whole_state`); None before the first step.
         curve: so far.
         kept: the policy kept as the training's result and its steps, once there is one.
     """
 
     steps: int
-    parameters: Any
+    state: list[np.ndarray] | None
     curve: list[CurvePoint]
     kept: tuple[Policy, int] | None
 
@@ -65,20 +65,19 @@ def save_checkpoint(directory: Path, training: str, checkpoint: Checkpoint) -> N
     content = {
         "training": training,
         "steps": checkpoint.steps,
-        "parameters": serialization.to_state_dict(jax.tree.map(np.asarray, checkpoint.parameters)),
+        "state": None if checkpoint.state is None else serialization.to_state_dict(checkpoint.state),
         "curve": json.dumps([asdict(point) for point in checkpoint.curve]),
         "kept": None if kept is None else {"policy": policy_to_content(kept[0]), "steps": kept[1]},
     }
     write_whole(Path(directory) / _CHECKPOINT_FILE, serialization.msgpack_serialize(content))
 
 
-def load_checkpoint(directory: Path, training: str, template: Any) -> Checkpoint | None:
+def load_checkpoint(directory: Path, training: str) -> Checkpoint | None:
     """The directory's checkpoint, or None where there is none or it is of another training.
 
     Args:
         directory: where `save_checkpoint` wrote.
         training: `identity` of the training that wants to go on.
-        template: parameters of the same structure.
 
     Raises:
         InputError: the file is broken, or none of `save_checkpoint`.
@@ -92,12 +91,12 @@ def load_checkpoint(directory: Path, training: str, template: Any) -> Checkpoint
         raise InputError(f"{path}: not readable as a checkpoint ({error}); delete it to train anew") from None
     if not isinstance(content, dict) or "training" not in content:
         raise InputError(f"{path}: is no checkpoint of a training; name another folder for checkpoints")
-    if content["training"] != training:
+    if content["training"] != training or "state" not in content:  # as checkpoints were without it
         return None
-    kept = content["kept"]
+    kept, state = content["kept"], content["state"]
     return Checkpoint(
         steps=content["steps"],
-        parameters=serialization.from_state_dict(template, content["parameters"]),
+        state=None if state is None else [state[str(index)] for index in range(len(state))],
         curve=[
             CurvePoint(point["steps"], ReachingMetrics(**point["metrics"]))
             for point in json.loads(content["curve"])

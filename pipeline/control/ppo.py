@@ -9,8 +9,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from brax.training.acme import running_statistics, specs
 from brax.training.agents.ppo import networks as ppo_networks
 from brax.training.agents.ppo import train as ppo
 
@@ -18,6 +16,7 @@ from pipeline.control.checkpoint import Checkpoint, identity, load_checkpoint, s
 from pipeline.control.curve import CurvePoint
 from pipeline.control.evaluate import policy_evaluation
 from pipeline.control.policy import Policy, policy_from_brax
+from pipeline.control.whole_state import Epochs
 from pipeline.dynamics.model import ModelSpecification, Target
 from pipeline.dynamics.network import Parameterization
 from pipeline.errors import InputError
@@ -156,14 +155,13 @@ class LinearDecay:
     `jnp.array(learning_rate)`; as an array this stands for the initial value.
     """
 
-    def __init__(self, initial: float, final: float, n_updates: int, n_updates_before: int) -> None:
-        """Decay over `n_updates`, of which `n_updates_before` took place before a resumed training began."""
-        self._initial, self._final = initial, final
-        self._n_updates, self._before = n_updates, n_updates_before
+    def __init__(self, initial: float, final: float, n_updates: int) -> None:
+        """Decay over `n_updates`."""
+        self._initial, self._final, self._n_updates = initial, final, n_updates
 
     def __call__(self, count: jax.Array) -> jax.Array:
         """Rate of the update after `count` updates."""
-        share = jnp.clip((count + self._before) / self._n_updates, 0.0, 1.0)
+        share = jnp.clip(count / self._n_updates, 0.0, 1.0)
         return self._initial + share * (self._final - self._initial)
 
     def __jax_array__(self) -> jax.Array:
@@ -180,11 +178,9 @@ def train(
 ) -> TrainingResult:
     """Train a policy.
 
-    With a checkpoint directory, every point of the curve is saved, and a training that finds the checkpoint
-    of an interrupted one of the same configuration, seed and task goes on from it. What is restored: policy,
-    critic, the statistics of observations, the curve and the policy kept so far. What begins afresh, because
-    Brax's PPO offers no way in: Adam's moments, the running episodes and the random stream (drawn from seed
-    and steps). A resumed training is therefore as good as, but not equal to, an uninterrupted one.
+    With a checkpoint directory, every point of the curve is saved, and a training that finds the checkpoint of an
+    interrupted one of the same configuration, seed and task goes on from it, and ends as if it had not been
+    interrupted (`whole_state`).
 
     Args:
         environment: what to learn on.
@@ -205,16 +201,15 @@ def train(
     training = _identity(environment, config, seed, episodes)
     resumed = None
     if checkpoint_directory is not None:
-        resumed = load_checkpoint(checkpoint_directory, training, _untrained(environment, config))
+        resumed = load_checkpoint(checkpoint_directory, training)
     curve = list(resumed.curve) if resumed else []
     kept: tuple[Policy, int] | None = resumed.kept if resumed else None
-    steps_before = resumed.steps if resumed else 0
+    epochs = Epochs(len(curve) - 1, resumed.state) if resumed else Epochs(0, None)
 
     def record(steps: int, _: Any, parameters: tuple[Any, ...]) -> None:
         nonlocal kept
-        steps += steps_before
         if curve and steps <= curve[-1].steps:
-            return  # Brax reports the state that a resumed training begins with
+            return  # done before the training was interrupted
         policy = policy_from_brax(parameters[0], parameters[1], config.normalize_observations)
         point = CurvePoint(steps, reaching_metrics(evaluate(policy, episodes)))
         if not math.isfinite(point.metrics.average_return):
@@ -223,11 +218,12 @@ def train(
         if kept is None and steps >= config.evaluated_at_steps:
             kept = policy, steps
         if checkpoint_directory is not None:
-            save_checkpoint(checkpoint_directory, training, Checkpoint(steps, parameters, curve, kept))
+            save_checkpoint(checkpoint_directory, training, Checkpoint(steps, epochs.saved(), curve, kept))
         progress(point)
 
-    if steps_before < config.training_steps:
-        _run_brax(environment, config, seed, resumed, record)
+    if not curve or curve[-1].steps < config.training_steps:
+        with epochs.taking_over():
+            _run_brax(environment, config, seed, record)
     assert kept is not None  # evaluated_at_steps <= training_steps <= steps of the last point
     return TrainingResult(kept[0], kept[1], curve)
 
@@ -255,21 +251,10 @@ def _network_factory(config: PPOConfig) -> Callable[..., ppo_networks.PPONetwork
     )
 
 
-def _untrained(environment: ReachingEnvironment, config: PPOConfig) -> tuple[Any, Any, Any]:
-    """Parameters with the structure of those that Brax trains."""
-    networks = _network_factory(config)(environment.observation_size, environment.action_size)
-    statistics = running_statistics.init_state(
-        specs.Array((environment.observation_size,), jnp.dtype("float32"))
-    )
-    key = jax.random.key(0)  # values do not matter
-    return statistics, networks.policy_network.init(key), networks.value_network.init(key)
-
-
 def _run_brax(
     environment: ReachingEnvironment,
     config: PPOConfig,
     seed: int,
-    resumed: Checkpoint | None,
     record: Callable[[int, Any, tuple[Any, ...]], None],
 ) -> None:
     steps_per_batch = (
@@ -278,21 +263,17 @@ def _run_brax(
     updates_per_batch = config.minibatches * config.updates_per_batch
     n_batches_per_point = -(-config.training_steps // (config.curve_points * steps_per_batch))
     steps_per_point = n_batches_per_point * steps_per_batch
-    steps_before = resumed.steps if resumed else 0
-    points_left = -(-(config.training_steps - steps_before) // steps_per_point)
+    n_points = -(-config.training_steps // steps_per_point)
     learning_rate: Any = config.learning_rate
     if config.final_learning_rate != config.learning_rate:
         learning_rate = LinearDecay(
             config.learning_rate,
             config.final_learning_rate,
             config.training_steps // steps_per_batch * updates_per_batch,
-            steps_before // steps_per_batch * updates_per_batch,
         )
-    if steps_before:
-        seed = int(np.random.SeedSequence([seed, steps_before]).generate_state(1)[0])
     ppo.train(
         environment=environment,
-        num_timesteps=points_left * steps_per_point,
+        num_timesteps=n_points * steps_per_point,
         wrap_env_fn=fresh_episodes(config.staggered_episodes),
         num_envs=config.environments,
         episode_length=environment.episode_ticks,
@@ -310,9 +291,8 @@ def _run_brax(
         reward_scaling=config.reward_scaling,
         network_factory=_network_factory(config),
         seed=seed,
-        num_evals=points_left + 1,
+        num_evals=n_points + 1,
         run_evals=False,  # `record` measures the curve
         num_eval_envs=1,
         policy_params_fn=record,
-        restore_params=resumed.parameters if resumed else None,
     )

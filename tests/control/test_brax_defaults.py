@@ -24,7 +24,7 @@ ROWS = {name: (value, SOURCES / file, int(line)) for name, value, file, line in 
 # How a training is run and watched, which the policy does not depend on; the others act only beside what is off.
 RUNNING = {"max_devices_per_host", "wrap_env", "use_pmap_on_reset", "progress_fn", "log_training_metrics"}
 RUNNING |= {"training_metrics_steps", "eval_env", "deterministic_eval"}
-RUNNING |= {"save_checkpoint_path", "restore_checkpoint_path", "restore_value_fn"}
+RUNNING |= {"save_checkpoint_path", "restore_checkpoint_path", "restore_params", "restore_value_fn"}
 OF_PIXELS_AND_PHYSICS = {"vision", "augment_pixels", "randomization_fn"}
 OF_AN_ADAPTIVE_RATE = {"desired_kl", "learning_rate_schedule_min_lr", "learning_rate_schedule_max_lr"}
 
