@@ -88,12 +88,13 @@ def starting(*words: str) -> list[Command]:
     return [command for command in COMMANDS if command.words[: len(words)] == words]
 
 
-STAGE_COMMANDS = [c for c in starting("python", "-m") if c.words[2].startswith("pipeline.stages.")]
-BENCHMARK_COMMANDS = [
+STAGE = r"pipeline\.stages\.(?!processes\.)"
+STAGE_COMMANDS = [c for c in starting("python", "-m") if re.match(STAGE, c.words[2])]
+PROGRAM_COMMANDS = [
     c
     for c in starting("python")
     if re.match(
-        r"(benchmarks|tests)[./]|pipeline\.(?!stages\.)", c.words[2] if c.words[1] == "-m" else c.words[1]
+        rf"(benchmarks|tests)[./]|(?!{STAGE})pipeline\.", c.words[2] if c.words[1] == "-m" else c.words[1]
     )
 ]
 
@@ -174,7 +175,7 @@ class Parsed(Exception):
     """The arguments were understood; nothing more should happen."""
 
 
-@pytest.mark.parametrize("command", BENCHMARK_COMMANDS, ids=str)
+@pytest.mark.parametrize("command", PROGRAM_COMMANDS, ids=str)
 def test_other_programs_take_the_pages_arguments(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     if command.words[1] == "-m":
         name, arguments = command.words[2], command.words[3:]
@@ -204,7 +205,7 @@ def test_other_programs_take_the_pages_arguments(command: Command, monkeypatch: 
 
 def test_pages_have_commands_of_every_kind() -> None:
     """Or the tests above have nothing to check."""
-    assert STAGE_COMMANDS and BENCHMARK_COMMANDS and starting("make") and starting("dvc")
+    assert STAGE_COMMANDS and PROGRAM_COMMANDS and starting("make") and starting("dvc")
     assert any(command.refused for command in STAGE_COMMANDS)
     unknown = {command.words[0] for command in COMMANDS} - {"python", "make", "dvc"}
     assert unknown <= {"cp", "editor", "git", "mkdir", "rerun", "roslaunch"}  # other programs' own affair

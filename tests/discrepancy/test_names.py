@@ -245,7 +245,7 @@ def test_a_joint_is_not_as_it_was_only_if_more_than_one_block_says_so(ratios: li
     loop: Any = SimpleNamespace(
         residual=lambda rows, found: np.sqrt(np.array(ratios)[block])[:, None],
         confirm=SimpleNamespace(folds=Folds(np.zeros(40, int), block, 8)),
-        floor=np.ones(1),
+        usual=SimpleNamespace(floor=np.ones(1)),
         search=SimpleNamespace(first=[]),
         joints=["turn"],
         config=SimpleNamespace(gate=SimpleNamespace(largest_p=0.01)),

@@ -1,6 +1,7 @@
 """A lock file that DVC was killed at, by DVC's own reading of it."""
 
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,13 +13,14 @@ from hypothesis import strategies as st
 
 from pipeline.stages.processes.dvc_lock import is_sound, mend
 
+DVC = str(Path(sys.executable).with_name("dvc"))
 LOCK = (Path(__file__).resolve().parents[2] / "dvc.lock").read_text()[:4000]
 
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
     """A DVC project in git whose one stage has run, with its lock file committed."""
-    for command in (["git", "init", "-q"], ["dvc", "init", "-q"]):
+    for command in (["git", "init", "-q"], [DVC, "init", "-q"]):
         subprocess.run(command, cwd=tmp_path, check=True)
     (tmp_path / "dvc.yaml").write_text(
         "stages:\n  count:\n    cmd: echo ran >> runs; echo 1 > one\n    outs: [one]\n"
@@ -32,7 +34,7 @@ def project(tmp_path: Path) -> Path:
 
 def repro(folder: Path) -> subprocess.CompletedProcess[str]:
     """What `make repro` ends with."""
-    return subprocess.run(["dvc", "repro"], cwd=folder, capture_output=True, text=True, check=False)
+    return subprocess.run([DVC, "repro"], cwd=folder, capture_output=True, text=True, check=False)
 
 
 @pytest.mark.parametrize("left", ["", "schema: '2.0'\nstages:\n  count:\n    cm"], ids=["nothing", "a part"])
