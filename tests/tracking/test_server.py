@@ -1,12 +1,7 @@
 """A tracking server that machines share: a real PostgreSQL and a folder of artifacts, one override away."""
 
 import os
-import signal
-import socket
-import subprocess
-import sys
 import time
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,10 +12,10 @@ from omegaconf import OmegaConf
 from pipeline.errors import InputError
 from pipeline.tracking import TrackingConfiguration, track
 from tests.postgresql import postgresql_server
+from tests.tracking_server import tracking_server
 
 ROOT = Path(__file__).parents[2]
 RESOLVED = {"profile": "smoke", "machine": {"name": "bobcat_e10"}, "output": "out"}
-START_TIMEOUT_S = 240
 
 
 def configuration_of(uri: str) -> TrackingConfiguration:
@@ -37,44 +32,11 @@ def configuration_of(uri: str) -> TrackingConfiguration:
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[tuple[str, Path]]:
     """Address of a server on PostgreSQL, and its folder of artifacts."""
-    with postgresql_server() as environment, socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-        free.close()
-        log = tmp_path / "server.log"
-        command = [
-            *(sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1", "--port", str(port)),
-            *("--backend-store-uri", "postgresql+psycopg:///postgres", "--workers", "1"),
-            *("--artifacts-destination", str(tmp_path / "kept")),
-        ]
-        with log.open("w") as output:
-            process = subprocess.Popen(
-                command,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                cwd=tmp_path,
-                env=os.environ | environment | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
-                start_new_session=True,
-            )
-        try:
-            address = f"http://127.0.0.1:{port}"
-            _wait_until_up(address, process, log)
-            yield address, tmp_path / "kept"
-        finally:
-            os.killpg(process.pid, signal.SIGTERM)
-            process.wait()
-
-
-def _wait_until_up(address: str, process: subprocess.Popen, log: Path) -> None:
-    deadline_s = time.monotonic() + START_TIMEOUT_S
-    while True:
-        try:
-            with urllib.request.urlopen(f"{address}/health", timeout=5):
-                return
-        except OSError:
-            if process.poll() is not None or time.monotonic() > deadline_s:
-                pytest.fail(f"the tracking server did not start:\n{log.read_text()}")
-            time.sleep(0.2)
+    with (
+        postgresql_server() as environment,
+        tracking_server(tmp_path, "postgresql+psycopg:///postgres", environment) as address,
+    ):
+        yield address, tmp_path / "kept"
 
 
 @pytest.mark.slow
