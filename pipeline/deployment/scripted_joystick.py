@@ -29,7 +29,7 @@ class ScriptedJoystick(Component):
     ) -> None:
         """A joystick whose sticks are moved once per control period, by the map that its interpreter has, too."""
         self.period_ns = nanoseconds(machine.dt_s)
-        self._axes, self._signs = np.array(config.axes), np.array(config.signs)
+        self._axes, self._signs = config.sticks(machine)
         self._teleoperator = teleoperator
         self._measured: np.ndarray | None = None
 

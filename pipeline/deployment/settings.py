@@ -2,7 +2,10 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from pipeline.errors import InputError
+from pipeline.machine.specification import MachineSpecification
 
 
 def _check_positive(section: object, place: str, *names: str) -> None:
@@ -152,11 +155,11 @@ class DriverConfig:
 
 @dataclass
 class TeleoperationConfig:
-    """Of the joystick's interpreter: one axis and one sign per joint; the list order is the machine's joint order.
+    """Of the joystick's interpreter: the sticks' axes, in the order of the joints that they move.
 
     Attributes:
-        axes: index of each joint's axis.
-        signs: 1 or -1 per joint.
+        axes: index of each; a machine of fewer joints takes the first.
+        signs: 1 or -1 for each.
         threshold: deflection from which on a discrete command acts.
         maximum_silence_s: after it the sticks count as released.
     """
@@ -171,8 +174,21 @@ class TeleoperationConfig:
         if len(self.axes) != len(self.signs):
             raise InputError(
                 f"deployment.teleoperation has {len(self.axes)} axes and {len(self.signs)} signs; "
-                "give one of each per joint"
+                "give one sign per axis"
             )
+
+    def sticks(self, machine: MachineSpecification) -> tuple[np.ndarray, np.ndarray]:
+        """Axis and sign of each joint, (n_joint,) each.
+
+        Raises:
+            InputError: the machine has more joints than the sticks have axes.
+        """
+        if len(self.axes) < machine.n_joint:
+            raise InputError(
+                f"deployment.teleoperation.axes has {len(self.axes)} entries; "
+                f"machine {machine.name} has {machine.n_joint} joints: give one axis and one sign for each"
+            )
+        return np.array(self.axes[: machine.n_joint]), np.array(self.signs[: machine.n_joint])
 
 
 @dataclass

@@ -7,7 +7,6 @@ import numpy as np
 from pipeline.deployment.component import Component, Output, Publication, nanoseconds
 from pipeline.deployment.messages import EmergencyStop, JointCommand, Joystick, Message, Topic
 from pipeline.deployment.settings import TeleoperationConfig
-from pipeline.errors import InputError
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
 
@@ -24,16 +23,11 @@ class TeleoperationServer(Component):
         """An interpreter for one machine.
 
         Raises:
-            InputError: the joystick's map is not of this machine.
+            InputError: the machine has more joints than the sticks have axes.
         """
-        if len(config.axes) != machine.n_joint:
-            raise InputError(
-                f"deployment.teleoperation.axes has {len(config.axes)} entries; "
-                f"machine {machine.name} has {machine.n_joint} joints"
-            )
         self.period_ns = nanoseconds(machine.dt_s)
         self._is_discrete = machine.command_kind is CommandKind.discrete
-        self._axes, self._signs = np.array(config.axes), np.array(config.signs)
+        self._axes, self._signs = config.sticks(machine)
         self._threshold = config.threshold
         self._maximum_silence_ns = nanoseconds(config.maximum_silence_s)
         self._sticks: Joystick | None = None

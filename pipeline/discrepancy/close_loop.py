@@ -34,12 +34,12 @@ from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
 from pipeline.discrepancy.stops import Encoder, encoders_of
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.dynamics.errors import Predictor
 from pipeline.dynamics.model import DynamicsModel
 from pipeline.dynamics.network import Parameters
 from pipeline.dynamics.predictor import LearnedPredictor
 from pipeline.effects.store import ActiveEffects, predictor
-from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, validation_part
 from pipeline.machine.specification import MachineSpecification
 
@@ -74,7 +74,7 @@ def close_loop(
         nominal_behaviour: What the nominal logs say, if it has been learned for other measured logs already.
 
     Raises:
-        InputError: Logs are too short.
+        UnusableLogs: They are too short.
     """
     return Loop(nominal, measured, machine, model, parameters, config, say, nominal_behaviour).run()
 
@@ -125,9 +125,10 @@ class Loop:
         self.sequences = side_by_side(self.measured, dt_s)
         self.purposes, self.rule = split_rows([len(t) for t in self.measured], dt_s, self.config.split)
         if not any(len(starts_within(purpose == Purpose.confirm, 80)) for purpose in self.purposes):
-            raise InputError(
-                f"measured logs: {sum(map(len, self.measured)) * dt_s:.0f} s are too short to hold a window "
-                "of 80 steps back from the fit; record three minutes or more"
+            raise UnusableLogs(
+                "measured",
+                f"{sum(map(len, self.measured)) * dt_s:.0f} s are too short to hold a window "
+                "of 80 steps back from the fit; record three minutes or more",
             )
         self.label = np.zeros(self.sequences.is_row.shape, np.int8)
         for index, purpose in enumerate(self.purposes):

@@ -217,5 +217,5 @@ def in_words(effect: Found, judgement: Judgement, joint: str) -> str:
     )
     return (
         f"{effect.candidate.family} on {joint} is {'' if judgement.is_confirmed else 'not '}confirmed: on confirmation "
-        f"rows it removes {judgement.share:.0%} ({least}) of the squares, p = {judgement.p_value:.1g}."
+        f"rows it removes {judgement.share:.0%} ({least}) of the squares; p = {judgement.p_value:.1g} of placebos."
     )

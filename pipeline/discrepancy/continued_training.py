@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.dynamics.epoch import compile_epoch, compile_evaluation
 from pipeline.dynamics.fit import TrainingState, after_epoch, initial_state
 from pipeline.dynamics.model import DynamicsModel
@@ -95,7 +96,7 @@ def continue_training(
         The parameters with the smallest loss on the selection rows, over all epochs of all candidates.
 
     Raises:
-        InputError: if the rows of either kind are too short for one window.
+        UnusableLogs: if the rows of either kind are too short for one window.
     """
     starts = window_starts(trajectories, False, model.specification.lags + 1, settings.horizon)
     selecting = _thinned(
@@ -107,9 +108,10 @@ def continue_training(
         ("select", selecting, settings.evaluation_horizon),
     ):
         if len(found) == 0:
-            raise InputError(
-                f"measured logs: no trajectory has {horizon + 1} rows in a row to {kind} the baselines on, after "
-                f"{FIRST_JUDGED_ROW} rows of history; give longer measured logs"
+            raise UnusableLogs(
+                "measured",
+                f"no trajectory has {horizon + 1} rows in a row to {kind} the baselines on, after "
+                f"{FIRST_JUDGED_ROW} rows of history; give longer measured logs",
             )
     rows = stack_rows(trajectories)
     batch_size = min(settings.batch_size, len(starts))

@@ -13,6 +13,39 @@ from pipeline.effects.effect import Effect
 
 Quantity = dict[str, object]
 
+# Parameters that are not below zero on any machine; the others have a sign.
+NOT_NEGATIVE = {
+    "added_delay",
+    "cold_lag",
+    "correlation_time",
+    "damping_ratio",
+    "fall_share",
+    "frequency",
+    "latency",
+    "loss_alone_negative",
+    "loss_alone_positive",
+    "loss_fraction",
+    "loss_fraction_to",
+    "mean_extra_time",
+    "mean_extra_time_of_command",
+    "mean_speed_ratio_down",
+    "mean_speed_ratio_up",
+    "min_speed_ratio",
+    "rest_threshold",
+    "rest_threshold_of_command",
+    "scale",
+    "share",
+    "share_in_negative_motion",
+    "share_in_positive_motion",
+    "speed_ratio",
+    "speed_ratio_negative",
+    "speed_ratio_positive",
+    "std_log_speed",
+    "time_constant",
+    "width",
+    "zone_length",
+}
+
 OF_95_PERCENT = 1.96  # standard deviations of a normal variable either side of its mean
 
 
@@ -125,6 +158,16 @@ def quantity(value: float, unit: str, deviation: float) -> Quantity:
         "value": float(value),
         "unit": unit,
         "ci95": [float(value - OF_95_PERCENT * deviation), float(value + OF_95_PERCENT * deviation)],
+    }
+
+
+def without_impossible_values(parameters: Mapping[str, Quantity]) -> dict[str, Quantity]:
+    """Parameters, by `name` or `name:joint`, whose intervals end at zero where nothing is below it."""
+    return {
+        name: {**of, "ci95": [max(end, 0.0) for end in of["ci95"]]}  # type: ignore[attr-defined]
+        if name.partition(":")[0] in NOT_NEGATIVE and "ci95" in of
+        else of
+        for name, of in parameters.items()
     }
 
 

@@ -19,6 +19,7 @@ import optax
 
 from pipeline.discrepancy.coverage import is_often
 from pipeline.discrepancy.sequences import Sequences
+from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.errors import InputError
 
 Weights = dict[str, jax.Array]
@@ -136,7 +137,7 @@ def train_diagnosis_model(
         is_switched: Whether commands are -1, 0 or 1.
 
     Raises:
-        InputError: The logs are too short for a training segment per member.
+        UnusableLogs: They are too short for a training segment per member.
     """
     parts = _parts(nominal.is_row, config.members)
     segments = _segments(nominal.is_row, parts, config)
@@ -275,9 +276,10 @@ def _segments(is_row: np.ndarray, parts: np.ndarray, config: DiagnosisModelConfi
         for member in range(config.members)
     ]
     if min(map(len, allowed)) == 0:
-        raise InputError(
-            f"nominal logs: too short for the diagnosis, which needs more than {config.members} times "
-            f"{config.segment_rows} rows without a gap; give longer logs"
+        raise UnusableLogs(
+            "nominal",
+            f"too short for the diagnosis, which needs more than {config.members} times "
+            f"{config.segment_rows} rows without a gap; give longer logs",
         )
     longest = max(map(len, allowed))
     return np.stack([np.resize(starts, longest) for starts in allowed])

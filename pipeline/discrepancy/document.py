@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from pipeline.discrepancy.contract_parameters import (
     OF_95_PERCENT,
@@ -13,6 +14,7 @@ from pipeline.discrepancy.contract_parameters import (
     of_all_joints,
     quantity,
     spreads,
+    without_impossible_values,
 )
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.grouping import OTHER, Effect, contract_family, depends_on
@@ -36,6 +38,9 @@ if TYPE_CHECKING:
 # Of mean squares over the floor's: more is not the nominal machine, whatever it is, if few blocks do not make it so.
 # Twice the floor is nothing: where a log's rows fall just where its commands come in, jitter shifts starts by a step.
 UNEXPLAINED_RATIO, UNEXPLAINED_T = 3.0, 3.0
+
+# Of the value, for minutes of logs and correlation times of some seconds; not estimated from the logs.
+SUPPLY_DEVIATION = {"std_log_speed": 0.15, "correlation_time": 0.4}
 
 
 def document_of(
@@ -139,8 +144,8 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
     if effect.family == SUPPLY:
         values = supply_parameters((loop.simulation, loop.rows), (loop.usual.simulation, loop.usual.rows))
         return {
-            "std_log_speed": quantity(values["std_log_speed"], "1", 0.15 * values["std_log_speed"]),
-            "correlation_time": quantity(values["correlation_time"], "s", 0.4 * values["correlation_time"]),
+            name: quantity(values[name], unit, SUPPLY_DEVIATION[name] * values[name])
+            for name, unit in (("std_log_speed", "1"), ("correlation_time", "s"))
         }
     if not effect.has_wrapper:
         return {}
@@ -171,11 +176,11 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
     if effect.family == TIMING:
         described = [{"latency": of["added_delay"]} for of in described]
     if len(described) == 1:
-        return described[0]
+        return without_impossible_values(described[0])
     merged = of_all_joints(described, [loop.joints[member.candidate.joint] for member in effect.members])
     if effect.family == TIMING:
-        return {name: _beside_recordings_phases(loop, latency) for name, latency in merged.items()}
-    return merged
+        merged = {name: _beside_recordings_phases(loop, latency) for name, latency in merged.items()}
+    return without_impossible_values(merged)
 
 
 def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:
@@ -251,10 +256,11 @@ def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:
             name = effect.family if effect.family != OTHER else member.candidate.family
             rivals = [(c, None) for c in member.equivalents] if effect.equivalents else []
             for candidate, why in [*rivals, *member.losers]:
+                rival = Effect(contract_family(candidate), [Found(candidate)])
                 entry = {
-                    "family": contract_family(candidate),
+                    "family": rival.family,
                     "joints": [loop.joints[candidate.joint]],
-                    "error_reduction": float(candidate.share),
+                    "error_reduction": loop.open_loop.error_reduction(rival) if rival.has_wrapper else 0.0,
                     "why_not": why or f"these logs cannot tell it from {name}",
                 }
                 if why is None:
@@ -269,7 +275,9 @@ def unexplained(loop: "Loop") -> list[dict]:
     block = loop.confirm.folds.block
     entries: list[dict[str, Any]] = []
     for joint in np.flatnonzero(ratio.mean(axis=0) > UNEXPLAINED_RATIO):
-        if t_statistic(np.bincount(block, ratio[:, joint] - 1.0)) < UNEXPLAINED_T:
+        excess = np.bincount(block, ratio[:, joint] - 1.0)
+        t = t_statistic(excess)
+        if t < UNEXPLAINED_T:
             continue
         best = next(
             (c for c in loop.search.first if c.joint == joint and is_dependence(c) and has_wrapper(c)), None
@@ -282,7 +290,7 @@ def unexplained(loop: "Loop") -> list[dict]:
                 "parameters": {},
                 "onset": None,
                 "certain": False,
-                "p_value": loop.config.gate.largest_p,
+                "p_value": float(min(1.0, student_t.sf(t, len(excess) - 1) * len(loop.joints))),
                 "error_reduction": 0.0,
             }
         )

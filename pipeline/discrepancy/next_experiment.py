@@ -68,7 +68,7 @@ def next_experiment(verdict: str, families: list[str], joint: str | None, idle: 
             "range."
         )
     if verdict == "named":
-        return "To narrow the interval: longer logs."
+        return "Log the supply's pressure or the engine's speed beside the joints while several of them move."
     return (
         f"Nothing was found. For joints that hardly moved: {moves}."
         if moves

@@ -11,6 +11,7 @@ from pipeline.atomic_files import write_whole
 from pipeline.configuration import ControlConfiguration, PipelineConfiguration, stage
 from pipeline.discrepancy.close_loop import close_loop
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.discrepancy.wrapperless import WITHOUT_WRAPPER
 from pipeline.dynamics.fit import fit
 from pipeline.dynamics.judgement import seen_again
@@ -80,15 +81,18 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
     model, parameters = baseline(configuration, nominal)
     run.inputs(configuration.nominal, configuration.measured)
     print(f"close_loop: {len(nominal)} nominal and {len(measured)} measured trajectories", flush=True)
-    result = close_loop(
-        nominal,
-        measured,
-        machine,
-        model,
-        parameters,
-        configuration.close_loop,
-        lambda sentence: print(f"close_loop: {sentence}", flush=True),
-    )
+    try:
+        result = close_loop(
+            nominal,
+            measured,
+            machine,
+            model,
+            parameters,
+            configuration.close_loop,
+            lambda sentence: print(f"close_loop: {sentence}", flush=True),
+        )
+    except UnusableLogs as error:
+        raise InputError(f"{error.which}={getattr(configuration, error.which)}: {error.why}") from None
     lineage = {"machine": machine.name, "trajectories": [trajectory.name for trajectory in nominal]}
     for name in ("model_before", "model_after"):
         save_model(output / name, model, parameters, lineage, {}, {})

@@ -210,6 +210,16 @@ def test_the_joystick_is_discretised_and_silence_releases_it() -> None:
         TeleoperationServer(bobcat(), dataclasses.replace(config, axes=[0], signs=[1.0]))
 
 
+def test_a_machine_of_fewer_joints_takes_the_first_of_the_sticks() -> None:
+    config = paper().teleoperation
+    two_joints = dataclasses.replace(bobcat(), joints=bobcat().joints[:2])
+    teleoperation = TeleoperationServer(two_joints, config)
+    axes = np.zeros(6)
+    axes[config.axes] = [config.signs[0], 0.0, 1.0, 1.0]
+    teleoperation.on_message(Topic.joystick, Joystick(0, axes), 0)
+    np.testing.assert_array_equal(teleoperation.command(0), [1, 0])
+
+
 def requested(values) -> JointCommand:
     return JointCommand(0, "server", 1, 0, np.array(values, float))
 

@@ -5,7 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.contract_parameters import of_all_joints, quantity, spreads, weighted_mean
+from pipeline.discrepancy.contract_parameters import (
+    of_all_joints,
+    quantity,
+    spreads,
+    weighted_mean,
+    without_impossible_values,
+)
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.refine import Coordinate
@@ -27,6 +33,17 @@ def test_joints_that_disagree_widen_the_interval() -> None:
     _, agreeing = weighted_mean(np.array([1.0, 1.0, 1.0]), np.full(3, 0.01))
     _, disagreeing = weighted_mean(np.array([0.8, 1.0, 1.2]), np.full(3, 0.01))
     assert disagreeing > 10.0 * agreeing
+
+
+def test_intervals_end_where_nothing_is_possible() -> None:
+    given = {
+        "time_constant:boom": quantity(400.0, "s", 230.0),
+        "offset": quantity(0.01, "rad", 0.02),
+        "side": {"value": -1, "unit": "sign"},
+    }
+    told = without_impossible_values(given)
+    assert told["time_constant:boom"]["ci95"] == [0.0, 400.0 + 1.96 * 230.0]
+    assert (told["offset"], told["side"]) == (given["offset"], given["side"])
 
 
 def test_parameters_that_not_all_joints_have_keep_their_joints() -> None:

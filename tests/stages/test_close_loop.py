@@ -110,11 +110,11 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
     "too short to identify from": (["nominal=short"], "error: close_loop: identify: "),
     "too short for the diagnosis": (
         ["nominal=short", "measured=long", "model=this_machine"],
-        "error: close_loop: nominal logs: too short ",
+        "error: close_loop: nominal=short: too short ",
     ),
     "too short to hold rows back": (
         ["model=this_machine"],
-        "error: close_loop: measured logs: 4 s are too short ",
+        "error: close_loop: measured=new: 4 s are too short ",
     ),
     "a value out of range": (
         ["close_loop.search.smallest_share=2"],
