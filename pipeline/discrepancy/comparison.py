@@ -173,5 +173,8 @@ class Comparison:
 def why_not(rival: Candidate, chosen: Candidate, best: Candidate) -> str:
     """Why a rival lost, in a clause."""
     if complexity(rival) > complexity(chosen) and rival.gain <= 1.02 * best.gain:
-        return f"removes {rival.share:.0%} with more freedom, {chosen.family} {chosen.share:.0%} with less"
+        return (
+            f"removes {rival.share:.0%} of the squared residual with more freedom, "
+            f"{chosen.family} {chosen.share:.0%} with less"
+        )
     return f"removes {rival.share:.0%} of the squared residual, {chosen.family} {chosen.share:.0%}"

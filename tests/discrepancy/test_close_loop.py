@@ -7,13 +7,14 @@ import pytest
 
 from pipeline.configuration import load_section
 from pipeline.discrepancy.close_loop import Loop
+from pipeline.discrepancy.found import Found, values_of
 from pipeline.discrepancy.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.fit import fit
 from pipeline.dynamics.model import Target
 from pipeline.dynamics.network import Parameterization
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
-from pipeline.effects.store import predictor
+from pipeline.effects.store import ActiveEffects, predictor
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig, initial_state
 from pipeline.logs.tracked_velocities import track_on
@@ -123,6 +124,14 @@ def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> 
     errors = document["error"]["open_loop_rmse_80"]
     assert errors["after"]["turn"] < 0.6 * errors["before"]["turn"]
     assert errors["after"]["lift"] == pytest.approx(errors["before"]["lift"], rel=0.05)
+    # Of an alternative, too, by the contract: of the squared error over 80 steps that no fit saw, on its joint.
+    (rival, _), *_ = loop.search.found[0].losers
+    alternative, turn = document["alternatives"][0], MACHINE.joint_names.index("turn")
+    with_rival = ActiveEffects(loop.usual.setting, values_of(loop.simulation, [Found(rival)]), {})
+    after = loop.errors(predictor(*model, with_rival), 80).rmse[turn]
+    expected = 1.0 - (after / errors["before"]["turn"]) ** 2
+    assert (alternative["joints"], rival.joint) == (["turn"], turn)
+    assert alternative["error_reduction"] == pytest.approx(expected, abs=1e-3)
     again = predictor(*model, loop._active([]))
     np.testing.assert_array_equal(
         again.predict(measured[0], np.array([40, 60]), 20),
