@@ -4,7 +4,9 @@
 
 Three measurements, on a Δq̇ MLP with lags 18 of random parameters, ticks (action repeats included) per second:
 
-- environment: decisions under random proto-actions; observations kept, as PPO keeps them;
+- environment: decisions under random proto-actions; observations kept, as PPO keeps them. Beside it the dynamics'
+  network alone, one tick after the other, with nothing around it: what an environment that rolls all of the window
+  cannot beat;
 - collection: Brax's `generate_unroll` with the profile's policy network (the paper's by default), what PPO learns from;
 - update: gradients of Brax's loss over the profile's minibatches, as often as a batch is learned from, so that all
   three say what a tick of training costs;
@@ -45,6 +47,7 @@ from benchmarks.ppo_speed_plain import PlainEnvironment
 from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
 from pipeline.control.ppo import PPOConfig
 from pipeline.dynamics.model import DynamicsModel, ModelSpecification, Parameterization, Target
+from pipeline.dynamics.network import apply
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import EpisodesConfig, learning_poses
@@ -114,6 +117,19 @@ def stepping(environment: Any, n: int, n_decisions: int) -> Callable[[], Any]:
 
     run = jax.jit(lambda state: jax.lax.scan(advance, state, actions))
     return lambda: run(state)
+
+
+def network_alone(environment: ReachingEnvironment, n: int, n_ticks: int) -> Callable[[], Any]:
+    """The dynamics' network on `n` windows, each tick's output in the next one's input."""
+    task = environment.task
+    network, parameters, n_joint = task.dynamics.network, task.parameters, environment.action_size
+    windows = jax.random.normal(jax.random.key(1), (n, task.dynamics.specification.n_features))
+
+    def advance(x: jax.Array, _: None) -> tuple[jax.Array, None]:
+        return x.at[:, :n_joint].set(apply(network, parameters, x)), None
+
+    run = jax.jit(lambda x: jax.lax.scan(advance, x, None, n_ticks)[0])
+    return lambda: run(windows)
 
 
 def collecting(environment: Any, n: int, n_decisions: int, config: PPOConfig) -> Callable[[], Any]:
@@ -276,7 +292,13 @@ def main() -> None:
     measurements = {
         "environment": (
             of_model,
-            {name: stepping(environment, n, arguments.decisions) for name, environment in wrapped.items()},
+            {
+                **{
+                    name: stepping(environment, n, arguments.decisions)
+                    for name, environment in wrapped.items()
+                },
+                "network alone": network_alone(ours, n, arguments.decisions * repeats),
+            },
         ),
         "collection": (
             of_model + of_policy,
@@ -301,7 +323,7 @@ def main() -> None:
                     f"  {name:14s} {best:12,.0f} ticks/s best {median:12,.0f} median"
                     f" {best * needed / peak_rate:6.0%} of the peak"
                 )
-            first, second = (both[index] for both in times.values())
+            first, second = (times[name][index] for name in wrapped)
             ratios = [b / a for a, b in zip(first, second, strict=True)]
             print(
                 f"  this project / plain: best {min(second) / min(first):.2f}, median {statistics.median(ratios):.2f}"
