@@ -292,13 +292,8 @@ def main() -> None:
     measurements = {
         "environment": (
             of_model,
-            {
-                **{
-                    name: stepping(environment, n, arguments.decisions)
-                    for name, environment in wrapped.items()
-                },
-                "network alone": network_alone(ours, n, arguments.decisions * repeats),
-            },
+            {name: stepping(environment, n, arguments.decisions) for name, environment in wrapped.items()}
+            | {"network alone": network_alone(ours, n, arguments.decisions * repeats)},
         ),
         "collection": (
             of_model + of_policy,
