@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pipeline.discrepancy.regression import evidence
+from pipeline.discrepancy.regression import Evidence, evidence
 from pipeline.discrepancy.screen import Candidate, Nominal, Rows, scored
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
@@ -86,9 +86,15 @@ class ChangeOfSpeed(ABC):
             best.append(candidate)
         return best
 
-    def _candidate(self, joint: int, width_s: float) -> Candidate:
-        reference, rows = self.reference[:, joint], self.rows
+    def evidence(self, joint: int, width_s: float) -> Evidence:
+        """How well the estimate of z at a width explains the joint's residual."""
+        reference = self.reference[:, joint]
         regressor = self.regressor(joint, self.of(joint, width_s))[:, None]
         bounds = np.array([0.0]), np.array([MOST_OF_ESTIMATE])
-        found = evidence(reference, reference, regressor, rows.folds, *bounds)
-        return scored(found, reference, rows.floor[joint], self.family, joint, None, {"width": width_s}, ())
+        return evidence(reference, reference, regressor, self.rows.folds, *bounds)
+
+    def _candidate(self, joint: int, width_s: float) -> Candidate:
+        found, floor = self.evidence(joint, width_s), self.rows.floor[joint]
+        return scored(
+            found, self.reference[:, joint], floor, self.family, joint, None, {"width": width_s}, ()
+        )

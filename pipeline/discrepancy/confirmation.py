@@ -15,7 +15,7 @@ from pipeline.discrepancy.screen import Key, Rows, averaged
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
-from pipeline.discrepancy.supply_variation import supply_candidates, supply_p
+from pipeline.discrepancy.supply_variation import supply_p, without_common_change
 from pipeline.discrepancy.whole_machine import of_one_cause
 
 ENCODER_LOSS = 0.02  # of the squares, that an encoder's error seen at the stops may cost the speeds
@@ -28,7 +28,7 @@ class Judgement:
     Attributes:
         share: Of the squared residual on confirmation rows that it removes.
         bound: Lower bound of what is asked of it: of the share, or, if that is more, of what its cause removes on all
-            its joints; of a common change of speed, which is tested by shifts alone, its joints' mean share itself.
+            its joints.
         p_value: After correction for all that was searched.
         is_confirmed: Whether it passes the gate.
         is_pooled: Whether it is its joints together whose bound that is.
@@ -46,7 +46,7 @@ class Seen(NamedTuple):
 
     Attributes:
         share: Of the squared residual that it explains.
-        bound: Lower bound of it; of a common change of speed the share itself.
+        bound: Lower bound of it.
         p_value: After correction.
         largest_p: That is allowed.
     """
@@ -87,7 +87,7 @@ class Confirmation:
         """One judgement per effect, beside all others."""
         with_all = self._residual(self.held_out, found), self._residual(self.fitted, found)
         without_wrapper = {**self._supply(found), **self._courses(found)}
-        together = self._together(found, with_all[0], without_wrapper)
+        together = self._together(found, with_all[0])
         return [self._of(effect, found, with_all, without_wrapper, together) for effect in found]
 
     def _residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
@@ -144,16 +144,27 @@ class Confirmation:
         return lower_bound(before, after, self.held_out, config.resamples, config.confidence, self.seed)
 
     def _supply(self, found: Sequence[Found]) -> dict[Key, Seen]:
-        """A common change of speed, per joint."""
+        """A common change of speed, per joint, averaged over the time that the rows for fitting chose."""
+        left = self._without_common_change(found)
+        if not left:
+            return {}
+        active, widths_s = values_of(self.simulation, found), _widths_s(found, SUPPLY)
+        with onsets_in(self.simulation, found):
+            p_value = supply_p(self.simulation, active, self.fitted, widths_s, self.seed)
+        corrected, largest_p = min(p_value * self.n_hypotheses, 1.0), self.config.largest_p
+        return {
+            (SUPPLY, joint, None): Seen(*self._bounded(*of_joint), corrected, largest_p)
+            for joint, of_joint in left.items()
+        }
+
+    def _without_common_change(self, found: Sequence[Found]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """Confirmation rows' residuals per joint that has a common change of speed, with it and with it taken off."""
         widths_s = _widths_s(found, SUPPLY)
         if not widths_s:
             return {}
         active = values_of(self.simulation, found)
         with onsets_in(self.simulation, found):
-            p_value = supply_p(self.simulation, active, self.fitted, widths_s, self.seed)
-            confirmed = supply_candidates(self.simulation, active, self.held_out)
-        corrected, largest_p = min(p_value * self.n_hypotheses, 1.0), self.config.largest_p
-        return {c.key: Seen(c.share, c.share, corrected, largest_p) for c in confirmed if c.joint in widths_s}
+            return without_common_change(self.simulation, active, self.held_out, widths_s)
 
     def _courses(self, found: Sequence[Found]) -> dict[Key, Seen]:
         """Joints' own courses in time, of which the rows for fitting tell between others, too."""
@@ -179,28 +190,29 @@ class Confirmation:
         is_between = (stamps >= between[0]) & (stamps < between[1])
         return averaged(is_between.astype(float), self.held_out.is_used) > 0.0
 
-    def _together(
-        self,
-        found: Sequence[Found],
-        everything: np.ndarray,
-        without_wrapper: Mapping[Key, Seen],
-    ) -> dict[str, float]:
+    def _together(self, found: Sequence[Found], everything: np.ndarray) -> dict[str, float]:
         """Lower bound of what a cause removes on all its joints together, for causes that several joints have."""
         bounds = {}
         for family in of_one_cause([f.candidate for f in found], self.excited):
             members = [f for f in found if f.candidate.family == family]
-            joints = [f.candidate.joint for f in members]
+            joints = sorted({f.candidate.joint for f in members})
             if family == SUPPLY:
-                bounds[family] = float(
-                    np.mean([without_wrapper[member.candidate.key].share for member in members])
+                left = self._without_common_change(found)
+                without, after = (
+                    np.stack([left[joint][part] for joint in joints], axis=1) for part in (0, 1)
                 )
-                continue
-            without = self._residual(self.held_out, [f for f in found if f not in members])
+            else:
+                without = self._residual(self.held_out, [f for f in found if f not in members])[:, joints]
+                after = everything[:, joints]
             known = ~np.any([self._may_set_in(member) for member in members], axis=0)
-            scale = np.maximum(np.mean((known[:, None] * without) ** 2, axis=0), self.held_out.floor)
-            before, after = (known * pooled(residual, joints, scale) for residual in (without, everything))
-            bounds[family] = self._bounded(before, after)[1]
+            bounds[family] = self._bounded_together(known[:, None] * without, known[:, None] * after, joints)
         return bounds
+
+    def _bounded_together(self, before: np.ndarray, after: np.ndarray, joints: Sequence[int]) -> float:
+        """The bound for several joints' residuals (N, k), each in units of what it is before, or of its floor."""
+        scale = np.maximum(np.mean(before**2, axis=0), self.held_out.floor[list(joints)])
+        every = range(len(joints))
+        return self._bounded(pooled(before, every, scale), pooled(after, every, scale))[1]
 
 
 def _widths_s(found: Sequence[Found], family: str) -> dict[int, float]:

@@ -1,7 +1,7 @@
 """From a candidate's values to the parameters that the contract names (section 4), with 95 % intervals."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from pipeline.discrepancy.shared_flow import coefficients_by_source
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Effect
 
-Quantity = dict[str, object]
+Quantity = dict[str, Any]
 
 # Parameters that are not below zero on any machine; the others have a sign.
 NOT_NEGATIVE = {
@@ -47,12 +47,28 @@ NOT_NEGATIVE = {
 }
 
 OF_95_PERCENT = 1.96  # standard deviations of a normal variable either side of its mean
+WIDEST = "widest"  # of a quantity under way: what `Spread` says
+
+
+class Spread(NamedTuple):
+    """How far a value may be off.
+
+    Attributes:
+        deviation: Standard deviation by what the rows say.
+        widest: Standard deviation of any plausible value, as if the rows said nothing.
+    """
+
+    deviation: float
+    widest: float
+
+
+UNKNOWN = Spread(0.0, np.inf)
 
 
 def describe(
     candidate: Candidate,
     effect: Effect,
-    spread: Mapping[str, float],
+    spread: Mapping[str, Spread],
     joints: Sequence[str],
     unit: str,
 ) -> dict[str, Quantity]:
@@ -61,7 +77,7 @@ def describe(
     Args:
         candidate: The effect.
         effect: Its wrapper.
-        spread: Standard deviation per point's name, and `coefficient:<index>`.
+        spread: Per point's name, and `coefficient:<index>`.
         joints: All joints' names.
         unit: `rad` or `m`.
     """
@@ -71,7 +87,8 @@ def describe(
     family = candidate.family
 
     def of(value: float, unit: str, name: str, factor: float = 1.0) -> Quantity:
-        return quantity(value, unit, abs(factor) * spread.get(name, 0.0))
+        deviation, widest = spread.get(name, UNKNOWN)
+        return quantity(value, unit, abs(factor) * deviation, abs(factor) * widest)
 
     if family == "gain":
         freed = [name for one in candidate.freed for name, _ in one]
@@ -98,8 +115,10 @@ def describe(
             if source is None:  # by itself
                 result[name] = of(float(coefficients[index]), "1", f"coefficient:{index}")
         indices = list(by_source.values())
-        deviations = [spread.get(f"coefficient:{index}", 0.0) for index in indices]
-        total = quantity(float(coefficients[indices].sum()), "1", float(np.linalg.norm(deviations)))
+        deviations = np.array([spread.get(f"coefficient:{index}", UNKNOWN) for index in indices])
+        total = quantity(
+            float(coefficients[indices].sum()), "1", *np.linalg.norm(deviations, axis=0).tolist()
+        )
         return {"loss_fraction": total, **result}
     if family == "thermal_drift":
         warm = 1.0 + float(coefficients[1])
@@ -152,23 +171,35 @@ def describe(
     return {name: of(value, units[name], name) for name, value in point.items()}
 
 
-def quantity(value: float, unit: str, deviation: float) -> Quantity:
-    """A value with its 95 % interval."""
+def quantity(value: float, unit: str, deviation: float, widest: float = np.inf) -> Quantity:
+    """A value with its 95 % interval, and what `plausible` is to make of it."""
     return {
         "value": float(value),
         "unit": unit,
         "ci95": [float(value - OF_95_PERCENT * deviation), float(value + OF_95_PERCENT * deviation)],
+        WIDEST: float(widest),
     }
 
 
-def without_impossible_values(parameters: Mapping[str, Quantity]) -> dict[str, Quantity]:
-    """Parameters, by `name` or `name:joint`, whose intervals end at zero where nothing is below it."""
-    return {
-        name: {**of, "ci95": [max(end, 0.0) for end in of["ci95"]]}  # type: ignore[attr-defined]
-        if name.partition(":")[0] in NOT_NEGATIVE and "ci95" in of
-        else of
-        for name, of in parameters.items()
-    }
+def plausible(parameters: Mapping[str, Quantity]) -> dict[str, Quantity]:
+    """Parameters, by `name` or `name:joint`, as the contract wants them: no interval holds what cannot be.
+
+    What lies beyond a parameter's bounds is not plausible, whatever rows say that hardly show the value: a uniform
+    prior. It is one prior of one value, so joints are averaged before.
+    """
+    result = {}
+    for name, of in parameters.items():
+        result[name] = {key: value for key, value in of.items() if key != WIDEST}
+        if "ci95" not in of:
+            continue
+        deviation, widest = deviation_of(of), float(of.get(WIDEST, np.inf))
+        if np.isfinite(widest) and deviation > 0.0:
+            deviation = 1.0 / float(np.hypot(1.0 / deviation, 1.0 / max(widest, 1e-12)))
+        half = OF_95_PERCENT * deviation
+        ends = [float(of["value"]) - half, float(of["value"]) + half]
+        is_never_negative = name.partition(":")[0] in NOT_NEGATIVE
+        result[name]["ci95"] = [max(end, 0.0) for end in ends] if is_never_negative else ends
+    return result
 
 
 def deviation_of(of: Mapping[str, Any]) -> float:
@@ -183,8 +214,8 @@ def spreads(
     number: int,
     candidate: Candidate,
     model_error: float,
-) -> dict[str, float]:
-    """Standard deviations of one effect's values: of sampling, and of the model that the effect is an idealisation of.
+) -> dict[str, Spread]:
+    """How far one effect's values may be off: by sampling, and of the model that the effect is an idealisation of.
 
     Args:
         coordinates: Of the joint.
@@ -193,7 +224,9 @@ def spreads(
         candidate: The effect.
         model_error: Share of a value by which the idealised effect may differ from the real one.
     """
-    result = {} if candidate.deviation is None else dict.fromkeys(candidate.point, candidate.deviation)
+    result = {}
+    if candidate.deviation is not None:
+        result = dict.fromkeys(candidate.point, Spread(candidate.deviation, np.inf))
     for index, coordinate in enumerate(coordinates):
         if coordinate.effect != number:
             continue
@@ -202,16 +235,15 @@ def spreads(
             candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index]
         )
         deviation = float(np.hypot(np.sqrt(max(covariance[index, index], 0.0)), model_error * abs(value)))
-        # What lies beyond the bounds is not plausible, whatever rows say that hardly show the value: a uniform prior.
-        widest = (coordinate.upper - coordinate.lower) / np.sqrt(12.0)
-        result[name] = deviation * widest / float(np.hypot(deviation, widest))
+        result[name] = Spread(deviation, float((coordinate.upper - coordinate.lower) / np.sqrt(12.0)))
     return result
 
 
 def weighted_mean(values: np.ndarray, deviations: np.ndarray) -> tuple[float, float]:
     """One value of what several joints say, each weighted by its precision, and its standard deviation.
 
-    Where they differ by more than their deviations allow, the deviation is widened until they do not.
+    Where they differ by more than their deviations allow, the deviation is widened until they do not; nor is it less
+    than theirs in the mean, as what one model and one operator make joints off by may be common to all of them.
     Source: Birge (1932), The calculation of errors by the method of least squares.
 
     Args:
@@ -221,7 +253,8 @@ def weighted_mean(values: np.ndarray, deviations: np.ndarray) -> tuple[float, fl
     weights = 1.0 / np.maximum(deviations, 1e-3 * np.abs(values).max() + 1e-12) ** 2
     mean = float(weights @ values / weights.sum())
     chi_squared = float(weights @ (values - mean) ** 2) / max(len(values) - 1, 1)
-    return mean, float(np.sqrt(max(chi_squared, 1.0) / weights.sum()))
+    in_common = float(weights @ deviations / weights.sum())
+    return mean, max(float(np.sqrt(max(chi_squared, 1.0) / weights.sum())), in_common)
 
 
 def of_all_joints(described: Sequence[Mapping[str, Any]], joints: Sequence[str]) -> dict[str, Quantity]:
@@ -241,6 +274,7 @@ def of_all_joints(described: Sequence[Mapping[str, Any]], joints: Sequence[str])
         values = np.array([of["value"] for of in having.values()], float)
         deviations = np.array([deviation_of(of) for of in having.values()])
         mean, deviation = weighted_mean(values, deviations)
-        merged[name] = quantity(mean, next(iter(having.values()))["unit"], deviation)
+        widest = max(float(of.get(WIDEST, np.inf)) for of in having.values())
+        merged[name] = quantity(mean, next(iter(having.values()))["unit"], deviation, widest)
         merged |= {f"{name}:{joint}": of for joint, of in having.items()}
     return merged

@@ -12,17 +12,17 @@ from pipeline.discrepancy.contract_parameters import (
     describe,
     deviation_of,
     of_all_joints,
+    plausible,
     quantity,
     spreads,
-    without_impossible_values,
 )
-from pipeline.discrepancy.found import Found
+from pipeline.discrepancy.found import Found, onsets_in, values_of
 from pipeline.discrepancy.grouping import OTHER, Effect, contract_family, depends_on
 from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.late_starts import LateStarts, late_starts
 from pipeline.discrepancy.load_over_poses import mean_speed_ratios
 from pipeline.discrepancy.next_experiment import next_experiment
-from pipeline.discrepancy.plausibility import LOAD, OSCILLATION, STICTION, TIMING, is_dependence
+from pipeline.discrepancy.plausibility import LEAKAGE, LOAD, OSCILLATION, STICTION, TIMING, is_dependence
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.screen import Candidate
@@ -141,15 +141,19 @@ def _onset(loop: "Loop", stamp_ns: int | None) -> dict | None:
 
 
 def _parameters(loop: "Loop", effect: Effect) -> dict:
+    found = loop.search.found
     if effect.family == SUPPLY:
-        values = supply_parameters((loop.simulation, loop.rows), (loop.usual.simulation, loop.usual.rows))
-        return {
-            name: quantity(values[name], unit, SUPPLY_DEVIATION[name] * values[name])
-            for name, unit in (("std_log_speed", "1"), ("correlation_time", "s"))
-        }
+        measured, nominal = (loop.simulation, loop.rows), (loop.usual.simulation, loop.usual.rows)
+        with onsets_in(loop.simulation, found):
+            values = supply_parameters(measured, nominal, values_of(loop.simulation, found))
+        return plausible(
+            {
+                name: quantity(values[name], unit, SUPPLY_DEVIATION[name] * values[name])
+                for name, unit in (("std_log_speed", "1"), ("correlation_time", "s"))
+            }
+        )
     if not effect.has_wrapper:
         return {}
-    found = loop.search.found
     described = []
     for member in effect.members:
         joint = member.candidate.joint
@@ -176,11 +180,11 @@ def _parameters(loop: "Loop", effect: Effect) -> dict:
     if effect.family == TIMING:
         described = [{"latency": of["added_delay"]} for of in described]
     if len(described) == 1:
-        return without_impossible_values(described[0])
+        return plausible(described[0])
     merged = of_all_joints(described, [loop.joints[member.candidate.joint] for member in effect.members])
     if effect.family == TIMING:
         merged = {name: _beside_recordings_phases(loop, latency) for name, latency in merged.items()}
-    return without_impossible_values(merged)
+    return plausible(merged)
 
 
 def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:
@@ -202,8 +206,9 @@ def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:
 
 
 def _is_alone(member: Found, found: Sequence[Found]) -> bool:
-    """Whether nothing else was found on the joint, which may start late for that."""
-    return all(other is member or other.candidate.joint != member.candidate.joint for other in found)
+    """Whether nothing else was found on the joint, which may start late for that; a leak lets it start when it does."""
+    beside = [f for f in found if f is not member and f.candidate.joint == member.candidate.joint]
+    return all(f.candidate.family == LEAKAGE for f in beside)
 
 
 def _as_it_starts(loop: "Loop", candidate: Candidate, described: Mapping[str, Any]) -> dict[str, Quantity]:
@@ -260,7 +265,7 @@ def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:
                 entry = {
                     "family": rival.family,
                     "joints": [loop.joints[candidate.joint]],
-                    "error_reduction": loop.open_loop.error_reduction(rival) if rival.has_wrapper else 0.0,
+                    "error_reduction": loop.open_loop.error_reduction(rival),
                     "why_not": why or f"these logs cannot tell it from {name}",
                 }
                 if why is None:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.gate import GateConfig
 from pipeline.discrepancy.grouping import Effect
 from pipeline.discrepancy.held_out_errors import WindowErrors
@@ -69,6 +68,8 @@ class OpenLoopGate:
 
     def error_reduction(self, effect: Effect) -> float:
         """Share of the squared error that an effect removes by itself, its joints scaled alike."""
+        if not effect.has_wrapper:
+            return 0.0  # it predicts nothing
         joints = effect.joints
         alone = self.errors([effect])
         if not len(alone.squares) or not len(self.before.squares):
@@ -77,7 +78,7 @@ class OpenLoopGate:
         return 1.0 - float(np.sum(alone.squares.mean(axis=0)[joints] / scale) / len(joints))
 
     def worth_a_name(self, effects: list[Effect], shows_otherwise: Callable[[Effect], bool]) -> list[Effect]:
-        """Effects that show: in the prediction or, the first, otherwise.
+        """Effects that show: in the prediction or, the first and those that predict nothing, otherwise.
 
         Args:
             effects: Strongest first.
@@ -86,8 +87,7 @@ class OpenLoopGate:
         kept = []
         for number, effect in enumerate(effects):
             reduction = self.error_reduction(effect)
-            can_be_shown = number == 0 or effect.members[0].candidate.family == COURSE
-            is_shown = can_be_shown and shows_otherwise(effect)
+            is_shown = (number == 0 or not effect.has_wrapper) and shows_otherwise(effect)
             if reduction < self.config.smallest_error_reduction and not is_shown:
                 self.say(f"{effect.family} is not named: it removes {reduction:.0%} of the open-loop error.")
             else:

@@ -18,7 +18,7 @@ THERMAL_DRIFT, FLOW_COUPLING, LOAD = "thermal_drift", "flow_coupling", "load"
 ACTIVITY, DEAD_BAND = "other:activity", "other:dead_band"
 GAIN, TIMING = "gain", "timing"
 SENSOR_BIAS, BACKLASH, DELAY = "sensor_bias", "backlash", "delay"
-STICTION, OSCILLATION, LAG = "stiction", "oscillation", "lag"
+STICTION, OSCILLATION, LAG, LEAKAGE = "stiction", "oscillation", "lag", "leakage"
 # Of the larger change: a load speeds up one direction by as much of what it takes from the other, a gain does not.
 OPPOSED = 0.3
 AT_BOUND = 0.01  # of the range between the bounds

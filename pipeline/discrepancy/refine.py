@@ -11,11 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
+from pipeline.discrepancy.regression import bounded_least_squares
 from pipeline.discrepancy.screen import Candidate, Rows
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.wrapperless import has_wrapper
 
-ITERATIONS = 5
+ITERATIONS = 15
+FIRST_DAMPING, LARGEST_DAMPING = (
+    1e-3,
+    1e3,
+)  # of the curvature; a step that is still too long then leads nowhere
+SETTLED = 1e-4  # of the squares: a joint whose step takes off less has arrived
 RELATIVE_STEP = 0.04
 SMALLEST_STEP = 0.004
 LINEAR_ROOM = 0.5  # of the range between a linear coefficient's bounds: its step is right wherever it starts
@@ -33,46 +39,65 @@ class Coordinate:
 
 
 def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[Found]:
-    """Gauss-Newton from where the search left off; a joint's step is kept only if its squares fall."""
+    """Gauss-Newton from where the search left off; a joint's step is kept only if its squares fall.
+
+    Where they do not, the step was too long: the next is shorter. Each is the best within the bounds, so that a value
+    that cannot move further does not keep the others where they are.
+    Source: Levenberg-Marquardt as in Nocedal and Wright (2006), Numerical Optimization, chapter 10.
+    """
     found = list(found)
-    coordinates = coordinates_of(simulation, found)
-    if not any(coordinates.values()):
-        return found
-    damping = dict.fromkeys(coordinates, 1e-3)
+    coordinates = {
+        joint: of_joint for joint, of_joint in coordinates_of(simulation, found).items() if of_joint
+    }
+    damping = dict.fromkeys(coordinates, FIRST_DAMPING)
     for _ in range(ITERATIONS):
+        if not coordinates:
+            break
         residual, jacobian = residual_and_jacobian(simulation, rows, found, coordinates)
         trial = list(found)
         for joint, of_joint in coordinates.items():
-            if not of_joint:
-                continue
-            a, r = jacobian[joint], residual[:, joint]
-            gram = a.T @ a
-            step = np.linalg.solve(gram + damping[joint] * np.diag(np.diag(gram) + 1e-12), a.T @ r)
+            step = _step_within_bounds(found, of_joint, jacobian[joint], residual[:, joint], damping[joint])
             for coordinate, change in zip(of_joint, step, strict=True):
-                value = _value(trial, coordinate)
-                limit = 0.5 * max(abs(value), 0.1)
-                if coordinate.name is None:
-                    limit = max(limit, 0.5 * LINEAR_ROOM * (coordinate.upper - coordinate.lower))
-                moved = float(
-                    np.clip(value + np.clip(change, -limit, limit), coordinate.lower, coordinate.upper)
-                )
-                trial = _with_value(trial, coordinate, moved)
+                trial = _with_value(trial, coordinate, _value(found, coordinate) + float(change))
         after = residual_of(simulation, rows, trial)
-        moved_any = False
-        for joint in coordinates:
-            before_squares, after_squares = np.sum(residual[:, joint] ** 2), np.sum(after[:, joint] ** 2)
-            if after_squares <= before_squares:
-                moved_any = moved_any or after_squares < before_squares * (1.0 - 1e-4)
+        for joint in list(coordinates):
+            squares_before, squares_after = np.sum(residual[:, joint] ** 2), np.sum(after[:, joint] ** 2)
+            if squares_after <= squares_before:
                 damping[joint] = max(0.3 * damping[joint], 1e-6)
+                has_arrived = squares_after >= squares_before * (1.0 - SETTLED)
             else:
                 damping[joint] *= 10.0
+                has_arrived = damping[joint] > LARGEST_DAMPING
                 for index, effect in enumerate(found):
                     if effect.candidate.joint == joint:
                         trial[index] = effect
+            if has_arrived:
+                del coordinates[joint]
         found = trial
-        if not moved_any:
-            break
     return found
+
+
+def _step_within_bounds(
+    found: Sequence[Found],
+    of_joint: Sequence[Coordinate],
+    jacobian: np.ndarray,
+    residual: np.ndarray,
+    damping: float,
+) -> np.ndarray:
+    """(k,) damped Gauss-Newton step of a joint's coordinates, by jacobian (N, k) and residual (N,)."""
+    rooms = np.array([_room(coordinate, _value(found, coordinate)) for coordinate in of_joint])
+    curvature = np.sum(jacobian**2, axis=0)
+    damped = np.vstack([jacobian, np.diag(np.sqrt(damping * (curvature + 1e-12)))])
+    wanted = np.concatenate([residual, np.zeros(len(of_joint))])
+    return bounded_least_squares(damped, wanted, rooms[:, 0], rooms[:, 1])
+
+
+def _room(coordinate: Coordinate, value: float) -> tuple[float, float]:
+    """How far a value may be moved in one step, down and up."""
+    limit = 0.5 * max(abs(value), 0.1)
+    if coordinate.name is None:
+        limit = max(limit, 0.5 * LINEAR_ROOM * (coordinate.upper - coordinate.lower))
+    return min(max(coordinate.lower - value, -limit), 0.0), max(min(coordinate.upper - value, limit), 0.0)
 
 
 def refine_alone(

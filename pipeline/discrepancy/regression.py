@@ -59,9 +59,9 @@ def evidence(
     if k:
         for held_out in (0, 1):
             used = folds.fold != held_out
-            coefficients = _bounded(regressors[used], residual[used], lower, upper)
+            coefficients = bounded_least_squares(regressors[used], residual[used], lower, upper)
             after[~used] = residual[~used] - regressors[~used] @ coefficients
-        coefficients = _bounded(regressors, residual, lower, upper)
+        coefficients = bounded_least_squares(regressors, residual, lower, upper)
     else:
         coefficients = np.zeros(0)
     by_block = np.bincount(folds.block, reference**2 - after**2, minlength=folds.n_blocks)
@@ -74,8 +74,15 @@ def t_statistic(by_block: np.ndarray) -> float:
     return float(by_block.sum() / max(spread, 1e-12))
 
 
-def _bounded(a: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Least squares with bounds; a vanishing ridge keeps what is not excited at zero."""
+def bounded_least_squares(a: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """The x (k,) between bounds (k,) that makes |a x - b| least; a vanishing ridge keeps what is not excited at zero.
+
+    Args:
+        a: (N, k).
+        b: (N,).
+        lower: At most zero.
+        upper: At least zero.
+    """
     gram = a.T @ a
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-12))
     gram = gram / np.outer(scale, scale) + 1e-6 * np.eye(len(gram))

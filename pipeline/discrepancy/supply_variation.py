@@ -83,8 +83,19 @@ def supply_p(
     return shifted_p(root_gain, rows.is_used.shape[1], seed)
 
 
+def without_common_change(
+    simulation: Simulation, active: Hypothesis, rows: Rows, widths_s: Mapping[int, float]
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Residuals (N,) of each joint, and what is left of them without what the other joints predict; as `supply_p`."""
+    common = _Common(simulation, active, rows)
+    return {
+        joint: (common.reference[:, joint], common.evidence(joint, width_s).after)
+        for joint, width_s in widths_s.items()
+    }
+
+
 def supply_parameters(
-    measured: tuple[Simulation, Rows], nominal: tuple[Simulation, Rows]
+    measured: tuple[Simulation, Rows], nominal: tuple[Simulation, Rows], active: Hypothesis
 ) -> dict[str, float]:
     """Standard deviation and correlation time of z, from products of residuals at a distance in time.
 
@@ -94,8 +105,9 @@ def supply_parameters(
     Args:
         measured: The logs in question, and their rows in use.
         nominal: The same of nominal logs, by members that did not see them.
+        active: Effects beside it on the measured logs, whose part in the residual is not the supply's.
     """
-    value = _covariance(*measured) - _covariance(*nominal)
+    value = _covariance(*measured, active) - _covariance(*nominal, {})
     best = (np.inf, 0.0, 1.0)
     for time_s in np.geomspace(0.5, 60.0, 60):
         shape = np.exp(-LAGS * STEP_S / time_s)
@@ -106,9 +118,9 @@ def supply_parameters(
     return {"std_log_speed": float(np.sqrt(best[1])), "correlation_time": best[2]}
 
 
-def _covariance(simulation: Simulation, rows: Rows) -> np.ndarray:
+def _covariance(simulation: Simulation, rows: Rows, active: Hypothesis) -> np.ndarray:
     """Of the common change of speed, at `LAGS`."""
-    common = _Common(simulation, {}, rows)
+    common = _Common(simulation, active, rows)
     numerator, denominator = common.product.sum(axis=-1), common.square.sum(axis=-1)
     step = round(STEP_S / simulation.setting.dt_s)
     n = numerator.shape[1] // step * step

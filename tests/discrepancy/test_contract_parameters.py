@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.contract_parameters import (
+    Spread,
+    describe,
     of_all_joints,
+    plausible,
     quantity,
     spreads,
     weighted_mean,
-    without_impossible_values,
 )
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.parameter_misfit import misfit_covariance
@@ -29,6 +31,11 @@ def test_joints_that_agree_are_weighted_by_precision() -> None:
     assert np.isclose(deviation, (1.0 / 0.01 + 1.0 / 0.04) ** -0.5 * max(1.0, 0.3 / np.hypot(0.1, 0.2)))
 
 
+def test_what_joints_may_have_in_common_is_not_averaged_away() -> None:
+    _, deviation = weighted_mean(np.full(4, 1.0), np.full(4, 0.1))
+    assert np.isclose(deviation, 0.1)  # errors that are one: of the mean as large as of each
+
+
 def test_joints_that_disagree_widen_the_interval() -> None:
     _, agreeing = weighted_mean(np.array([1.0, 1.0, 1.0]), np.full(3, 0.01))
     _, disagreeing = weighted_mean(np.array([0.8, 1.0, 1.2]), np.full(3, 0.01))
@@ -41,9 +48,11 @@ def test_intervals_end_where_nothing_is_possible() -> None:
         "offset": quantity(0.01, "rad", 0.02),
         "side": {"value": -1, "unit": "sign"},
     }
-    told = without_impossible_values(given)
+    told = plausible(given)
     assert told["time_constant:boom"]["ci95"] == [0.0, 400.0 + 1.96 * 230.0]
-    assert (told["offset"], told["side"]) == (given["offset"], given["side"])
+    assert told["offset"]["ci95"] == pytest.approx([0.01 - 1.96 * 0.02, 0.01 + 1.96 * 0.02])
+    assert told["side"] == given["side"]
+    assert set(told["offset"]) == {"value", "unit", "ci95"}
 
 
 def test_parameters_that_not_all_joints_have_keep_their_joints() -> None:
@@ -72,16 +81,23 @@ def test_parameters_that_not_all_joints_have_keep_their_joints() -> None:
     )
 
 
-def test_a_deviation_ends_where_nothing_is_plausible() -> None:
+@pytest.mark.parametrize("n_joint", [1, 3])
+def test_a_deviation_ends_where_nothing_is_plausible_however_many_joints_know_nothing(n_joint) -> None:
+    both = (("ratio_positive", None), ("ratio_negative", None))
+    effect = Gain(Setting(DT_S, np.array([-1.0]), np.array([1.0]), np.array([1.0])))
     coordinate = Coordinate(0, None, 0, -0.3, 0.3)
-    candidate = Candidate("gain", 0, None, {}, (), np.array([0.1]), 0.0, 0.0, np.zeros(1))
+    candidate = Candidate("gain", 0, None, {}, (both,), np.array([0.1]), 0.0, 0.0, np.zeros(1))
 
     def deviation(variance: float) -> float:
-        return spreads([coordinate], np.array([[variance]]), 0, candidate, model_error=0.0)["coefficient:0"]
+        spread = spreads([coordinate], np.array([[variance]]), 0, candidate, model_error=0.0)
+        assert spread["coefficient:0"] == Spread(pytest.approx(variance**0.5), pytest.approx(0.6 / 12.0**0.5))
+        described = describe(candidate, effect, spread, ["swing"], "rad")
+        told = plausible(of_all_joints([described] * n_joint, ["a", "b", "c"][:n_joint]))["speed_ratio"]
+        return (told["ci95"][1] - told["ci95"][0]) / (2.0 * 1.96)
 
     uniform = 0.6 / np.sqrt(12.0)
     assert np.isclose(deviation(1e6), uniform, rtol=1e-3)
-    assert np.isclose(deviation(1e-6), 1e-3, rtol=1e-3)
+    assert np.isclose(deviation(1e-4), 1e-2, rtol=2e-3)
     assert np.isclose(deviation(uniform**2), (2.0 / uniform**2) ** -0.5)  # precisions add
 
 

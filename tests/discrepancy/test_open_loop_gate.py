@@ -99,3 +99,11 @@ def test_a_course_in_time_predicts_nothing_and_is_named_where_it_shows() -> None
     assert names(case.gate().worth_a_name(effects, lambda e: e is course)) == names(effects[:2])
     assert names(case.gate().worth_a_name(effects, lambda _: False)) == names(effects[:1])
     assert case.gate().without_harm([course]) == [course]
+
+
+def test_what_predicts_nothing_may_show_otherwise_wherever_it_stands() -> None:
+    case = Case({("gain", 0): 0.3})
+    effects = [effect("gain", 0), effect("supply_variation", 1, 2)]
+    assert case.gate().passing(effects, lambda e: e.family == "supply_variation") is effects
+    assert names(case.gate().worth_a_name(effects, lambda _: False)) == [("gain", (0,))]
+    assert case.gate().error_reduction(effects[1]) == 0.0

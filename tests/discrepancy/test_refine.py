@@ -1,0 +1,82 @@
+"""Gauss-Newton on the residuals of machines whose velocities are known functions of the values."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from pipeline.discrepancy.found import Found
+from pipeline.discrepancy.refine import refine
+from pipeline.discrepancy.regression import Folds
+from pipeline.discrepancy.screen import Candidate, Rows, averaged
+from pipeline.effects.effect import Parameter
+
+N_ROWS = 400
+FAMILY = "of_the_test"
+
+
+def machine(velocity_of, measured: np.ndarray, parameters: list[Parameter]):
+    """One joint with `velocity_of` (values of all parameters -> (T,)), and the rows that it is fitted to."""
+    neutral = {p.name: np.full(1, p.neutral) for p in parameters}
+    effect = SimpleNamespace(
+        card=SimpleNamespace(parameters=tuple(parameters)),
+        neutral=lambda: {name: value.copy() for name, value in neutral.items()},
+        reaches_other_joints=False,
+    )
+
+    def velocities(hypotheses):
+        return np.stack(
+            [
+                velocity_of(*(v[0] for v in (h.get(FAMILY) or neutral).values()))[None, :, None]
+                for h in hypotheses
+            ]
+        )
+
+    simulation = SimpleNamespace(
+        effects={FAMILY: effect},
+        sequences=SimpleNamespace(velocity=measured[None, :, None]),
+        velocities=velocities,
+        onsets={},
+    )
+    n = N_ROWS // 2
+    rows = Rows(
+        np.ones((1, N_ROWS), bool),
+        Folds(np.zeros(n, int), np.arange(n) // 10, n // 10),
+        np.ones(1),
+        np.ones((n, 1)),
+    )
+    return simulation, rows
+
+
+def candidate(freed: tuple[str, ...], values: list[float]) -> Candidate:
+    variant = tuple(((name, None),) for name in freed)
+    return Candidate(FAMILY, 0, None, {}, variant, np.array(values), 0.0, 0.0, np.zeros(1))
+
+
+def test_a_step_that_is_too_long_is_followed_by_a_shorter_one() -> None:
+    drive = np.sin(0.21 * np.arange(N_ROWS))
+    # Newton's step from 0.3 leads to the far side, where the error is larger: the curve is flat where it begins.
+    simulation, rows = machine(
+        lambda c: np.arctan(20.0 * c) * drive, np.zeros(N_ROWS), [Parameter("c", "1", 0.0, -2.0, 2.0)]
+    )
+    (found,) = refine(simulation, rows, [Found(candidate(("c",), [0.3]))])
+    assert abs(found.candidate.coefficients[0]) < 1e-3
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0), (0.5, -0.2)])
+def test_a_value_at_its_bound_does_not_keep_the_others_where_they_are(start) -> None:
+    row = np.arange(N_ROWS)
+    first = np.sin(0.21 * row)
+    columns = np.stack([first, first + 0.3 * np.sin(0.47 * row)], axis=1)
+    measured = columns @ np.array([1.5, -0.4])  # the first lies beyond its bound
+    simulation, rows = machine(
+        lambda a, b: columns @ np.array([a, b]),
+        measured,
+        [Parameter("a", "1", 0.0, -0.5, 0.5), Parameter("b", "1", 0.0, -2.0, 2.0)],
+    )
+    (found,) = refine(simulation, rows, [Found(candidate(("a", "b"), list(start)))])
+    seen = averaged(columns[None], rows.is_used), averaged(measured[None], rows.is_used)
+    expected = lsq_linear(*seen, bounds=([-0.5, -2.0], [0.5, 2.0])).x
+    assert expected[0] == pytest.approx(0.5)
+    assert found.candidate.coefficients == pytest.approx(expected, abs=2e-3)

@@ -1,0 +1,63 @@
+"""A common change of speed of known size and correlation time, beside a gain that is no part of it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pipeline.discrepancy.regression import Folds
+from pipeline.discrepancy.screen import Rows
+from pipeline.discrepancy.supply_variation import supply_parameters, without_common_change
+
+N_ROWS, N_JOINT, DT_S = 40_000, 3, 0.05
+STD, TIME_S, RATIO, NOISE = 0.12, 4.0, 0.6, 0.01
+
+
+def machine(seed: int, std: float, ratio: float):
+    """Joints that move at random, all of them by e^z as fast, the first by `ratio` as well; with encoder noise."""
+    draw = np.random.default_rng(seed)
+    commands = np.repeat(draw.integers(-1, 2, size=(N_ROWS // 20, N_JOINT)), 20, axis=0)[None].astype(float)
+    z, decay = np.zeros(N_ROWS), np.exp(-DT_S / TIME_S)
+    noise = draw.normal(size=N_ROWS)
+    for row in range(1, N_ROWS):
+        z[row] = decay * z[row - 1] + std * np.sqrt(1.0 - decay**2) * noise[row]
+    ratios = np.array([ratio, 1.0, 1.0])
+    measured = commands * ratios * np.exp(z)[:, None] + NOISE * draw.normal(size=commands.shape)
+
+    def velocities(hypotheses):
+        return np.stack([commands * (ratios if "gain" in h else 1.0) for h in hypotheses])
+
+    simulation = SimpleNamespace(
+        velocities=velocities,
+        sequences=SimpleNamespace(velocity=measured),
+        setting=SimpleNamespace(dt_s=DT_S),
+    )
+    n = N_ROWS // 2
+    folds = Folds((np.arange(n) // 600) % 2, np.arange(n) // 200, n // 200)
+    rows = Rows(np.ones((1, N_ROWS), bool), folds, np.full(N_JOINT, NOISE**2), np.ones((n, N_JOINT)))
+    return simulation, rows
+
+
+@pytest.mark.parametrize("ratio", [1.0, RATIO])
+def test_size_and_time_are_of_what_the_effects_beside_it_leave(ratio) -> None:
+    told = supply_parameters(machine(0, STD, ratio), machine(1, 0.0, 1.0), {"gain": {}})
+    assert told["std_log_speed"] == pytest.approx(STD, rel=0.2)
+    assert told["correlation_time"] == pytest.approx(TIME_S, rel=0.3)
+
+
+def test_a_gain_that_is_not_known_is_taken_for_a_part_of_it() -> None:
+    """Why the effects beside it have to be known: a test that the one above could fail."""
+    told = supply_parameters(machine(0, STD, RATIO), machine(1, 0.0, 1.0), {})
+    assert told["correlation_time"] > 2.0 * TIME_S
+
+
+def test_what_other_joints_show_is_taken_off_each() -> None:
+    simulation, rows = machine(0, STD, RATIO)
+    left = without_common_change(simulation, {"gain": {}}, rows, {0: 3.0, 2: 3.0})
+    assert set(left) == {0, 2}
+    for before, after in left.values():
+        # commanded two rows of three: the change of speed beside the noise, a third of which is slower than the mean
+        assert np.mean(after**2) < 0.6 * np.mean(before**2)
+    nothing, rows = machine(2, 0.0, RATIO)
+    (before, after), *_ = without_common_change(nothing, {"gain": {}}, rows, {0: 3.0}).values()
+    assert np.mean(after**2) == pytest.approx(np.mean(before**2), rel=0.01)
