@@ -123,12 +123,32 @@ def rows_in_blocks(
         floor: (n_joint,) see `Rows`.
         block_rows: Rows of a block; none crosses from one log into the next.
     """
-    n_logs, n_rows = is_used.shape
-    block = np.arange(n_rows) // block_rows + (np.arange(n_logs) * n_rows)[:, None]
-    numbers = averaged(np.broadcast_to(block, is_used.shape).astype(float), is_used).astype(int)
+    numbers = averaged(_blocks(is_used, block_rows).astype(float), is_used).astype(int)
     unique, index = np.unique(numbers, return_inverse=True)
     folds = Folds((averaged(fold.astype(float), is_used) > 0.5).astype(int), index, max(len(unique), 1))
     return Rows(is_used, folds, floor, (averaged(is_known.astype(float), is_used) > 0.999).astype(float))
+
+
+def alternating_folds(is_used: np.ndarray, block_rows: int, fold_rows: int) -> np.ndarray:
+    """Folds that alternate over the used rows of all logs in their order, (B, T) 0 or 1.
+
+    Not within each log: of logs shorter than a stretch no row would be held out.
+
+    Args:
+        is_used: (B, T) bool.
+        block_rows: As of `rows_in_blocks`; no block falls into both folds.
+        fold_rows: Of a stretch of one fold, if there are blocks for two of them.
+    """
+    blocks, number = np.unique(_blocks(is_used, block_rows)[is_used], return_inverse=True)
+    fold = np.zeros(is_used.shape, int)
+    fold[is_used] = number // max(1, min(fold_rows // block_rows, len(blocks) // 2)) % 2
+    return fold
+
+
+def _blocks(is_used: np.ndarray, block_rows: int) -> np.ndarray:
+    """Numbers of the rows' blocks, (B, T), rising from log to log."""
+    n_logs, n_rows = is_used.shape
+    return np.arange(n_rows) // block_rows + (np.arange(n_logs) * n_rows)[:, None]
 
 
 def averaged(values: np.ndarray, is_used: np.ndarray) -> np.ndarray:
