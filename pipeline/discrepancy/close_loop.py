@@ -122,7 +122,7 @@ class Loop:
     def _split(self) -> None:
         """Which rows are for fitting, for selection and for confirmation; before anything is learned."""
         dt_s = self.machine.dt_s
-        self.sequences = side_by_side(self.measured, dt_s)
+        self.sequences = side_by_side(self.measured, dt_s, self.config.diagnosis.lags)
         self.purposes, self.rule = split_rows([len(t) for t in self.measured], dt_s, self.config.split)
         if not any(len(starts_within(purpose == Purpose.confirm, 80)) for purpose in self.purposes):
             raise UnusableLogs(

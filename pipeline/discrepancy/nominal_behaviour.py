@@ -68,7 +68,7 @@ def learn_nominal_behaviour(
         config: Section `close_loop`.
         lap: Called with each part's name at its end.
     """
-    every = side_by_side(nominal, machine.dt_s)
+    every = side_by_side(nominal, machine.dt_s, config.diagnosis.lags)
     lower, upper = machine.lower, machine.upper
     is_switched = machine.command_kind is CommandKind.discrete
     diagnosis = train_diagnosis_model(
