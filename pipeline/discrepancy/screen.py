@@ -15,8 +15,9 @@ import numpy as np
 
 from pipeline.discrepancy.regression import Evidence, Folds, evidence
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
+from pipeline.effects.chain import Chain
 from pipeline.effects.dependence import N_DIRECTION, Dependence
-from pipeline.effects.effect import Effect, Variant, VelocityEffect
+from pipeline.effects.effect import Effect, SensorEffect, Variant, VelocityEffect
 
 TAKEN_TOGETHER = (
     "timing",
@@ -260,8 +261,14 @@ class _Screen:
         velocity = simulation.velocities([active])[0]
         self.reference = self._residual(velocity)
         # Beside effects that were found before, an effect on the velocity acts on what they leave: so hypotheses of one
-        # family each are enough, whose compilations are there already.
-        self.before = jnp.asarray(np.moveaxis(velocity, 1, 0), jnp.float32) if active else self.u
+        # family each are enough, whose compilations are there already. What encoders read is no velocity to act on:
+        # their errors stay in the hypotheses, as stops and places are true ones.
+        self.sensors = {f: of for f, of in active.items() if isinstance(simulation.effects[f], SensorEffect)}
+        moving = any(isinstance(simulation.effects[family], VelocityEffect) for family in active)
+        self.before = self.u
+        if moving or simulation.onsets:
+            true = velocity / self._sensor_scale()
+            self.before = jnp.asarray(np.moveaxis(true, 1, 0), jnp.float32)
         self.best: dict[Key, Candidate] = {}
         self.owed: dict[Key, float] = {}
 
@@ -275,6 +282,16 @@ class _Screen:
                 self._named(family, effect)
         candidates = [replace(c, owed=self.owed.get(key, 0.0)) for key, c in self.best.items()]
         return sorted(candidates, key=lambda candidate: -candidate.gain)
+
+    def _sensor_scale(self) -> np.ndarray:
+        """(B, T, n_joint) measured per true velocity."""
+        sequences, effects = self.simulation.sequences, self.simulation.effects
+        chain = Chain([type(effects[family]) for family in self.sensors], self.simulation.setting)
+        scale = np.array(chain.sensor_scale(self.sensors, chain.true(self.sensors, sequences.q)))
+        for (family, joint), onset in self.simulation.onsets.items():
+            if family in self.sensors:
+                scale[..., joint] = np.where(sequences.stamp_ns < onset, 1.0, scale[..., joint])
+        return scale
 
     def _residual(self, velocity: np.ndarray) -> np.ndarray:
         return self.rows.weight * (self.measured - self.rows.averaged(velocity))
@@ -352,7 +369,7 @@ class _Screen:
                 for k in range(effect.n_basis)
             )
             directions = [self._direction(family, effect, one, free) for one in freed]
-            hypotheses: list[Hypothesis] = [{}] * len(directions)
+            hypotheses: list[Hypothesis] = [self.sensors] * len(directions)
             tangents = np.stack(
                 [self._tangent(t) for t in self.simulation.tangents(hypotheses, directions, self.before)]
             )
@@ -408,7 +425,7 @@ class _Screen:
     def _at(
         self, family: str, effect: Effect, point: Mapping[str, float], joints: Sequence[int], alone: bool
     ) -> dict:
-        values = {} if alone else {f: dict(of) for f, of in self.active.items()}
+        values = {f: dict(of) for f, of in (self.sensors if alone else self.active).items()}
         of = {
             name: np.array(value, np.float64)
             for name, value in (values.get(family) or effect.neutral()).items()
