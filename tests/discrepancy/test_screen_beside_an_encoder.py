@@ -118,3 +118,17 @@ def test_without_an_encoders_error_nothing_more_is_compiled() -> None:
     simulation = measured(lambda u: u)
     screened(simulation, {})
     assert all(len(effects) == 1 for _, effects, _ in simulation._compiled)
+
+
+def test_before_an_onset_an_effect_acts_on_what_all_others_left() -> None:
+    simulation = measured(lambda u: u)
+    setting = simulation.setting
+    delay = {"added_delay": np.array([0.2, 0.0])}
+    gain = {**Gain(setting).neutral(), "ratio_positive": np.array([0.5, 1.0])}
+    lag = {"lag": {"added_time_constant": np.array([0.3, 0.0]), "fall_share": np.ones(2)}}
+    onset = int(simulation.sequences.stamp_ns[0, 900])
+    simulation.onsets = {("gain", 0): onset}
+    left = np.moveaxis(simulation.velocities([{"delay": delay, "gain": gain}])[0], 1, 0)
+    found = simulation.velocities([lag], jnp.asarray(left, jnp.float32))[0]
+    simulation.onsets = {}  # the lag has none
+    np.testing.assert_array_equal(found, simulation.velocities([lag], jnp.asarray(left, jnp.float32))[0])
