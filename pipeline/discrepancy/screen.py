@@ -327,7 +327,8 @@ class _Screen:
                 [self._tangent(t) for t in self.simulation.tangents(flat_h, flat_d, self.before)]
             ).reshape(len(points), n, *self.reference.shape)
         for joint in free:
-            for index, point in enumerate(points):
+            for index, of_card in enumerate(points):
+                point = {name: float(effect.sizes(name)[joint] * value) for name, value in of_card.items()}
                 for variant in variants:
                     chosen = [freed.index(one) for one in variant]
                     regressors = (
@@ -431,7 +432,7 @@ class _Screen:
             for name, value in (values.get(family) or effect.neutral()).items()
         }
         for name, value in point.items():
-            of[name][list(joints)] = value
+            of[name][list(joints)] = effect.sizes(name)[list(joints)] * value
         return {**values, family: of}
 
     def _direction(self, family: str, effect: Effect, freed, joints: Sequence[int]) -> dict:  # type: ignore[no-untyped-def]
