@@ -26,7 +26,7 @@ from pipeline.discrepancy.refine import parameter_covariance, refine
 from pipeline.discrepancy.result import ClosedLoop
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.sampling_phase import sampling_phases
-from pipeline.discrepancy.screen import Rows, rows_in_blocks
+from pipeline.discrepancy.screen import Rows, alternating_folds, rows_in_blocks
 from pipeline.discrepancy.search import Search
 from pipeline.discrepancy.sequences import side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig
@@ -122,7 +122,7 @@ class Loop:
     def _split(self) -> None:
         """Which rows are for fitting, for selection and for confirmation; before anything is learned."""
         dt_s = self.machine.dt_s
-        self.sequences = side_by_side(self.measured, dt_s)
+        self.sequences = side_by_side(self.measured, dt_s, self.config.diagnosis.lags)
         self.purposes, self.rule = split_rows([len(t) for t in self.measured], dt_s, self.config.split)
         if not any(len(starts_within(purpose == Purpose.confirm, 80)) for purpose in self.purposes):
             raise UnusableLogs(
@@ -159,16 +159,13 @@ class Loop:
                 + " ms later than on nominal logs: when their recordings began, which is taken out of what follows."
             )
         self.is_known = usual.shows(self.sequences)
+        block_rows = self.config.search.block_rows(dt_s)
         in_blocks = functools.partial(
-            rows_in_blocks,
-            is_known=self.is_known,
-            floor=usual.floor,
-            block_rows=self.config.search.block_rows(dt_s),
+            rows_in_blocks, is_known=self.is_known, floor=usual.floor, block_rows=block_rows
         )
         self.rows = in_blocks(used, (self.label == Purpose.select).astype(int))
         confirm = self.sequences.is_row & (self.label == Purpose.confirm)
-        halves = np.broadcast_to((np.arange(confirm.shape[1]) // FOLD_ROWS) % 2, confirm.shape)
-        self.confirm = in_blocks(confirm, halves)
+        self.confirm = in_blocks(confirm, alternating_folds(confirm, block_rows, FOLD_ROWS))
 
     def _search(self) -> list[Found]:
         moving = np.abs(self.simulation.velocities([{}])[0]) > 0.3 * self.usual.diagnosis.scales.speed

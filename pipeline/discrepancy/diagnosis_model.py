@@ -258,10 +258,9 @@ def _inputs(command: jax.Array, q: jax.Array, scales: Scales, lags: int, is_swit
 
 
 def _parts(is_row: np.ndarray, n_parts: int) -> np.ndarray:
-    """(B, T) the part of each row, -1 in padding: consecutive rows, of about equal number."""
-    order = np.cumsum(is_row.ravel()) - 1
-    part = np.minimum(order * n_parts // max(int(is_row.sum()), 1), n_parts - 1)
-    return np.where(is_row, part.reshape(is_row.shape), -1)
+    """(B, T) the part of each row: consecutive rows, of about equal number; what is no row goes with the one before."""
+    order = np.maximum(np.cumsum(is_row.ravel()) - 1, 0)
+    return (order * n_parts // max(int(is_row.sum()), 1)).reshape(is_row.shape)
 
 
 def _segments(is_row: np.ndarray, parts: np.ndarray, config: DiagnosisModelConfig) -> np.ndarray:

@@ -131,13 +131,19 @@ def _entry(loop: "Loop", effect: Effect) -> dict:
 
 
 def _onset(loop: "Loop", stamp_ns: int | None) -> dict | None:
+    """The first row from which on an effect acts: whichever log it is in, folders are in no order of time."""
     if stamp_ns is None:
         return None
-    for trajectory in loop.measured:
-        if stamp_ns <= trajectory.stamp_ns[-1]:
-            place = int(np.searchsorted(trajectory.stamp_ns, stamp_ns))
-            return {"trajectory": trajectory.name, "t": float(trajectory.t_s[place])}
-    return None
+    rows = [
+        (int(trajectory.stamp_ns[place]), number, place)
+        for number, trajectory in enumerate(loop.measured)
+        if (place := int(np.searchsorted(trajectory.stamp_ns, stamp_ns))) < len(trajectory)
+    ]
+    if not rows:
+        return None
+    _, number, place = min(rows)
+    trajectory = loop.measured[number]
+    return {"trajectory": trajectory.name, "t": float(trajectory.t_s[place])}
 
 
 def _parameters(loop: "Loop", effect: Effect) -> dict:

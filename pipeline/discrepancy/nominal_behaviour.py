@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.discrepancy.diagnosis_model import DiagnosisModel, is_known, train_diagnosis_model
 from pipeline.discrepancy.null_gains import null_gains
 from pipeline.discrepancy.sampling_phase import sampling_phases
-from pipeline.discrepancy.screen import Nominal, Rows, averaged, rows_in_blocks
+from pipeline.discrepancy.screen import Nominal, Rows, alternating_folds, averaged, rows_in_blocks
 from pipeline.discrepancy.sequences import Sequences, side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.simulation import Simulation
@@ -68,7 +68,7 @@ def learn_nominal_behaviour(
         config: Section `close_loop`.
         lap: Called with each part's name at its end.
     """
-    every = side_by_side(nominal, machine.dt_s)
+    every = side_by_side(nominal, machine.dt_s, config.diagnosis.lags)
     lower, upper = machine.lower, machine.upper
     is_switched = machine.command_kind is CommandKind.discrete
     diagnosis = train_diagnosis_model(
@@ -88,8 +88,9 @@ def learn_nominal_behaviour(
         sequences.velocity - simulation.velocities([{}])[0], sequences.is_row
     )
     floor = np.maximum(np.mean(residual**2, axis=0), 1e-12)
-    fold = np.where(sequences.is_row, (np.arange(sequences.is_row.shape[1]) // FOLD_ROWS) % 2, 0)
-    rows = rows_in_blocks(sequences.is_row, fold, weight, floor, config.search.block_rows(machine.dt_s))
+    block_rows = config.search.block_rows(machine.dt_s)
+    fold = alternating_folds(sequences.is_row, block_rows, FOLD_ROWS)
+    rows = rows_in_blocks(sequences.is_row, fold, weight, floor, block_rows)
     null = null_gains(simulation, rows, config.exclude, config.search.null_factor)
     lap("search on nominal logs")
     return NominalBehaviour(diagnosis, setting, effects, every, simulation, rows, phases, floor, null)

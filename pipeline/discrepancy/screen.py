@@ -15,8 +15,9 @@ import numpy as np
 
 from pipeline.discrepancy.regression import Evidence, Folds, evidence
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
+from pipeline.effects.chain import Chain
 from pipeline.effects.dependence import N_DIRECTION, Dependence
-from pipeline.effects.effect import Effect, Variant, VelocityEffect
+from pipeline.effects.effect import Effect, SensorEffect, Variant, VelocityEffect
 
 TAKEN_TOGETHER = (
     "timing",
@@ -123,12 +124,32 @@ def rows_in_blocks(
         floor: (n_joint,) see `Rows`.
         block_rows: Rows of a block; none crosses from one log into the next.
     """
-    n_logs, n_rows = is_used.shape
-    block = np.arange(n_rows) // block_rows + (np.arange(n_logs) * n_rows)[:, None]
-    numbers = averaged(np.broadcast_to(block, is_used.shape).astype(float), is_used).astype(int)
+    numbers = averaged(_blocks(is_used, block_rows).astype(float), is_used).astype(int)
     unique, index = np.unique(numbers, return_inverse=True)
     folds = Folds((averaged(fold.astype(float), is_used) > 0.5).astype(int), index, max(len(unique), 1))
     return Rows(is_used, folds, floor, (averaged(is_known.astype(float), is_used) > 0.999).astype(float))
+
+
+def alternating_folds(is_used: np.ndarray, block_rows: int, fold_rows: int) -> np.ndarray:
+    """Folds that alternate over the used rows of all logs in their order, (B, T) 0 or 1.
+
+    Not within each log: of logs shorter than a stretch no row would be held out.
+
+    Args:
+        is_used: (B, T) bool.
+        block_rows: As of `rows_in_blocks`; no block falls into both folds.
+        fold_rows: Of a stretch of one fold, if there are blocks for two of them.
+    """
+    blocks, number = np.unique(_blocks(is_used, block_rows)[is_used], return_inverse=True)
+    fold = np.zeros(is_used.shape, int)
+    fold[is_used] = number // max(1, min(fold_rows // block_rows, len(blocks) // 2)) % 2
+    return fold
+
+
+def _blocks(is_used: np.ndarray, block_rows: int) -> np.ndarray:
+    """Numbers of the rows' blocks, (B, T), rising from log to log."""
+    n_logs, n_rows = is_used.shape
+    return np.arange(n_rows) // block_rows + (np.arange(n_logs) * n_rows)[:, None]
 
 
 def averaged(values: np.ndarray, is_used: np.ndarray) -> np.ndarray:
@@ -240,8 +261,14 @@ class _Screen:
         velocity = simulation.velocities([active])[0]
         self.reference = self._residual(velocity)
         # Beside effects that were found before, an effect on the velocity acts on what they leave: so hypotheses of one
-        # family each are enough, whose compilations are there already.
-        self.before = jnp.asarray(np.moveaxis(velocity, 1, 0), jnp.float32) if active else self.u
+        # family each are enough, whose compilations are there already. What encoders read is no velocity to act on:
+        # their errors stay in the hypotheses, as stops and places are true ones.
+        self.sensors = {f: of for f, of in active.items() if isinstance(simulation.effects[f], SensorEffect)}
+        moving = any(isinstance(simulation.effects[family], VelocityEffect) for family in active)
+        self.before = self.u
+        if moving or simulation.onsets:
+            true = velocity / self._sensor_scale()
+            self.before = jnp.asarray(np.moveaxis(true, 1, 0), jnp.float32)
         self.best: dict[Key, Candidate] = {}
         self.owed: dict[Key, float] = {}
 
@@ -255,6 +282,16 @@ class _Screen:
                 self._named(family, effect)
         candidates = [replace(c, owed=self.owed.get(key, 0.0)) for key, c in self.best.items()]
         return sorted(candidates, key=lambda candidate: -candidate.gain)
+
+    def _sensor_scale(self) -> np.ndarray:
+        """(B, T, n_joint) measured per true velocity."""
+        sequences, effects = self.simulation.sequences, self.simulation.effects
+        chain = Chain([type(effects[family]) for family in self.sensors], self.simulation.setting)
+        scale = np.array(chain.sensor_scale(self.sensors, chain.true(self.sensors, sequences.q)))
+        for (family, joint), onset in self.simulation.onsets.items():
+            if family in self.sensors:
+                scale[..., joint] = np.where(sequences.stamp_ns < onset, 1.0, scale[..., joint])
+        return scale
 
     def _residual(self, velocity: np.ndarray) -> np.ndarray:
         return self.rows.weight * (self.measured - self.rows.averaged(velocity))
@@ -290,7 +327,8 @@ class _Screen:
                 [self._tangent(t) for t in self.simulation.tangents(flat_h, flat_d, self.before)]
             ).reshape(len(points), n, *self.reference.shape)
         for joint in free:
-            for index, point in enumerate(points):
+            for index, of_card in enumerate(points):
+                point = {name: float(effect.sizes(name)[joint] * value) for name, value in of_card.items()}
                 for variant in variants:
                     chosen = [freed.index(one) for one in variant]
                     regressors = (
@@ -332,7 +370,7 @@ class _Screen:
                 for k in range(effect.n_basis)
             )
             directions = [self._direction(family, effect, one, free) for one in freed]
-            hypotheses: list[Hypothesis] = [{}] * len(directions)
+            hypotheses: list[Hypothesis] = [self.sensors] * len(directions)
             tangents = np.stack(
                 [self._tangent(t) for t in self.simulation.tangents(hypotheses, directions, self.before)]
             )
@@ -388,13 +426,13 @@ class _Screen:
     def _at(
         self, family: str, effect: Effect, point: Mapping[str, float], joints: Sequence[int], alone: bool
     ) -> dict:
-        values = {} if alone else {f: dict(of) for f, of in self.active.items()}
+        values = {f: dict(of) for f, of in (self.sensors if alone else self.active).items()}
         of = {
             name: np.array(value, np.float64)
             for name, value in (values.get(family) or effect.neutral()).items()
         }
         for name, value in point.items():
-            of[name][list(joints)] = value
+            of[name][list(joints)] = effect.sizes(name)[list(joints)] * value
         return {**values, family: of}
 
     def _direction(self, family: str, effect: Effect, freed, joints: Sequence[int]) -> dict:  # type: ignore[no-untyped-def]

@@ -17,7 +17,7 @@ class Sequences(NamedTuple):
         velocity: (B, T, n_joint), displacement from row t to t+1 per time step, rad/s or m/s; 0 in padding.
         time_s: (B, T), since the start of the log.
         stamp_ns: (B, T), int64, absolute.
-        is_row: (B, T), bool, where velocity is measured.
+        is_row: (B, T), bool, where velocity is measured, and the commands before it are known.
     """
 
     command: np.ndarray
@@ -31,8 +31,15 @@ class Sequences(NamedTuple):
 LENGTH_QUANTUM = 1024  # rows: logs of similar length share one compilation
 
 
-def side_by_side(trajectories: Sequence[Trajectory], dt_s: float) -> Sequences:
-    """Pad trajectories to equal length."""
+def side_by_side(trajectories: Sequence[Trajectory], dt_s: float, history_rows: int) -> Sequences:
+    """Pad trajectories to equal length.
+
+    Args:
+        trajectories: One at least.
+        dt_s: Length of one time step.
+        history_rows: At the start of each that are no rows, as nobody knows which commands came before them: what was
+            cut by a gap begins anywhere in a motion.
+    """
     longest = max(len(trajectory) for trajectory in trajectories)
     n_rows = -(-longest // LENGTH_QUANTUM) * LENGTH_QUANTUM
     columns: dict[str, list[np.ndarray]] = {name: [] for name in Sequences._fields}
@@ -44,5 +51,6 @@ def side_by_side(trajectories: Sequence[Trajectory], dt_s: float) -> Sequences:
         columns["velocity"].append(np.pad(velocity, ((0, padding + 1), (0, 0))))
         columns["time_s"].append(np.pad(trajectory.t_s, (0, padding), mode="edge"))
         columns["stamp_ns"].append(np.pad(trajectory.stamp_ns, (0, padding), mode="edge"))
-        columns["is_row"].append(np.arange(n_rows) < len(trajectory) - 1)
+        row = np.arange(n_rows)
+        columns["is_row"].append((row >= history_rows) & (row < len(trajectory) - 1))
     return Sequences(**{name: np.stack(arrays) for name, arrays in columns.items()})

@@ -116,7 +116,7 @@ def _abscissa(loop: "Loop", candidate: Candidate, over: Abscissa, u: np.ndarray)
 def since_change_s(sequences: Sequences, joint: int) -> np.ndarray:
     """(B, T) time since the sign of a joint's command last changed, `LONGEST_SINCE_S` at most."""
     is_changed = np.diff(np.sign(sequences.command[..., joint]), axis=1, prepend=0.0) != 0.0
-    step_s = float(np.median(np.diff(sequences.time_s[0][sequences.is_row[0]])))
+    step_s = float(np.median(np.diff(sequences.time_s[sequences.is_row])))
     since_s = np.zeros(is_changed.shape)
     for row in range(1, is_changed.shape[1]):
         since_s[:, row] = np.where(is_changed[:, row], 0.0, since_s[:, row - 1] + step_s)

@@ -76,11 +76,12 @@ class Simulation:
 
         Args:
             hypotheses: Any number.
-            u: Of `nominal_velocities`, of all hypotheses alike (T, B, n_joint), where it is known already.
+            u: (T, B, n_joint) what goes into the velocity effects of all hypotheses alike, where it is known already:
+                of `nominal_velocities`, or as other effects leave it, with their onsets.
         """
         velocities = self._present(hypotheses, u)
         if self.onsets:
-            earlier = self._present([self._before_onsets(hypothesis) for hypothesis in hypotheses], None)
+            earlier = self._present([self._before_onsets(hypothesis) for hypothesis in hypotheses], u)
             for (_, joint), onset in self.onsets.items():
                 not_yet = self.sequences.stamp_ns < onset
                 velocities[..., joint] = np.where(not_yet, earlier[..., joint], velocities[..., joint])

@@ -44,6 +44,12 @@ class SplitConfig:
             raise InputError("close_loop.split.purge_s must be between 0 and smallest_block_s")
 
 
+CYCLE = (Purpose.fit, Purpose.select, Purpose.confirm)
+# Of a third of the rows, which every purpose gets of whole trajectories, or they are cut: the pieces of a log that
+# gaps cut in two are no trajectories of like length, and a purpose of the small ones has too few rows to tell by.
+SMALLEST_PART = 0.5
+
+
 def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tuple[list[np.ndarray], str]:
     """Purpose of every row of every trajectory.
 
@@ -55,29 +61,51 @@ def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tupl
     Returns:
         Per trajectory (T,) int8 of `Purpose`, and the rule in words.
     """
-    cycle = (Purpose.fit, Purpose.select, Purpose.confirm)
     if len(lengths) >= config.trajectories:
-        order = np.argsort([-length for length in lengths], kind="stable")
-        purposes = [np.zeros(0, np.int8)] * len(lengths)
-        for place, index in enumerate(order):
-            purposes[index] = np.full(lengths[index], cycle[place % len(cycle)], np.int8)
-        return purposes, "whole trajectories, by length in turn: fit, select, confirm"
+        whole = _whole_trajectories(lengths)
+        if _counts(whole).min() >= SMALLEST_PART * sum(lengths) / len(CYCLE):
+            return whole, "whole trajectories, by length in turn: fit, select, confirm"
     total_s = sum(lengths) * dt_s
     block_s = float(np.clip(total_s / config.blocks, config.smallest_block_s, config.block_s))
-    purposes = []
+    purposes: list[np.ndarray] = []
+    so_far = np.zeros(len(CYCLE), int)
     for number, length in enumerate(lengths):
-        n_blocks = max(1, round(length * dt_s / block_s))
-        edges = np.round(np.linspace(0, length, n_blocks + 1)).astype(int)
-        rows = np.zeros(length, np.int8)
-        purge = round(config.purge_s / dt_s)
-        for block, (begin, end) in enumerate(itertools.pairwise(edges)):
-            # Logs begin with different purposes, as drifts show there; of two logs of six blocks each, the last two
-            # blocks hold one to confirm, beside one to find on what sets in late.
-            rows[begin:end] = cycle[(block + number) % len(cycle)]
-            if block:
-                rows[begin : begin + purge] = Purpose.purged
-        purposes.append(rows)
+        # Logs begin with different purposes, as drifts show there; of two logs of six blocks each, the last two blocks
+        # hold one to confirm, beside one to find on what sets in late. Where logs are of different length, or shorter
+        # than a block, they begin with what makes the parts most even.
+        begun = [
+            _blocks(length, number + shift, dt_s, block_s, config.purge_s) for shift in range(len(CYCLE))
+        ]
+        counts = [so_far + _counts([rows]) for rows in begun]
+        best = int(np.argmin([np.sum(of**2) for of in counts]))
+        purposes.append(begun[best])
+        so_far = counts[best]
     return purposes, (
         f"blocks of {block_s:.0f} s in turn: fit, select, confirm; after each boundary {config.purge_s:g} s "
         "belong to none"
     )
+
+
+def _whole_trajectories(lengths: Sequence[int]) -> list[np.ndarray]:
+    """The longest is for fitting, the next for selection, and so on."""
+    purposes = [np.zeros(0, np.int8)] * len(lengths)
+    for place, index in enumerate(np.argsort([-length for length in lengths], kind="stable")):
+        purposes[index] = np.full(lengths[index], CYCLE[place % len(CYCLE)], np.int8)
+    return purposes
+
+
+def _blocks(length: int, first: int, dt_s: float, block_s: float, purge_s: float) -> np.ndarray:
+    """(T,) blocks of about `block_s` in turn, the first one for the purpose `first` of the cycle."""
+    n_blocks = max(1, round(length * dt_s / block_s))
+    edges = np.round(np.linspace(0, length, n_blocks + 1)).astype(int)
+    rows = np.zeros(length, np.int8)
+    for block, (begin, end) in enumerate(itertools.pairwise(edges)):
+        rows[begin:end] = CYCLE[(block + first) % len(CYCLE)]
+        if block:
+            rows[begin : begin + round(purge_s / dt_s)] = Purpose.purged
+    return rows
+
+
+def _counts(purposes: Sequence[np.ndarray]) -> np.ndarray:
+    """(3,) rows of each purpose."""
+    return np.sum([np.bincount(rows, minlength=len(Purpose))[1:] for rows in purposes], axis=0)

@@ -22,6 +22,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+# A card's lengths are those of a joint with at least this range, rad (none of the machines that they were chosen on
+# has less); on one with less, as a cylinder's stroke in metres, they are smaller in proportion.
+CARDS_RANGE = 1.5
+
 Values = Mapping[str, jax.Array]
 State = Any
 Freed = tuple[
@@ -76,9 +80,9 @@ class Parameter:
         name: As in the contract (section 4) where it has one.
         unit: `1`, `s`, `Hz`, `sign`, `length` (rad or m) or `speed` (rad/s or m/s).
         neutral: The value at which the effect is the identity.
-        lower: Smallest plausible value.
-        upper: Largest plausible value.
-        grid: Values that the search tries; none: the model is linear in it, least squares finds it.
+        lower: Smallest plausible value; a length's is of a joint of the cards' range (`Effect.sizes`).
+        upper: Largest plausible value, likewise.
+        grid: Values that the search tries, likewise; none: the model is linear in it, least squares finds it.
         per_source: Whether the value is a row with one entry per joint (sources).
         natural_bounds: Whether nothing lies beyond the bounds (no speed at all), so that a value there is none that
             hides another cause.
@@ -193,13 +197,23 @@ class Effect(ABC):
         }
 
     def grid(self) -> list[dict[str, float]]:
-        """Points that the search tries of the parameters that the model is not linear in: all combinations."""
+        """Points that the search tries of the parameters that the model is not linear in: all combinations.
+
+        Lengths are those of a joint of the cards' range.
+        """
         tried = [parameter for parameter in self.card.parameters if parameter.grid]
         names = [parameter.name for parameter in tried]
         return [
             dict(zip(names, point, strict=True))
             for point in product(*(parameter.grid for parameter in tried))
         ]
+
+    def sizes(self, name: str) -> np.ndarray:
+        """(n_joint,) what the grid and the bounds of a parameter are multiplied by on each joint."""
+        units = {parameter.name: parameter.unit for parameter in self.card.parameters}
+        if units[name] != "length":
+            return np.ones(self.setting.n_joint)
+        return np.minimum((self.setting.upper - self.setting.lower) / CARDS_RANGE, 1.0)
 
     def variants(self) -> list[Variant]:
         """Ways to free the parameters that the model is linear in: by default all of them, each by itself."""

@@ -47,3 +47,40 @@ def test_many_trajectories_are_split_as_wholes() -> None:
     purposes, rule = split_rows([900, 800, 700, 600, 500, 400], DT_S, CONFIG)
     assert [set(rows.tolist()) for rows in purposes] == [{1}, {2}, {3}, {1}, {2}, {3}]
     assert "whole trajectories" in rule
+
+
+def counts(purposes: list[np.ndarray]) -> np.ndarray:
+    """Rows to fit, to select and to confirm."""
+    return np.bincount(np.concatenate(purposes), minlength=4)[1:]
+
+
+def test_two_logs_of_six_blocks_are_cut_with_one_to_find_and_one_to_confirm_at_either_end() -> None:
+    purposes, _ = split_rows([7200, 7200], DT_S, CONFIG)
+    middles = [rows[600::1200].tolist() for rows in purposes]
+    assert middles == [[1, 2, 3, 1, 2, 3], [2, 3, 1, 2, 3, 1]]
+
+
+def test_pieces_of_a_log_that_gaps_cut_are_no_trajectories_to_be_dealt() -> None:
+    lengths = [150, 9000, 200, 130, 400, 180, 300, 160]
+    purposes, rule = split_rows(lengths, DT_S, CONFIG)
+    assert "blocks" in rule
+    assert [len(rows) for rows in purposes] == lengths
+    assert counts(purposes).min() > 0.25 * sum(lengths)
+
+
+@given(st.lists(st.integers(100, 9000), min_size=6, max_size=20))
+def test_every_purpose_gets_its_part_of_trajectories_of_any_length(lengths: list[int]) -> None:
+    purposes, rule = split_rows(lengths, DT_S, CONFIG)
+    smallest = counts(purposes).min()
+    if "whole" in rule:
+        assert smallest >= 0.5 * sum(lengths) / 3
+    else:
+        # no less than the largest part, but for a block and for what is purged of the log that makes it larger
+        assert smallest >= counts(purposes).max() - 1.5 * 1200 - CONFIG.purge_s / DT_S
+
+
+@pytest.mark.parametrize("n_blocks", [1, 2])
+def test_the_turn_goes_on_from_log_to_log(n_blocks: int) -> None:
+    purposes, _ = split_rows([1200 * n_blocks] * 5, DT_S, CONFIG)
+    first = [int(rows[0]) for rows in purposes[:3]]
+    assert sorted(first) == [1, 2, 3]
