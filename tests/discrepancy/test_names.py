@@ -79,15 +79,29 @@ def test_a_dependence_on_activity_has_to_explain_more_than_a_cause_with_an_equat
         ("load", (-0.2, 0.1), True),  # slower up, faster down
         ("load", (-0.2, 0.0), False),  # a gain, in one direction
         ("load", (-0.2, -0.19), False),  # slower both ways
-        ("thermal_drift", (0.3, 0.0), True),
-        ("thermal_drift", (-0.3, 0.0), False),
-        ("thermal_drift", (0.3, -0.1), True),
-        ("thermal_drift", (0.1, -0.2), False),  # a joint that stays slow when it is warm
         ("gain", (-0.5,), True),
     ],
 )
 def test_signs_of_the_cause(family, coefficients, expected) -> None:
     assert is_plausible(family, [candidate(family, 0, 1.0, coefficients)]) is expected
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"cold_speed_loss": 0.3}, True),
+        ({"cold_speed_loss": -0.3}, False),
+        ({"cold_speed_loss": 0.1, "cold_lag": -0.3}, True),
+        ({"cold_speed_loss": 0.3, "warm_gain": -0.1}, True),
+        ({"warm_gain": -0.1, "cold_speed_loss": 0.3}, True),
+        ({"cold_speed_loss": 0.1, "warm_gain": -0.2}, False),  # a joint that stays slow when it is warm
+        ({"warm_gain": -0.2}, False),
+    ],
+)
+def test_oil_that_warms_up_makes_faster(values, expected) -> None:
+    freed = tuple(((name, None),) for name in values)
+    oil = candidate("thermal_drift", 0, 1.0, tuple(values.values()), freed=freed)
+    assert is_plausible("thermal_drift", [oil]) is expected
 
 
 @pytest.mark.parametrize(
