@@ -1,4 +1,4 @@
-"""A machine of two joints whose nominal speed is its command's, exactly; and logs of it, with what changes its speed."""
+"""Two joints whose nominal speed is exactly their command's, and logs of them with what changes it."""
 
 from typing import Any
 
