@@ -76,22 +76,24 @@ class Simulation:
 
         Args:
             hypotheses: Any number.
-            u: Of `nominal_velocities`, of all hypotheses alike (T, B, n_joint), where it is known already.
+            u: What the hypotheses act on, of all of them alike (T, B, n_joint), where it is known already: the nominal
+                velocities, or those in the presence of other effects, which have set in there as they do.
         """
         velocities = self._present(hypotheses, u)
-        if self.onsets:
-            earlier = self._present([self._before_onsets(hypothesis) for hypothesis in hypotheses], None)
-            for (_, joint), onset in self.onsets.items():
+        if u is None:
+            for onset in sorted(set(self.onsets.values()), reverse=True):
+                earlier = self._present([self._before(onset, hypothesis) for hypothesis in hypotheses], None)
                 not_yet = self.sequences.stamp_ns < onset
-                velocities[..., joint] = np.where(not_yet, earlier[..., joint], velocities[..., joint])
+                velocities = np.where(not_yet[..., None], earlier, velocities)
         return velocities
 
-    def _before_onsets(self, hypothesis: Hypothesis) -> dict:
+    def _before(self, moment: int, hypothesis: Hypothesis) -> dict:
+        """The hypothesis without what sets in at the moment or later."""
         values = {
             family: {name: np.array(value) for name, value in of.items()} for family, of in hypothesis.items()
         }
-        for family, joint in self.onsets:
-            if family in values:
+        for (family, joint), onset in self.onsets.items():
+            if family in values and onset >= moment:
                 for name, neutral in self.effects[family].neutral().items():
                     values[family][name][joint] = neutral[joint]
         return values

@@ -204,6 +204,22 @@ def test_what_a_common_change_of_speed_leaves_is_no_joints_own_course(
     assert looking._candidates() == [rest]
 
 
+def test_what_is_left_is_looked_at_with_every_onset_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of a second cause, too, which is taken without a choice."""
+    looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
+    monkeypatch.setattr(search_module, "encoder_errors", lambda *_: [])
+    monkeypatch.setattr(search_module, "refine", lambda simulation, rows, found: found)
+    monkeypatch.setattr(search_module, "completed", lambda simulation, of: of)
+    monkeypatch.setattr(search_module, "decide_again", lambda simulation, rows, found, *_: found)
+    monkeypatch.setattr(looking, "_look_back", lambda: None)
+    seen: list[dict] = []
+    seconds = [[Found(replace(candidate("load", 1, 50.0), onset=7))], []]
+    monkeypatch.setattr(looking, "_candidates", lambda: seen.append(looking.simulation.onsets) or [])
+    monkeypatch.setattr(looking, "_second_cause", lambda _: seconds[len(seen) - 1])
+    looking.run()
+    assert seen == [{}, {("load", 1): 7}]
+
+
 def test_a_dependence_that_explains_more_than_the_name_takes_its_certainty() -> None:
     looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
     gain = candidate("gain", 0, 100.0)

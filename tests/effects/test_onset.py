@@ -70,7 +70,9 @@ EACH_ITS_OWN = [(40, 80), (80, 40), (60, 0), (0, 60)]
 
 
 @pytest.mark.parametrize("rows", EACH_ITS_OWN)
-@pytest.mark.parametrize(("family", "target"), [("gain", "dqdot"), ("flow_coupling", "dq"), ("load", "dqdot")])
+@pytest.mark.parametrize(
+    ("family", "target"), [("gain", "dqdot"), ("flow_coupling", "dq"), ("load", "dqdot")]
+)
 def test_each_joint_has_its_own_onset(family, target, rows):
     values, machine = CASES[family]
     first = np.array(rows)
