@@ -14,7 +14,7 @@ from pipeline.discrepancy.baselines import trained_baselines, wrong_effect
 from pipeline.discrepancy.cold_oil import with_doubts_of_the_oil
 from pipeline.discrepancy.confirmation import Confirmation, in_words
 from pipeline.discrepancy.document import document_of
-from pipeline.discrepancy.found import Found, residual_of, values_of
+from pipeline.discrepancy.found import Found, onsets_of, residual_of, values_of
 from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.grouping import Effect, effects_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
@@ -256,12 +256,9 @@ class Loop:
         found = [member for effect in effects if effect.has_wrapper for member in effect.members]
         if not found:
             return None
-        onset_ns: dict[str, int] = {}
-        for member in found:
-            onset = member.candidate.onset
-            if onset is not None:
-                family = member.candidate.family
-                onset_ns[family] = min(onset, onset_ns.get(family, onset))
+        onset_ns: dict[str, dict[int, int]] = {}
+        for (family, joint), onset in onsets_of(found).items():
+            onset_ns.setdefault(family, {})[joint] = onset
         return ActiveEffects(self.usual.setting, values_of(self.simulation, found), onset_ns)
 
     def predictor(self, effects: Sequence[Effect]) -> Predictor:

@@ -121,13 +121,15 @@ def describe(
         )
         return {"loss_fraction": total, **result}
     if family == "thermal_drift":
-        warm = 1.0 + float(coefficients[1])
+        cold, lag = candidate.index_of("cold_speed_loss"), candidate.index_of("cold_lag")
+        warm = 1.0 + candidate.coefficient_of("warm_gain")
+        loss = candidate.coefficient_of("cold_speed_loss") / warm
         result = {
-            "cold_speed_loss": of(float(coefficients[0]) / warm, "1", "coefficient:0", 1.0 / warm),
+            "cold_speed_loss": of(loss, "1", f"coefficient:{cold}", 1.0 / warm),
             "time_constant": of(point["time_constant"], "s", "time_constant"),
         }
-        if len(coefficients) > 2:
-            result["cold_lag"] = of(float(coefficients[2]), "s", "coefficient:2")
+        if lag is not None:
+            result["cold_lag"] = of(float(coefficients[lag]), "s", f"coefficient:{lag}")
         return result
     if family == "leakage":
         result = {"sag_rate": of(float(coefficients[0]), f"{unit}/s", "coefficient:0")}

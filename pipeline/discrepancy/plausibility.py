@@ -47,7 +47,9 @@ def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
     joints move at once; a supply varies more slowly than joints start and stop, which is where models are off alike.
     """
     if family == THERMAL_DRIFT:
-        is_right = [c.coefficients[0] > max(0.0, -c.coefficients[1]) for c in showing]
+        is_right = [
+            c.coefficient_of("cold_speed_loss") > max(0.0, -c.coefficient_of("warm_gain")) for c in showing
+        ]
     elif family == LOAD:
         is_right = [_is_opposed(c) for c in showing]
     elif family == GAIN:

@@ -75,6 +75,15 @@ class Candidate:
         """How many values it has that can be chosen."""
         return len(self.point) + len(self.coefficients)
 
+    def index_of(self, name: str) -> int | None:
+        """Where among the coefficients the first is that this parameter has; None: it was not freed."""
+        return next((i for i, one in enumerate(self.freed) if one[0][0] == name), None)
+
+    def coefficient_of(self, name: str) -> float:
+        """Change of a parameter from its neutral value; 0 where it was not freed."""
+        index = self.index_of(name)
+        return 0.0 if index is None else float(self.coefficients[index])
+
 
 class Misfit(NamedTuple):
     """What explains something of nominal logs, where there is nothing to be found.
@@ -269,7 +278,7 @@ class _Screen:
         if moving or simulation.onsets:
             true = velocity / self._sensor_scale()
             self.before = jnp.asarray(np.moveaxis(true, 1, 0), jnp.float32)
-        self.best: dict[Key, Candidate] = {}
+        self.best: dict[Key, dict[int, Candidate]] = {}  # by number of parameters
         self.owed: dict[Key, float] = {}
 
     def run(self) -> list[Candidate]:
@@ -280,7 +289,7 @@ class _Screen:
                 self._dependence(family, effect)
             else:
                 self._named(family, effect)
-        candidates = [replace(c, owed=self.owed.get(key, 0.0)) for key, c in self.best.items()]
+        candidates = [replace(self._chosen(key), owed=self.owed.get(key, 0.0)) for key in self.best]
         return sorted(candidates, key=lambda candidate: -candidate.gain)
 
     def _sensor_scale(self) -> np.ndarray:
@@ -292,6 +301,15 @@ class _Screen:
             if family in self.sensors:
                 scale[..., joint] = np.where(sequences.stamp_ns < onset, 1.0, scale[..., joint])
         return scale
+
+    def _chosen(self, key: Key) -> Candidate:
+        """The best of the fewest parameters, unless one with more is better by a margin, not by chance."""
+        margin = self.simulation.effects[key[0]].parsimony
+        chosen, *larger = (of_size for _, of_size in sorted(self.best[key].items()))
+        for candidate in larger:
+            if candidate.gain > chosen.gain + margin * abs(chosen.gain):
+                chosen = candidate
+        return chosen
 
     def _residual(self, velocity: np.ndarray) -> np.ndarray:
         return self.rows.weight * (self.measured - self.rows.averaged(velocity))
@@ -406,13 +424,10 @@ class _Screen:
                 squares = np.sum(self.reference[:, joint] ** 2) - np.sum(after**2)
                 most = most_per_row * len(self.rows.folds.fold)
                 self.owed[key] = float(np.clip(squares / self.rows.floor[joint], 0.0, most))
-        present = self.best.get(key)
-        # A variant with more parameters has to be better by a margin, not by chance.
-        margin = self.simulation.effects[family].parsimony
-        if present is None or candidate.gain > present.gain + margin * abs(present.gain) * (
-            candidate.n_parameters > present.n_parameters
-        ):
-            self.best[key] = candidate
+        of_size = self.best.setdefault(key, {})
+        present = of_size.get(candidate.n_parameters)
+        if present is None or candidate.gain > present.gain:
+            of_size[candidate.n_parameters] = candidate
 
     def _is_active(self, family: str, joint: int) -> bool:
         if family not in self.active:

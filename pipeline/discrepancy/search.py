@@ -115,7 +115,6 @@ class Search:
                 break
             self.found += self._choose(passing, candidates)
             self._refit()
-            self.simulation.onsets = onsets_of(self.found)
             self._split_common_delay()
         self._look_back()
         self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._say)
@@ -382,6 +381,7 @@ class Search:
     def _refit(self) -> None:
         known = [replace(f, candidate=completed(self.simulation, f.candidate)) for f in self.found]
         self.found = refine(self.simulation, self.rows, known)
+        self.simulation.onsets = onsets_of(self.found)
 
     def _look_back(self) -> None:
         """Drop what the others made superfluous."""

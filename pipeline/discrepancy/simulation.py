@@ -76,23 +76,25 @@ class Simulation:
 
         Args:
             hypotheses: Any number.
-            u: (T, B, n_joint) what goes into the velocity effects of all hypotheses alike, where it is known already:
+            u: What goes into the velocity effects of all hypotheses alike (T, B, n_joint), where it is known already:
                 of `nominal_velocities`, or as other effects leave it, with their onsets.
         """
         velocities = self._present(hypotheses, u)
-        if self.onsets:
-            earlier = self._present([self._before_onsets(hypothesis) for hypothesis in hypotheses], u)
-            for (_, joint), onset in self.onsets.items():
-                not_yet = self.sequences.stamp_ns < onset
-                velocities[..., joint] = np.where(not_yet, earlier[..., joint], velocities[..., joint])
+        named = {family for hypothesis in hypotheses for family in hypothesis}
+        onsets = {onset for (family, _), onset in self.onsets.items() if family in named}
+        for onset in sorted(onsets, reverse=True):
+            earlier = self._present([self._before(onset, hypothesis) for hypothesis in hypotheses], u)
+            not_yet = self.sequences.stamp_ns < onset
+            velocities = np.where(not_yet[..., None], earlier, velocities)
         return velocities
 
-    def _before_onsets(self, hypothesis: Hypothesis) -> dict:
+    def _before(self, moment: int, hypothesis: Hypothesis) -> dict:
+        """The hypothesis without what sets in at the moment or later."""
         values = {
             family: {name: np.array(value) for name, value in of.items()} for family, of in hypothesis.items()
         }
-        for family, joint in self.onsets:
-            if family in values:
+        for (family, joint), onset in self.onsets.items():
+            if family in values and onset >= moment:
                 for name, neutral in self.effects[family].neutral().items():
                     values[family][name][joint] = neutral[joint]
         return values

@@ -128,7 +128,7 @@ def along(step: Callable[..., tuple[Any, Any]], state: Any, *rows: Any) -> Any:
 
 
 def set_in(values: ChainValues, neutral: NeutralValues, share: Mapping[str, jax.Array]) -> ChainValues:
-    """Values of effects that have set in by `share` (..., in [0, 1]) of their size.
+    """Values of effects that have set in by `share`, (..., n_joint) in [0, 1], of their size.
 
     Families that `share` does not name act in full.
     """
@@ -145,4 +145,5 @@ def set_in(values: ChainValues, neutral: NeutralValues, share: Mapping[str, jax.
 
 
 def _expanded(share: jax.Array, n_axes: int) -> jax.Array:
-    return share.reshape(*share.shape, *([1] * n_axes))
+    """(..., n_joint) to the axes of a value, of which the joint's is the first."""
+    return share.reshape(*share.shape, *([1] * (n_axes - 1)))

@@ -17,6 +17,9 @@ from pipeline.logs.tuples import Trajectory
 CHUNK = 256  # windows per call: one compilation per horizon, whatever the number of windows
 ROW_QUANTUM = 1024  # logs of similar length share one compilation
 
+Onsets = Mapping[str, Mapping[int, int]]
+"""By family and index of the joint: absolute stamp, ns."""
+
 
 class AugmentedPredictor:
     """Open-loop predictions of f_θ with effects, in float32; see `dynamics.errors.Predictor`.
@@ -26,7 +29,8 @@ class AugmentedPredictor:
         parameters: θ.
         chain: The effects.
         values: Of the effects, by family.
-        onset_ns: Per family that sets in at some moment: its absolute stamp; from then on it acts in full.
+        onset_ns: By family and index of the joint, where it sets in at some moment: the absolute stamp from which on it
+            acts there in full. Joints that are not named have it all the time.
         has_stops: As of `dynamics.predictor.LearnedPredictor`.
     """
 
@@ -36,11 +40,11 @@ class AugmentedPredictor:
         parameters: Parameters,
         chain: Chain,
         values: Mapping[str, Mapping[str, np.ndarray]],
-        onset_ns: Mapping[str, int] | None = None,
+        onset_ns: Onsets | None = None,
         has_stops: bool = True,
     ) -> None:
         self.model = AugmentedModel(model, chain)
-        self.onset_ns = dict(onset_ns or {})
+        self.onset_ns = {family: dict(of) for family, of in (onset_ns or {}).items()}
         self._has_stops = has_stops
         self._values = jax.tree.map(
             lambda value: jnp.asarray(value, jnp.float32), {f: dict(of) for f, of in values.items()}
@@ -70,8 +74,10 @@ class AugmentedPredictor:
         ]
         time_s = np.pad(trajectory.t_s, (0, padding), mode="edge")
         share = {
-            family: jnp.asarray(np.pad(trajectory.stamp_ns >= onset, (0, padding), mode="edge"), jnp.float32)
-            for family, onset in self.onset_ns.items()
+            family: jnp.asarray(
+                np.pad(_has_set_in(trajectory, of_joint), ((0, padding), (0, 0)), mode="edge"), jnp.float32
+            )
+            for family, of_joint in self.onset_ns.items()
         }
         rows = (*columns, jnp.asarray(time_s, jnp.float32))
         observed = self._observe(values, share, rows)
@@ -163,3 +169,11 @@ class AugmentedPredictor:
         shares = {family: jnp.moveaxis(of[future], 1, 0) for family, of in share.items()}
         _, predicted = jax.lax.scan(advance, history, (jnp.moveaxis(a[future], 1, 0), shares))
         return jnp.moveaxis(predicted, 0, 1)
+
+
+def _has_set_in(trajectory: Trajectory, onset_ns: Mapping[int, int]) -> np.ndarray:
+    """(T, n_joint) bool, of one family; all the time on joints that have no onset."""
+    has_set_in = np.ones(trajectory.q.shape, bool)
+    for joint, onset in onset_ns.items():
+        has_set_in[:, joint] = trajectory.stamp_ns >= onset
+    return has_set_in

@@ -1,4 +1,9 @@
-"""An augmented model's folder: the frozen model's files and `effects.json`."""
+"""An augmented model's folder: the frozen model's files and `effects.json`.
+
+`effects.json` holds `setting` (`dt_s` and, per joint, `lower`, `upper` and `speed_scale`), `values` (by family and
+parameter, one row per joint) and `onset_ns` (by family one absolute stamp per joint, null where it acts all the time).
+Older files hold one stamp per family, which is all joints'.
+"""
 
 import hashlib
 import json
@@ -20,7 +25,7 @@ from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain
 from pipeline.effects.effect import Setting
-from pipeline.effects.predictor import AugmentedPredictor
+from pipeline.effects.predictor import AugmentedPredictor, Onsets
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 
@@ -35,12 +40,13 @@ class ActiveEffects:
     Attributes:
         setting: Of the machine.
         values: By family and parameter, (n_joint, ...).
-        onset_ns: Absolute stamp from which on a family acts, where it set in within the logs.
+        onset_ns: By family and index of the joint: absolute stamp from which on it acts there, where it set in within
+            the logs. Joints that are not named have it all the time.
     """
 
     setting: Setting
     values: Mapping[str, Mapping[str, np.ndarray]]
-    onset_ns: Mapping[str, int]
+    onset_ns: Onsets
 
     def families(self) -> list[str]:
         """Families with a value that is not neutral."""
@@ -62,7 +68,7 @@ def predictor(model: DynamicsModel, parameters: Parameters, effects: ActiveEffec
     if effects is None or not families:
         return LearnedPredictor(model, parameters)
     values = {family: effects.values[family] for family in families}
-    onset_ns = {family: stamp for family, stamp in effects.onset_ns.items() if family in families}
+    onset_ns = {family: of for family, of in effects.onset_ns.items() if family in families}
     return AugmentedPredictor(model, parameters, effects.chain(families), values, onset_ns)
 
 
@@ -78,7 +84,10 @@ def save_effects(directory: Path, effects: ActiveEffects) -> None:
             family: {name: np.asarray(value).tolist() for name, value in of.items()}
             for family, of in effects.values.items()
         },
-        "onset_ns": {family: int(stamp) for family, stamp in effects.onset_ns.items()},
+        "onset_ns": {
+            family: [int(of[joint]) if joint in of else None for joint in range(effects.setting.n_joint)]
+            for family, of in effects.onset_ns.items()
+        },
     }
     write_whole(directory / FILE, (json.dumps(content, indent=1, sort_keys=True) + "\n").encode())
 
@@ -105,7 +114,7 @@ def load_effects(directory: Path) -> ActiveEffects | None:
             family: {name: _numbers(value) for name, value in of.items()}
             for family, of in content["values"].items()
         }
-        onset_ns = {family: int(stamp) for family, stamp in content["onset_ns"].items()}
+        onset_ns = {family: _onsets(of, setting.n_joint) for family, of in content["onset_ns"].items()}
     except (
         OSError,
         ValueError,
@@ -128,6 +137,14 @@ def _numbers(value: Any) -> np.ndarray:
     if not np.all(np.isfinite(numbers)):
         raise ValueError("a value is not finite")
     return numbers
+
+
+def _onsets(of: Any, n_joint: int) -> dict[int, int]:
+    """By joint; of one stamp, as older files have it, all joints'."""
+    stamps = of if isinstance(of, list) else [of] * n_joint
+    if len(stamps) != n_joint:
+        raise ValueError(f"{len(stamps)} onsets of {n_joint} joints")
+    return {joint: int(stamp) for joint, stamp in enumerate(stamps) if stamp is not None}
 
 
 def _fault(effects: ActiveEffects) -> str | None:

@@ -30,8 +30,9 @@ SIMULATION = SimpleNamespace(
 def candidate(family: str, joint: int, gain: float) -> Candidate:
     """With what it explains once it is fitted; an oil that slows, and is warm at the nominal speed."""
     bare = bare_candidate(family, joint)
-    coefficients = np.array([0.3, 0.0]) if family == "thermal_drift" else bare.coefficients
-    return replace(bare, coefficients=coefficients, gain=gain, gain_by_block=np.full(4, gain / 4))
+    if family == "thermal_drift":
+        bare = replace(bare, freed=((("cold_speed_loss", None),),), coefficients=np.array([0.3]))
+    return replace(bare, gain=gain, gain_by_block=np.full(4, gain / 4))
 
 
 def named(candidates: list[Candidate], monkeypatch: pytest.MonkeyPatch, excited: range = range(4)) -> list:
@@ -70,8 +71,11 @@ def test_lags_that_explain_as_much_take_the_oils_certainty(monkeypatch) -> None:
 
 
 def test_oil_that_is_warm_and_yet_slow_is_no_oil(monkeypatch) -> None:
+    warm_first = ((("warm_gain", None),), (("cold_speed_loss", None),))  # by name, not by order
     oil = [
-        replace(candidate("thermal_drift", joint, 100.0), coefficients=np.array([0.1, -0.3]))
+        replace(
+            candidate("thermal_drift", joint, 100.0), freed=warm_first, coefficients=np.array([-0.3, 0.1])
+        )
         for joint in range(4)
     ]
     assert named([*oil, *(candidate("lag", joint, 90.0) for joint in range(4))], monkeypatch) == []

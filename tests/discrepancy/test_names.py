@@ -79,15 +79,29 @@ def test_a_dependence_on_activity_has_to_explain_more_than_a_cause_with_an_equat
         ("load", (-0.2, 0.1), True),  # slower up, faster down
         ("load", (-0.2, 0.0), False),  # a gain, in one direction
         ("load", (-0.2, -0.19), False),  # slower both ways
-        ("thermal_drift", (0.3, 0.0), True),
-        ("thermal_drift", (-0.3, 0.0), False),
-        ("thermal_drift", (0.3, -0.1), True),
-        ("thermal_drift", (0.1, -0.2), False),  # a joint that stays slow when it is warm
         ("gain", (-0.5,), True),
     ],
 )
 def test_signs_of_the_cause(family, coefficients, expected) -> None:
     assert is_plausible(family, [candidate(family, 0, 1.0, coefficients)]) is expected
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"cold_speed_loss": 0.3}, True),
+        ({"cold_speed_loss": -0.3}, False),
+        ({"cold_speed_loss": 0.1, "cold_lag": -0.3}, True),
+        ({"cold_speed_loss": 0.3, "warm_gain": -0.1}, True),
+        ({"warm_gain": -0.1, "cold_speed_loss": 0.3}, True),
+        ({"cold_speed_loss": 0.1, "warm_gain": -0.2}, False),  # a joint that stays slow when it is warm
+        ({"warm_gain": -0.2}, False),
+    ],
+)
+def test_oil_that_warms_up_makes_faster(values, expected) -> None:
+    freed = tuple(((name, None),) for name in values)
+    oil = candidate("thermal_drift", 0, 1.0, tuple(values.values()), freed=freed)
+    assert is_plausible("thermal_drift", [oil]) is expected
 
 
 @pytest.mark.parametrize(
@@ -188,6 +202,22 @@ def test_what_a_common_change_of_speed_leaves_is_no_joints_own_course(
     assert looking._candidates() == [rest, course]
     looking.found = [Found(candidate("supply_variation", 0, 100.0, point={"width": 6.0}))]
     assert looking._candidates() == [rest]
+
+
+def test_what_is_left_is_looked_at_with_every_onset_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of a second cause, too, which is taken without a choice."""
+    looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
+    monkeypatch.setattr(search_module, "encoder_errors", lambda *_: [])
+    monkeypatch.setattr(search_module, "refine", lambda simulation, rows, found: found)
+    monkeypatch.setattr(search_module, "completed", lambda simulation, of: of)
+    monkeypatch.setattr(search_module, "decide_again", lambda simulation, rows, found, *_: found)
+    monkeypatch.setattr(looking, "_look_back", lambda: None)
+    seen: list[dict] = []
+    seconds = [[Found(replace(candidate("load", 1, 50.0), onset=7))], []]
+    monkeypatch.setattr(looking, "_candidates", lambda: seen.append(looking.simulation.onsets) or [])
+    monkeypatch.setattr(looking, "_second_cause", lambda _: seconds[len(seen) - 1])
+    looking.run()
+    assert seen == [{}, {("load", 1): 7}]
 
 
 def test_a_dependence_that_explains_more_than_the_name_takes_its_certainty() -> None:

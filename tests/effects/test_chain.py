@@ -80,7 +80,7 @@ def test_values_may_have_the_batch_axes_too(names):
     chain = chain_of(*names)
     neutral = chain.neutral()
     values = {family: jax.tree.map(jnp.asarray, SINGLE[family]) for family in names}
-    share = dict.fromkeys(names, jnp.array([0.0, 1.0, 0.5]))
+    share = dict.fromkeys(names, jnp.array([[0.0, 0.0], [1.0, 1.0], [0.5, 1.0]]))
     present = set_in(values, neutral, share)
     u, signals = rows(43, 3)  # one row per share
 
@@ -104,8 +104,20 @@ def test_share_of_onset_goes_from_neutral_to_the_values():
     values = {
         "gain": {"ratio_positive": jnp.array([2.0, 0.5])},
         "lag": {"added_time_constant": jnp.array([0.3, 0.1])},
+        "flow_coupling": {"loss_fraction": jnp.array([[0.0, 0.4], [0.2, 0.0]])},
     }
-    neutral = {"gain": {"ratio_positive": np.ones(2)}, "lag": {"added_time_constant": np.zeros(2)}}
-    present = set_in(values, neutral, {"gain": jnp.array([0.0, 0.5, 1.0])})
-    np.testing.assert_allclose(present["gain"]["ratio_positive"], [[1, 1], [1.5, 0.75], [2, 0.5]])
+    neutral = {
+        "gain": {"ratio_positive": np.ones(2)},
+        "lag": {"added_time_constant": np.zeros(2)},
+        "flow_coupling": {"loss_fraction": np.zeros((2, 2))},
+    }
+    share = {
+        "gain": jnp.array([[0.0, 0.0], [0.5, 1.0], [1.0, 0.5]]),
+        "flow_coupling": jnp.array([[0.0, 0.5], [1.0, 0.0]]),
+    }
+    present = set_in(values, neutral, share)
+    np.testing.assert_allclose(present["gain"]["ratio_positive"], [[1, 1], [1.5, 0.5], [2, 0.75]])
+    # Of a joint's row by source, the whole row: the joint comes first.
+    by_source = [[[0.0, 0.0], [0.1, 0.0]], [[0.0, 0.4], [0.0, 0.0]]]
+    np.testing.assert_allclose(present["flow_coupling"]["loss_fraction"], by_source)
     assert present["lag"] is values["lag"]

@@ -68,7 +68,7 @@ def test_steps_and_features_equal_those_of_the_frozen_model(kind):
 def test_effects_that_are_all_neutral_give_the_frozen_models_errors():
     model, trajectory = make_model(), random_trajectory(2, 150)
     parameters = model.initialise(jax.random.key(0))
-    effects = ActiveEffects(SETTING, EVERYTHING.neutral(), {"gain": 0})
+    effects = ActiveEffects(SETTING, EVERYTHING.neutral(), {"gain": {0: 0}})
     assert effects.families() == []
     for found in (predictor(model, parameters, effects), predictor(model, parameters, None)):
         assert isinstance(found, LearnedPredictor)

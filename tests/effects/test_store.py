@@ -27,7 +27,10 @@ from pipeline.errors import InputError
 
 from .conftest import SETTING, VALUES, make_model, random_trajectory
 
-EFFECTS = ActiveEffects(SETTING, VALUES, {"gain": np.int64(1_700_000_000_123_456_789)})
+STAMP_NS = 1_700_000_000_123_456_789
+EFFECTS = ActiveEffects(
+    SETTING, VALUES, {"gain": {0: np.int64(STAMP_NS), 1: STAMP_NS + 5}, "lag": {1: STAMP_NS}}
+)
 
 
 @pytest.fixture
@@ -49,6 +52,14 @@ def test_a_round_trip_keeps_everything(saved):
     assert (saved / FILE).read_bytes() == content
 
 
+def test_one_onset_of_a_family_as_older_files_have_it_is_all_joints(saved):
+    content = json.loads((saved / FILE).read_text())
+    assert content["onset_ns"] == {"gain": [STAMP_NS, STAMP_NS + 5], "lag": [None, STAMP_NS]}
+    content["onset_ns"] = {"gain": STAMP_NS}
+    (saved / FILE).write_text(json.dumps(content))
+    assert load_effects(saved).onset_ns == {"gain": {0: STAMP_NS, 1: STAMP_NS}}
+
+
 def test_a_folder_without_effects_has_none(tmp_path):
     assert load_effects(tmp_path) is None
 
@@ -65,7 +76,8 @@ def test_a_model_folder_is_a_predictor_with_its_effects(saved):
     parameters = model.initialise(jax.random.key(0))
     save_model(saved, model, parameters, {}, {}, {})
     starts = np.array([10, 20])
-    effects = ActiveEffects(SETTING, {"gain": VALUES["gain"], "lag": VALUES["lag"]}, EFFECTS.onset_ns)
+    some = {"gain": VALUES["gain"], "lag": VALUES["lag"]}
+    effects = ActiveEffects(SETTING, some, EFFECTS.onset_ns)
     save_effects(saved, effects)
     found = load_predictor(saved)
     assert found.onset_ns == effects.onset_ns
@@ -79,7 +91,7 @@ def test_a_model_folder_is_a_predictor_with_its_effects(saved):
 def test_a_model_folder_is_dynamics_with_its_effects(saved):
     model = make_model()
     save_model(saved, model, model.initialise(jax.random.key(0)), {}, {}, {})
-    save_effects(saved, ActiveEffects(SETTING, {"gain": VALUES["gain"]}, EFFECTS.onset_ns))
+    save_effects(saved, ActiveEffects(SETTING, {"gain": VALUES["gain"]}, {"gain": {0: 5}}))
     with_gain = dynamics_fingerprint(saved)
     dynamics, parameters = load_dynamics(saved)
     assert isinstance(dynamics, AugmentedModel)
@@ -135,6 +147,9 @@ DAMAGES = {
     "a family is a number": _set("values", "gain", to=3),
     "onset is infinite": _set("onset_ns", "gain", to=float("inf")),
     "onset of none": _set("onset_ns", "supply_variation", to=5),
+    "onset of a joint is infinite": _set("onset_ns", "gain", to=[float("inf"), None]),
+    "onsets of too few joints": _set("onset_ns", "gain", to=[5]),
+    "onsets are ragged": _set("onset_ns", "gain", to=[[5], 5]),
     "onset is text": _set("onset_ns", "gain", to="noon"),
     "no setting": lambda content: content.pop("setting"),
     "time step": _set("setting", "dt_s", to=0.0),

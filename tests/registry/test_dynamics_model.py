@@ -143,7 +143,8 @@ def test_before_and_after_stand_side_by_side(empty_store, tmp_path, monkeypatch)
         for part in ("before", "after"):
             save_model(tmp_path / part, model, parameters, {}, {}, {})
             if part == "after":
-                save_effects(tmp_path / part, ActiveEffects(setting, {"gain": halved}, {"gain": 2**62}))
+                later = {"gain": dict.fromkeys(range(n), 2**62)}
+                save_effects(tmp_path / part, ActiveEffects(setting, {"gain": halved}, later))
             publish_dynamics_model(
                 run, tmp_path / part, model, "m-closed_loop", trajectory, f"model_{part}", part
             )

@@ -1,0 +1,52 @@
+"""Two joints whose nominal speed is exactly their command's, and logs of them with what changes it."""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from pipeline.discrepancy.sequences import Sequences
+from pipeline.discrepancy.simulation import Simulation
+from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.effect import Setting
+
+DT_S, N_JOINT = 0.05, 2
+SPEED = np.array([0.4, 0.6])
+SETTING = Setting(DT_S, np.full(N_JOINT, -1.0), np.full(N_JOINT, 1.0), SPEED)
+STEP_NS = round(1e9 * DT_S)
+
+
+class ExactModel:
+    """A diagnosis model of a single member that moves as it is told, and meets no stops."""
+
+    left_out = np.zeros((1, 1, 1), bool)
+
+    def members_velocity(self, command: jax.Array, q: jax.Array) -> jax.Array:
+        """(1, ..., n_joint)."""
+        return (SPEED * command)[None]
+
+    def stopped(self, velocity: jax.Array, q: jax.Array) -> jax.Array:
+        """As it comes."""
+        return velocity
+
+
+def held_commands(seed: int, n_rows: int) -> np.ndarray:
+    """(T, n_joint) holds of ten rows."""
+    random = np.random.default_rng(seed)
+    return np.repeat(random.choice([-1.0, 0.0, 1.0], (n_rows // 10, N_JOINT)), 10, axis=0)
+
+
+def simulation_of(families: list[str], command: np.ndarray, velocity: np.ndarray) -> Simulation:
+    """Of one log, (T, n_joint) each."""
+    n_rows = len(command)
+    t_s = DT_S * np.arange(n_rows)
+    sequences = Sequences(
+        command[None],
+        np.zeros((1, n_rows, N_JOINT)),
+        velocity[None],
+        t_s[None],
+        STEP_NS * np.arange(n_rows)[None],
+        np.ones((1, n_rows), bool),
+    )
+    model: Any = ExactModel()
+    return Simulation(model, sequences, [KNOWN[family] for family in families], SETTING)
