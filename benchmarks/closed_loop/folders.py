@@ -30,6 +30,10 @@ class Folders:
         """One folder per case: what `close_loop` wrote, its log, and what became of it."""
         return self.root / ("solutions_left_out" if leaving_out else "solutions")
 
+    def learned(self, model: str) -> Path:
+        """What was learned of the nominal logs that a baseline model is of; `close_loop` reads and writes it."""
+        return self.root / "learned" / f"{Path(model).name}.npz"
+
     def complete_cases(self) -> list[str]:
         """Names of the cases that were written whole, in order."""
         if not self.cases.is_dir():

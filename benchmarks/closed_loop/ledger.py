@@ -16,10 +16,10 @@ from benchmarks.closed_loop.comparison import Solution
 from benchmarks.closed_loop.truth import Truth, from_content
 from pipeline.atomic_files import write_whole
 from pipeline.configuration import load_section
+from pipeline.discrepancy.fingerprint import code_fingerprint
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.errors import InputError
 
-DECISIVE = ("discrepancy", "effects")  # packages of `pipeline` that decide what is answered
 SECTION = "close_loop"
 
 
@@ -46,11 +46,7 @@ class Record:
 
 def fingerprint() -> str:
     """Of the code and the settings that decide what `close_loop` answers."""
-    package = Path(__file__).resolve().parents[2] / "pipeline"
-    digest = hashlib.sha256()
-    for folder in DECISIVE:
-        for path in sorted((package / folder).rglob("*.py")):
-            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    digest = hashlib.sha256(code_fingerprint().encode())
     digest.update(json.dumps(asdict(load_section(SECTION, CloseLoopConfig)), sort_keys=True).encode())
     return digest.hexdigest()[:12]
 

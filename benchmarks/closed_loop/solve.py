@@ -64,7 +64,8 @@ def tasks(folders: Folders, leave_out_true: bool, overrides: Sequence[str]) -> l
         ]
         model = json.loads((case / CASE_FILE).read_text())["model"]
         if model is not None:
-            arguments.append(f"model={folders.root / model}")
+            # The variant's nominal logs and its baseline are those of many cases.
+            arguments += [f"model={folders.root / model}", f"learned={folders.learned(model)}"]
         if leave_out_true:
             truth = from_json((folders.seals / f"{name}.json").read_text())
             if truth.kind not in kinds.FAMILIES:

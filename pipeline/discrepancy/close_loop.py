@@ -7,6 +7,7 @@ for fitting and selection; then, once, the confirmation rows: the gate, the erro
 import functools
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -60,6 +61,7 @@ def close_loop(
     config: CloseLoopConfig,
     say: Say = lambda _: None,
     nominal_behaviour: NominalBehaviour | None = None,
+    kept: Path | None = None,
 ) -> ClosedLoop:
     """Find the effects that `model` lacks of the machine that was measured.
 
@@ -72,18 +74,20 @@ def close_loop(
         config: Section `close_loop`.
         say: Called with one sentence per step.
         nominal_behaviour: What the nominal logs say, if it has been learned for other measured logs already.
+        kept: File that keeps it; see `learn_nominal_behaviour`.
 
     Raises:
-        UnusableLogs: They are too short.
+        InputError: That file is damaged, or cannot be written.
+        UnusableLogs: The logs are too short.
     """
-    return Loop(nominal, measured, machine, model, parameters, config, say, nominal_behaviour).run()
+    return Loop(nominal, measured, machine, model, parameters, config, say, nominal_behaviour, kept).run()
 
 
 class Loop:
     """One run; see `close_loop`. The report's evidence is gathered from it afterwards."""
 
     def __init__(  # type: ignore[no-untyped-def]
-        self, nominal, measured, machine, model, parameters, config, say, nominal_behaviour=None
+        self, nominal, measured, machine, model, parameters, config, say, nominal_behaviour=None, kept=None
     ) -> None:
         self.nominal: Sequence[Trajectory] = nominal
         self.measured: Sequence[Trajectory] = measured
@@ -98,6 +102,7 @@ class Loop:
         self._predictors: dict[tuple[int, ...], tuple[list[Effect], Predictor]] = {}
         self._tell = say
         self.nominal_behaviour: NominalBehaviour | None = nominal_behaviour
+        self.kept: Path | None = kept
         self._mark = time.monotonic()
 
     def say(self, sentence: str) -> None:
@@ -137,7 +142,7 @@ class Loop:
     def _diagnose(self) -> None:
         usual = self.nominal_behaviour
         if usual is None:
-            usual = learn_nominal_behaviour(self.nominal, self.machine, self.config, self.lap)
+            usual = learn_nominal_behaviour(self.nominal, self.machine, self.config, self.lap, self.kept)
         self.usual = usual
         dt_s = self.machine.dt_s
         self.say(

@@ -5,10 +5,12 @@ It holds for whatever is measured later, on that machine or on others of its kin
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from pipeline.discrepancy.diagnosis_model import DiagnosisModel, is_known, train_diagnosis_model
+from pipeline.discrepancy.learned import Learned, identity, load_learned, save_learned, without
 from pipeline.discrepancy.null_gains import null_gains
 from pipeline.discrepancy.sampling_phase import sampling_phases
 from pipeline.discrepancy.screen import Nominal, Rows, alternating_folds, averaged, rows_in_blocks
@@ -59,6 +61,7 @@ def learn_nominal_behaviour(
     machine: MachineSpecification,
     config: CloseLoopConfig,
     lap: Callable[[str], None] = lambda _: None,
+    kept: Path | None = None,
 ) -> NominalBehaviour:
     """Train the diagnosis model, and search the nominal logs for effects: what is found there is its misfit.
 
@@ -67,12 +70,23 @@ def learn_nominal_behaviour(
         machine: The machine.
         config: Section `close_loop`.
         lap: Called with each part's name at its end.
+        kept: File of what was learned of the same logs before (`learned.py`); written where it is of anything else.
+
+    Raises:
+        InputError: That file is damaged, or cannot be written.
+        UnusableLogs: The logs are too short.
     """
+    known_as = identity(nominal, machine, config)
+    known = load_learned(kept, known_as) if kept is not None else None
     every = side_by_side(nominal, machine.dt_s, config.diagnosis.lags)
     lower, upper = machine.lower, machine.upper
     is_switched = machine.command_kind is CommandKind.discrete
-    diagnosis = train_diagnosis_model(
-        every, lower, upper, machine.dt_s, config.diagnosis, config.seed, is_switched
+    diagnosis = (
+        known.diagnosis
+        if known is not None
+        else train_diagnosis_model(
+            every, lower, upper, machine.dt_s, config.diagnosis, config.seed, is_switched
+        )
     )
     setting = Setting(machine.dt_s, lower, upper, diagnosis.scales.speed)
     effects = [e for f, e in known_for(machine.command_kind).items() if f not in config.exclude]
@@ -91,6 +105,11 @@ def learn_nominal_behaviour(
     block_rows = config.search.block_rows(machine.dt_s)
     fold = alternating_folds(sequences.is_row, block_rows, FOLD_ROWS)
     rows = rows_in_blocks(sequences.is_row, fold, weight, floor, block_rows)
-    null = null_gains(simulation, rows, config.exclude, config.search.null_factor)
+    if known is not None:
+        null = without(known.null, config.exclude)
+    else:
+        null = null_gains(simulation, rows, config.exclude, config.search.null_factor)
+        if kept is not None and not config.exclude:  # else the next would miss what was not tried
+            save_learned(kept, Learned(diagnosis, null), known_as)
     lap("search on nominal logs")
     return NominalBehaviour(diagnosis, setting, effects, every, simulation, rows, phases, floor, null)

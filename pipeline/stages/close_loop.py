@@ -46,6 +46,7 @@ class CloseLoopStage(PipelineConfiguration):
     measured: str = MISSING
     output: str = MISSING
     model: str | None = None
+    learned: str | None = None
     kind: str = MISSING
     allow_empty: bool = False
 
@@ -81,6 +82,7 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
     model, parameters = baseline(configuration, nominal)
     run.inputs(configuration.nominal, configuration.measured)
     print(f"close_loop: {len(nominal)} nominal and {len(measured)} measured trajectories", flush=True)
+    kept = None if configuration.learned is None else Path(configuration.learned)
     try:
         result = close_loop(
             nominal,
@@ -90,6 +92,7 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
             parameters,
             configuration.close_loop,
             lambda sentence: print(f"close_loop: {sentence}", flush=True),
+            kept=kept,
         )
     except UnusableLogs as error:
         raise InputError(f"{error.which}={getattr(configuration, error.which)}: {error.why}") from None
