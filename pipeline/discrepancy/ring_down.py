@@ -103,7 +103,9 @@ def _stops(sequences: Sequences, is_used: np.ndarray, joint: int, dt_s: float) -
     for row, rest in enumerate(at_rest):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]])))
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
-            if begin > 0 and end - begin - settled >= shortest:
+            # where rows begin to be used in the midst of a rest, nobody stopped
+            stopped = begin > 0 and sequences.command[row, begin - 1, joint] != 0.0
+            if stopped and end - begin - settled >= shortest:
                 found.append(sequences.velocity[row, begin + settled : min(end, begin + longest), joint])
     return found
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -296,7 +297,10 @@ class _Screen:
         """(B, T, n_joint) measured per true velocity."""
         sequences, effects = self.simulation.sequences, self.simulation.effects
         chain = Chain([type(effects[family]) for family in self.sensors], self.simulation.setting)
-        scale = np.array(chain.sensor_scale(self.sensors, chain.true(self.sensors, sequences.q)))
+        values = jax.tree.map(jnp.asarray, self.sensors)
+        scale = np.array(
+            chain.sensor_scale(values, chain.true(values, jnp.asarray(sequences.q, jnp.float32)))
+        )
         for (family, joint), onset in self.simulation.onsets.items():
             if family in self.sensors:
                 scale[..., joint] = np.where(sequences.stamp_ns < onset, 1.0, scale[..., joint])

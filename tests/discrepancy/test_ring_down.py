@@ -71,3 +71,10 @@ def test_what_does_not_ring_or_hardly_stops_has_no_frequency() -> None:
     time_s = DT_S * (np.arange(falling.velocity.shape[1]) % (N_MOVING + N_RESTING) - N_MOVING)
     decay = np.where(time_s > 0, 0.3 * np.exp(-time_s) + 0.1 * np.exp(-3.0 * time_s), 0.4)
     assert found(falling._replace(velocity=decay[None, :, None])) is None
+
+
+def test_a_rest_of_which_only_the_end_may_be_looked_at_is_no_stop() -> None:
+    ringing = stops(np.full(N_STOPS, 1.2), 0.02, noise=0.0)
+    row = np.arange(ringing.is_row.shape[1]) % (N_MOVING + N_RESTING)
+    assert ring_down(ringing, (row >= N_MOVING)[None], joint=0, dt_s=DT_S) is not None
+    assert ring_down(ringing, (row >= N_MOVING + 5)[None], joint=0, dt_s=DT_S) is None
