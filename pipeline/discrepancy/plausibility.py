@@ -74,7 +74,8 @@ def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:
     """Whether a named effect fits only with a value at the edge of what is plausible: then it is another."""
     if candidate.family in DEPENDENCES or not has_wrapper(candidate):
         return False
-    by_name = {p.name: p for p in effects[candidate.family].card.parameters}
+    effect = effects[candidate.family]
+    by_name = {p.name: p for p in effect.card.parameters}
     values = list(candidate.point.items())
     for freed, coefficient in zip(candidate.freed, candidate.coefficients, strict=True):
         name = freed[0][0]
@@ -83,8 +84,10 @@ def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:
         parameter = by_name[name]
         if parameter.natural_bounds:
             continue
-        margin = AT_BOUND * (parameter.upper - parameter.lower)
-        if value > parameter.upper - margin or 0.0 != parameter.lower > value - margin:
+        size = effect.sizes(name)[candidate.joint]
+        lower, upper = size * parameter.lower, size * parameter.upper
+        margin = AT_BOUND * (upper - lower)
+        if value > upper - margin or 0.0 != lower > value - margin:
             return True
     return False
 

@@ -29,13 +29,17 @@ LINEAR_ROOM = 0.5  # of the range between a linear coefficient's bounds: its ste
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One value that can be moved: a parameter on the grid (`name`) or a coefficient (`index`) of one effect."""
+    """One value that can be moved: a parameter on the grid (`name`) or a coefficient (`index`) of one effect.
+
+    Steps and bounds of lengths are in proportion to `size`: see `Effect.sizes`.
+    """
 
     effect: int
     name: str | None
     index: int
     lower: float
     upper: float
+    size: float = 1.0
 
 
 def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[Found]:
@@ -94,7 +98,7 @@ def _step_within_bounds(
 
 def _room(coordinate: Coordinate, value: float) -> tuple[float, float]:
     """How far a value may be moved in one step, down and up."""
-    limit = 0.5 * max(abs(value), 0.1)
+    limit = 0.5 * max(abs(value), 0.1 * coordinate.size)
     if coordinate.name is None:
         limit = max(limit, 0.5 * LINEAR_ROOM * (coordinate.upper - coordinate.lower))
     return min(max(coordinate.lower - value, -limit), 0.0), max(min(coordinate.upper - value, limit), 0.0)
@@ -203,21 +207,24 @@ def _moved_together(
 
 def _step(found: Sequence[Found], coordinate: Coordinate) -> float:
     value = _value(found, coordinate)
-    step = max(RELATIVE_STEP * abs(value), SMALLEST_STEP)
+    step = max(RELATIVE_STEP * abs(value), SMALLEST_STEP * coordinate.size)
     return -step if value + step > coordinate.upper else step
 
 
 def coordinates_of(simulation: Simulation, found: Sequence[Found]) -> dict[int, list[Coordinate]]:
     """Per joint, what can be moved of the effects found on it."""
     result: dict[int, list[Coordinate]] = {}
-    for number, effect in enumerate(found):
-        candidate = effect.candidate
+    for number, one in enumerate(found):
+        candidate = one.candidate
         of_joint = result.setdefault(candidate.joint, [])
         if not has_wrapper(candidate) or candidate.deviation is not None:
             continue
-        by_name = {p.name: p for p in simulation.effects[candidate.family].card.parameters}
+        effect = simulation.effects[candidate.family]
+        by_name = {p.name: p for p in effect.card.parameters}
         for name in candidate.point:
-            of_joint.append(Coordinate(number, name, 0, by_name[name].lower, by_name[name].upper))
+            size = float(effect.sizes(name)[candidate.joint])
+            lower, upper = size * by_name[name].lower, size * by_name[name].upper
+            of_joint.append(Coordinate(number, name, 0, lower, upper, size))
         for index, freed in enumerate(candidate.freed):
             parameter = by_name.get(freed[0][0])
             lower = parameter.lower - parameter.neutral if parameter else -2.0
