@@ -73,7 +73,7 @@ def test_two_effects_set_in_on_one_joint_each_at_its_moment(slow: int | None, sa
 
 
 def test_each_is_fitted_on_the_rows_that_it_acts_on() -> None:
-    """Two onsets on a joint: with the first one's rows as they were before both, its value would stay where it was."""
+    """Two onsets on a joint, none on the other."""
     machine = simulation_of(
         ["gain", "leakage"], COMMAND, np.stack([measured(0, EARLY, LATE), measured(1, 0)], axis=1)
     )
