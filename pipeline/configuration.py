@@ -73,8 +73,8 @@ class PipelineConfiguration:
         "sessions",
         "tuples",
     )
-    writes: ClassVar[tuple[str, ...]] = ("checkpoints", "delays", "output", "report", "storage")
-    written_files: ClassVar[tuple[str, ...]] = ("delays", "storage")
+    writes: ClassVar[tuple[str, ...]] = ("checkpoints", "delays", "learned", "output", "report", "storage")
+    written_files: ClassVar[tuple[str, ...]] = ("delays", "learned", "storage")
     replaced: ClassVar[tuple[str, ...]] = ()
 
     machine: MachineSpecification = MISSING

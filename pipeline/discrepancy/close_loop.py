@@ -191,6 +191,7 @@ class Loop:
             self.joints,
             self.excited,
             self.say,
+            self.usual.present,
         )
         found = self.search.run()
         self.simulation.onsets = {}

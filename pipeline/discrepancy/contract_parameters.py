@@ -115,7 +115,9 @@ def describe(
             if source is None:  # by itself
                 result[name] = of(float(coefficients[index]), "1", f"coefficient:{index}")
         indices = list(by_source.values())
-        deviations = np.array([spread.get(f"coefficient:{index}", UNKNOWN) for index in indices])
+        deviations = np.array([spread.get(f"coefficient:{index}", UNKNOWN) for index in indices]).reshape(
+            -1, 2
+        )
         total = quantity(
             float(coefficients[indices].sum()), "1", *np.linalg.norm(deviations, axis=0).tolist()
         )

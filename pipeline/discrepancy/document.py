@@ -8,6 +8,7 @@ from scipy.stats import t as student_t
 
 from pipeline.discrepancy.contract_parameters import (
     OF_95_PERCENT,
+    WIDEST,
     Quantity,
     describe,
     deviation_of,
@@ -242,7 +243,7 @@ def _as_it_starts(loop: "Loop", candidate: Candidate, described: Mapping[str, An
     of_rest = float(np.hypot(deviation_of(threshold), late.stopping_s / OF_95_PERCENT))
     return {
         **told,
-        "rest_threshold": quantity(threshold["value"] - late.stopping_s, "s", of_rest),
+        "rest_threshold": quantity(threshold["value"] - late.stopping_s, "s", of_rest, threshold[WIDEST]),
         "mean_extra_time_of_command": extra,
         "rest_threshold_of_command": threshold,
     }
@@ -257,7 +258,7 @@ def _beside_recordings_phases(loop: "Loop", latency: Mapping[str, Any]) -> Quant
     """A late channel's latency, known no better than the moments between two ticks at which recordings began."""
     n_logs = [int(rows.any(axis=1).sum()) for rows in (loop.rows.is_used, loop.usual.rows.is_used)]
     of_phases = loop.machine.dt_s * np.sqrt((1.0 / n_logs[0] + 1.0 / n_logs[1]) / 12.0)
-    return quantity(latency["value"], "s", float(np.hypot(deviation_of(latency), of_phases)))
+    return quantity(latency["value"], "s", float(np.hypot(deviation_of(latency), of_phases)), latency[WIDEST])
 
 
 def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:

@@ -1,13 +1,11 @@
 """Which code gives an answer: what was learned or solved by other code is not to be mixed with it."""
 
 import hashlib
-from functools import cache
 from pathlib import Path
 
 DECISIVE = ("discrepancy", "effects")  # packages of `pipeline` that decide what is answered
 
 
-@cache
 def code_fingerprint() -> str:
     """Of the sources, byte by byte, that decide what closing the loop answers."""
     package = Path(__file__).resolve().parents[1]

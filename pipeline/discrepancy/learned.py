@@ -6,7 +6,9 @@ The file says what it was learned from, and by which settings and code. Of anyth
 import hashlib
 import io
 import json
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -24,6 +26,20 @@ from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
+# What NumPy and zipfile raise for bytes that are not what they were.
+DAMAGES = (
+    OSError,
+    EOFError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    NotImplementedError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
 
 class Learned(NamedTuple):
     """What takes time to learn of nominal logs.
@@ -31,10 +47,12 @@ class Learned(NamedTuple):
     Attributes:
         diagnosis: Speeds from commands and positions.
         null: What each candidate gains though there is nothing to be found.
+        present: Families of effects that the logs show themselves.
     """
 
     diagnosis: DiagnosisModel
     null: Nominal
+    present: tuple[str, ...]
 
 
 def identity(nominal: Sequence[Trajectory], machine: MachineSpecification, config: CloseLoopConfig) -> str:
@@ -61,6 +79,7 @@ def save_learned(path: Path, learned: Learned, known_as: str) -> None:
         "lags": diagnosis.lags,
         "dt_s": diagnosis.dt_s,
         "is_switched": diagnosis.is_switched,
+        "present": learned.present,
         "null": [_to_content(misfit) for misfit in learned.null.values()],
     }
     arrays: dict[str, Any] = {
@@ -94,11 +113,12 @@ def load_learned(path: Path, known_as: str) -> Learned | None:
                 weights, scales, content["lags"], content["dt_s"], arrays["left_out"], content["is_switched"]
             )
             misfits = [_from_content(of) for of in content["null"]]
-    except (OSError, EOFError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            present = tuple(content["present"])
+    except DAMAGES as error:
         raise InputError(
             f"{path}: not readable as what was learned of nominal logs ({error}); delete it"
         ) from error
-    return Learned(diagnosis, {misfit.candidate.key: misfit for misfit in misfits})
+    return Learned(diagnosis, {misfit.candidate.key: misfit for misfit in misfits}, present)
 
 
 def without(null: Nominal, excluded: Sequence[str]) -> Nominal:

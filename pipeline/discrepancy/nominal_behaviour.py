@@ -39,6 +39,7 @@ class NominalBehaviour:
         phases: (B,) [steps] by which all joints of each log respond late.
         floor: (n_joint,) mean square of the speeds' residual after averaging [(rad/s)², (m/s)²].
         null: What each candidate gains though there is nothing to be found.
+        present: Families of effects that nominal logs show themselves.
     """
 
     diagnosis: DiagnosisModel
@@ -50,6 +51,7 @@ class NominalBehaviour:
     phases: np.ndarray
     floor: np.ndarray
     null: Nominal
+    present: tuple[str, ...]
 
     def shows(self, rows: Sequences) -> np.ndarray:
         """(B, T, n_joint) bool: where nominal logs show how a joint moves."""
@@ -92,7 +94,7 @@ def learn_nominal_behaviour(
     effects = [e for f, e in known_for(machine.command_kind).items() if f not in config.exclude]
     lap("diagnosis model")
     # More nominal rows than this make the null no better known, but the search on them slow.
-    n_rows = max(1, config.search.nominal_rows // len(every.is_row))
+    n_rows = config.search.nominal_rows // len(every.is_row) + config.diagnosis.lags
     sequences = Sequences(*(column[:, :n_rows] for column in every))
     simulation = Simulation(diagnosis, sequences, effects, setting, diagnosis.left_out[..., :n_rows])
     phases = sampling_phases(simulation, sequences.is_row)
@@ -106,10 +108,12 @@ def learn_nominal_behaviour(
     fold = alternating_folds(sequences.is_row, block_rows, FOLD_ROWS)
     rows = rows_in_blocks(sequences.is_row, fold, weight, floor, block_rows)
     if known is not None:
-        null = without(known.null, config.exclude)
+        null, present = without(known.null, config.exclude), known.present
     else:
-        null = null_gains(simulation, rows, config.exclude, config.search.null_factor)
+        null, present = null_gains(simulation, rows, config.exclude, config.search.null_factor)
         if kept is not None and not config.exclude:  # else the next would miss what was not tried
-            save_learned(kept, Learned(diagnosis, null), known_as)
+            save_learned(kept, Learned(diagnosis, null, present), known_as)
     lap("search on nominal logs")
-    return NominalBehaviour(diagnosis, setting, effects, every, simulation, rows, phases, floor, null)
+    return NominalBehaviour(
+        diagnosis, setting, effects, every, simulation, rows, phases, floor, null, present
+    )

@@ -1,6 +1,7 @@
 """What explains something of nominal logs, where there is nothing to be found but the diagnosis model's misfit."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from pipeline.discrepancy.plausibility import THERMAL_DRIFT, is_plausible
 from pipeline.discrepancy.regression import t_statistic
@@ -11,7 +12,19 @@ from pipeline.discrepancy.wrapperless import screen_without_wrapper
 PRESENT_SHARE, PRESENT_T = 0.1, 2.5  # of an effect that the nominal logs have, too
 
 
-def null_gains(simulation: Simulation, rows: Rows, excluded: Sequence[str], factor: float) -> Nominal:
+class Null(NamedTuple):
+    """What nominal logs show.
+
+    Attributes:
+        misfits: Candidates that the diagnosis model's misfit makes gain.
+        present: Families of effects that are there.
+    """
+
+    misfits: Nominal
+    present: tuple[str, ...]
+
+
+def null_gains(simulation: Simulation, rows: Rows, excluded: Sequence[str], factor: float) -> Null:
     """The candidates that gain on rows of nominal logs that their values were not fitted to.
 
     Args:
@@ -34,4 +47,5 @@ def null_gains(simulation: Simulation, rows: Rows, excluded: Sequence[str], fact
     if len(warming) > 1 and is_plausible(THERMAL_DRIFT, warming):
         # Nominal logs that show it themselves are no evidence against it: the model, whose memory is short, lacks it.
         misfits = {key: misfit for key, misfit in misfits.items() if key[0] != THERMAL_DRIFT}
-    return misfits
+        return Null(misfits, (THERMAL_DRIFT,))
+    return Null(misfits, ())

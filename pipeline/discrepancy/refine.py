@@ -5,7 +5,7 @@ time, as most effects on one joint change the others' velocities by next to noth
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,10 +53,13 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[F
     coordinates = {
         joint: of_joint for joint, of_joint in coordinates_of(simulation, found).items() if of_joint
     }
+    for coordinate in itertools.chain(*coordinates.values()):
+        within = float(np.clip(_value(found, coordinate), coordinate.lower, coordinate.upper))
+        found = _with_value(found, coordinate, within)
+    wrapped = [f.candidate.family for f in found if has_wrapper(f.candidate)]
+    is_by_joint = not any(simulation.effects[family].reaches_other_joints for family in wrapped)
     damping = dict.fromkeys(coordinates, FIRST_DAMPING)
     for _ in range(ITERATIONS):
-        if not coordinates:
-            break
         residual, jacobian = residual_and_jacobian(simulation, rows, found, coordinates)
         trial = list(found)
         for joint, of_joint in coordinates.items():
@@ -64,11 +67,13 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[F
             for coordinate, change in zip(of_joint, step, strict=True):
                 trial = _with_value(trial, coordinate, _value(found, coordinate) + float(change))
         after = residual_of(simulation, rows, trial)
-        for joint in list(coordinates):
+        arrived = set()
+        for joint in coordinates:
             squares_before, squares_after = np.sum(residual[:, joint] ** 2), np.sum(after[:, joint] ** 2)
             if squares_after <= squares_before:
+                is_full_step = damping[joint] <= 1.0
                 damping[joint] = max(0.3 * damping[joint], 1e-6)
-                has_arrived = squares_after >= squares_before * (1.0 - SETTLED)
+                has_arrived = is_full_step and squares_after >= squares_before * (1.0 - SETTLED)
             else:
                 damping[joint] *= 10.0
                 has_arrived = damping[joint] > LARGEST_DAMPING
@@ -76,8 +81,12 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[F
                     if effect.candidate.joint == joint:
                         trial[index] = effect
             if has_arrived:
-                del coordinates[joint]
+                arrived.add(joint)
         found = trial
+        if is_by_joint:  # else what is moved on another joint may call it on
+            coordinates = {joint: of_joint for joint, of_joint in coordinates.items() if joint not in arrived}
+        if arrived.issuperset(coordinates):
+            break
     return found
 
 
@@ -137,11 +146,20 @@ def _better(
     return replace(refined, gain=gain, share=share, gain_by_block=by_block)
 
 
-def completed(simulation: Simulation, candidate: Candidate) -> Candidate:
-    """With the parameters that belong to an effect, but do not make it known."""
+def completed(simulation: Simulation, candidate: Candidate, present: Collection[str] = ()) -> Candidate:
+    """With the parameters that belong to an effect, but do not make it known.
+
+    Args:
+        simulation: On the measured logs.
+        candidate: The effect.
+        present: Families of effects that the nominal logs show themselves.
+    """
     if not has_wrapper(candidate):
         return candidate
-    of_family = simulation.effects[candidate.family].freed_later()
+    effect = simulation.effects[candidate.family]
+    of_family = effect.freed_later()
+    if candidate.family in present:
+        of_family += effect.freed_beside_nominal()
     later = tuple(one for one in of_family if one not in candidate.freed)
     coefficients = np.append(candidate.coefficients, np.zeros(len(later)))
     return replace(candidate, freed=candidate.freed + later, coefficients=coefficients)

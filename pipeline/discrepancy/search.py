@@ -72,9 +72,10 @@ class Search:
         joints: Sequence[str],
         excited: Collection[int],
         say: Callable[[str], None],
+        present: Collection[str] = (),
     ) -> None:
         self.simulation, self.rows, self.config = simulation, rows, config
-        self.nominal = nominal
+        self.nominal, self.present = nominal, present
         self.comparison = Comparison(rows.folds, config)
         self.excluded = tuple(excluded)
         self.encoders = encoders
@@ -379,7 +380,9 @@ class Search:
         ]
 
     def _refit(self) -> None:
-        known = [replace(f, candidate=completed(self.simulation, f.candidate)) for f in self.found]
+        known = [
+            replace(f, candidate=completed(self.simulation, f.candidate, self.present)) for f in self.found
+        ]
         self.found = refine(self.simulation, self.rows, known)
         self.simulation.onsets = onsets_of(self.found)
 

@@ -27,7 +27,8 @@ class SplitConfig:
         block_s: Length of a block where the logs are long enough.
         smallest_block_s: Blocks are not made shorter.
         blocks: Number of blocks wanted over all logs.
-        trajectories: From so many trajectories on, whole trajectories are split instead of blocks.
+        trajectories: From so many trajectories on, whole trajectories are split instead of blocks, if each purpose gets
+            its part of the rows then.
         purge_s: Left out between blocks of different purposes: longer than a window of history and horizon.
     """
 
@@ -48,6 +49,9 @@ CYCLE = (Purpose.fit, Purpose.select, Purpose.confirm)
 # Of a third of the rows, which every purpose gets of whole trajectories, or they are cut: the pieces of a log that
 # gaps cut in two are no trajectories of like length, and a purpose of the small ones has too few rows to tell by.
 SMALLEST_PART = 0.5
+WORTH_IT = (
+    0.5  # of a block: parts are made more even by so much at least, not by what rounding and purging make
+)
 
 
 def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tuple[list[np.ndarray], str]:
@@ -77,7 +81,10 @@ def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tupl
             _blocks(length, number + shift, dt_s, block_s, config.purge_s) for shift in range(len(CYCLE))
         ]
         counts = [so_far + _counts([rows]) for rows in begun]
-        best = int(np.argmin([np.sum(of**2) for of in counts]))
+        unevenness = np.array([np.ptp(of) for of in counts]) * dt_s / block_s
+        best = int(np.argmin(unevenness))
+        if unevenness[0] - unevenness[best] < WORTH_IT:
+            best = 0
         purposes.append(begun[best])
         so_far = counts[best]
     return purposes, (

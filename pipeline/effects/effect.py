@@ -228,6 +228,10 @@ class Effect(ABC):
         """Parameters that belong to the effect but do not make it known: fitted only once it has been found."""
         return ()
 
+    def freed_beside_nominal(self) -> Variant:
+        """Parameters that belong to the effect where nominal logs have it, too: of what f_θ has of it."""
+        return ()
+
     def initial(self, batch: tuple[int, ...]) -> State:
         """State of a machine that has been at rest."""
         return ()

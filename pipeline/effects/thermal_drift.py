@@ -67,6 +67,10 @@ class ThermalDrift(VelocityEffect):
         """How late cold oil is; and what it is known by on other joints."""
         return ((("cold_speed_loss", None),), (("cold_lag", None),))
 
+    def freed_beside_nominal(self) -> Variant:
+        """The mean loss of the nominal logs, which the frozen model has."""
+        return ((("warm_gain", None),),)
+
     def initial(self, batch: tuple[int, ...]) -> State:
         """At rest: w, (..., n_joint)."""
         return self._zeros(batch)

@@ -33,7 +33,8 @@ def learned() -> Learned:
         misfit("flow_coupling", None, ((("loss", 3),),)),
     ]
     null = {of.candidate.key: of for of in misfits}
-    return Learned(DiagnosisModel(weights, scales, 20, 0.05, draw.normal(size=(2, 2, 50)) > 0.0, True), null)
+    diagnosis = DiagnosisModel(weights, scales, 20, 0.05, draw.normal(size=(2, 2, 50)) > 0.0, True)
+    return Learned(diagnosis, null, ("thermal_drift",))
 
 
 def test_it_comes_back_bit_by_bit(learned, tmp_path) -> None:
@@ -47,6 +48,7 @@ def test_it_comes_back_bit_by_bit(learned, tmp_path) -> None:
         np.testing.assert_array_equal(found.diagnosis.weights[name], value)
     for one, other in zip(found.diagnosis.scales, learned.diagnosis.scales, strict=True):
         np.testing.assert_array_equal(one, other)
+    assert found.present == learned.present
     assert list(found.null) == list(learned.null)
     for key, known in learned.null.items():
         assert found.null[key].most_per_row == known.most_per_row
@@ -64,6 +66,21 @@ def test_of_anything_else_it_is_no_answer(learned, tmp_path) -> None:
         path.write_bytes(content)
         with pytest.raises(InputError, match=r"learned\.npz.*delete it"):
             load_learned(path, "that")
+
+
+def test_no_damage_ends_in_anything_but_one_line(learned, tmp_path) -> None:
+    path, random = tmp_path / "learned.npz", np.random.default_rng(5)
+    save_learned(path, learned, "that")
+    whole = path.read_bytes()
+    n_refused = 0
+    for _ in range(300):
+        begin = int(random.integers(len(whole) - 8))
+        path.write_bytes(whole[:begin] + random.bytes(8) + whole[begin + 8 :])
+        try:
+            load_learned(path, "that")
+        except InputError:
+            n_refused += 1
+    assert n_refused > 200
 
 
 def test_excluded_families_are_as_if_not_tried(learned) -> None:

@@ -54,8 +54,9 @@ def counts(purposes: list[np.ndarray]) -> np.ndarray:
     return np.bincount(np.concatenate(purposes), minlength=4)[1:]
 
 
-def test_two_logs_of_six_blocks_are_cut_with_one_to_find_and_one_to_confirm_at_either_end() -> None:
-    purposes, _ = split_rows([7200, 7200], DT_S, CONFIG)
+@pytest.mark.parametrize("lengths", [[7200, 7200], [7202, 7153], [7153, 7202], [7299, 7101]])
+def test_two_logs_of_six_blocks_are_cut_with_one_to_find_and_one_to_confirm_at_either_end(lengths) -> None:
+    purposes, _ = split_rows(lengths, DT_S, CONFIG)
     middles = [rows[600::1200].tolist() for rows in purposes]
     assert middles == [[1, 2, 3, 1, 2, 3], [2, 3, 1, 2, 3, 1]]
 
