@@ -209,7 +209,7 @@ def test_what_is_left_is_looked_at_with_every_onset_that_was_found(monkeypatch: 
     looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
     monkeypatch.setattr(search_module, "encoder_errors", lambda *_: [])
     monkeypatch.setattr(search_module, "refine", lambda simulation, rows, found: found)
-    monkeypatch.setattr(search_module, "completed", lambda simulation, of: of)
+    monkeypatch.setattr(search_module, "completed", lambda simulation, of, _: of)
     monkeypatch.setattr(search_module, "decide_again", lambda simulation, rows, found, *_: found)
     monkeypatch.setattr(looking, "_look_back", lambda: None)
     seen: list[dict] = []
