@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.discrepancy.refine import Coordinate
+from pipeline.discrepancy.coordinates import Coordinate
 from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.shared_flow import coefficients_by_source
 from pipeline.effects.dependence import DEPENDENCES

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.discrepancy.contract_parameters import Quantity, quantity
-from pipeline.discrepancy.refine import Coordinate
+from pipeline.discrepancy.coordinates import Coordinate
 from pipeline.discrepancy.screen import Candidate
 from pipeline.effects.effect import Setting
 

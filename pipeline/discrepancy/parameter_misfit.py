@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.discrepancy.coordinates import coordinates_of, groups_of
 from pipeline.discrepancy.found import Found, residual_of
-from pipeline.discrepancy.refine import coordinates_of, residual_and_jacobian
+from pipeline.discrepancy.refine import residual_and_jacobian
 from pipeline.discrepancy.screen import Rows
 from pipeline.discrepancy.simulation import Simulation
 
@@ -34,11 +35,15 @@ def misfit_covariance(
         return {}
     _, jacobian = residual_and_jacobian(simulation, rows, everywhere, coordinates)
     residual = residual_of(simulation, rows, [])
-    parts = np.array_split(np.arange(len(residual)), n_parts)
+    part = np.arange(len(residual)) * n_parts // max(len(residual), 1)
     result = {}
-    for joint, a in jacobian.items():
+    for group in groups_of(simulation.effects, everywhere, coordinates):
+        a, r = group.stacked(jacobian, coordinates, rows), group.of_its_joints(residual, rows)
+        part_of_row = np.tile(part, len(group.joints))
         # Curvature of all rows, not of the part: a part that hardly shows the effect says little, not anything.
         bread = np.linalg.pinv(a.T @ a + 1e-12 * np.eye(a.shape[1])) * n_parts
-        asked = np.stack([bread @ (a[part].T @ residual[part, joint]) for part in parts])
-        result[joint] = asked.T @ asked / n_parts
+        in_part = [part_of_row == number for number in range(n_parts)]
+        asked = np.stack([bread @ (a[rows_of].T @ r[rows_of]) for rows_of in in_part])
+        for joint in group.joints:
+            result[joint] = group.of_joint(asked.T @ asked / n_parts, coordinates[joint])
     return result

@@ -1,15 +1,26 @@
-"""All parameters of all effects found, at once: Gauss-Newton on the velocities' squared residual, joint by joint.
+"""All parameters of all effects found, at once: Gauss-Newton on the velocities' squared residual.
 
-Derivatives are finite differences of the compiled simulation; parameters of different joints are moved at the same
-time, as most effects on one joint change the others' velocities by next to nothing.
+Every joint is fitted by itself, but for those whose effects have a value in common. Derivatives are finite differences
+of the compiled simulation; parameters of different joints are moved at the same time, as most effects on one joint
+change the others' velocities by next to nothing.
 """
 
 import itertools
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from pipeline.discrepancy.coordinates import (
+    Coordinate,
+    Group,
+    coordinates_of,
+    difference_step,
+    groups_of,
+    value_of,
+    with_common_values,
+    with_value,
+)
 from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
 from pipeline.discrepancy.regression import bounded_least_squares
 from pipeline.discrepancy.screen import Candidate, Rows
@@ -17,29 +28,9 @@ from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.wrapperless import has_wrapper
 
 ITERATIONS = 15
-FIRST_DAMPING, LARGEST_DAMPING = (
-    1e-3,
-    1e3,
-)  # of the curvature; a step that is still too long then leads nowhere
-SETTLED = 1e-4  # of the squares: a joint whose step takes off less has arrived
-RELATIVE_STEP = 0.04
-SMALLEST_STEP = 0.004
+FIRST_DAMPING, LARGEST_DAMPING = 1e-3, 1e3  # of the curvature; what is too long even then leads nowhere
+SETTLED = 1e-4  # of the squares: joints whose step takes off less have arrived
 LINEAR_ROOM = 0.5  # of the range between a linear coefficient's bounds: its step is right wherever it starts
-
-
-@dataclass(frozen=True)
-class Coordinate:
-    """One value that can be moved: a parameter on the grid (`name`) or a coefficient (`index`) of one effect.
-
-    Steps and bounds of lengths are in proportion to `size`: see `Effect.sizes`.
-    """
-
-    effect: int
-    name: str | None
-    index: int
-    lower: float
-    upper: float
-    size: float = 1.0
 
 
 def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[Found]:
@@ -50,58 +41,64 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[F
     Source: Levenberg-Marquardt as in Nocedal and Wright (2006), Numerical Optimization, chapter 10.
     """
     found = list(found)
-    coordinates = {
-        joint: of_joint for joint, of_joint in coordinates_of(simulation, found).items() if of_joint
-    }
+    coordinates = coordinates_of(simulation, found)
     for coordinate in itertools.chain(*coordinates.values()):
-        within = float(np.clip(_value(found, coordinate), coordinate.lower, coordinate.upper))
-        found = _with_value(found, coordinate, within)
+        within = float(np.clip(value_of(found, coordinate), coordinate.lower, coordinate.upper))
+        found = with_value(found, coordinate, within)
+    groups = groups_of(simulation.effects, found, coordinates)
+    found = with_common_values(found, groups)
     wrapped = [f.candidate.family for f in found if has_wrapper(f.candidate)]
-    is_by_joint = not any(simulation.effects[family].reaches_other_joints for family in wrapped)
-    damping = dict.fromkeys(coordinates, FIRST_DAMPING)
+    is_by_group = not any(simulation.effects[family].reaches_other_joints for family in wrapped)
+    damping = dict.fromkeys(groups, FIRST_DAMPING)
     for _ in range(ITERATIONS):
-        residual, jacobian = residual_and_jacobian(simulation, rows, found, coordinates)
+        moving = {joint: coordinates[joint] for group in groups for joint in group.joints}
+        if not moving:
+            break
+        residual, jacobian = residual_and_jacobian(simulation, rows, found, moving)
         trial = list(found)
-        for joint, of_joint in coordinates.items():
-            step = _step_within_bounds(found, of_joint, jacobian[joint], residual[:, joint], damping[joint])
-            for coordinate, change in zip(of_joint, step, strict=True):
-                trial = _with_value(trial, coordinate, _value(found, coordinate) + float(change))
+        for group in groups:
+            step = _step_within_bounds(
+                found,
+                group,
+                group.stacked(jacobian, moving, rows),
+                group.of_its_joints(residual, rows),
+                damping[group],
+            )
+            for column, change in zip(group.columns, step, strict=True):
+                for coordinate in column:
+                    trial = with_value(trial, coordinate, value_of(found, coordinate) + float(change))
         after = residual_of(simulation, rows, trial)
         arrived = set()
-        for joint in coordinates:
-            squares_before, squares_after = np.sum(residual[:, joint] ** 2), np.sum(after[:, joint] ** 2)
+        for group in groups:
+            squares_before, squares_after = group.squares(residual, rows), group.squares(after, rows)
             if squares_after <= squares_before:
-                is_full_step = damping[joint] <= 1.0
-                damping[joint] = max(0.3 * damping[joint], 1e-6)
+                is_full_step = damping[group] <= 1.0
+                damping[group] = max(0.3 * damping[group], 1e-6)
                 has_arrived = is_full_step and squares_after >= squares_before * (1.0 - SETTLED)
             else:
-                damping[joint] *= 10.0
-                has_arrived = damping[joint] > LARGEST_DAMPING
+                damping[group] *= 10.0
+                has_arrived = damping[group] > LARGEST_DAMPING
                 for index, effect in enumerate(found):
-                    if effect.candidate.joint == joint:
+                    if effect.candidate.joint in group.joints:
                         trial[index] = effect
             if has_arrived:
-                arrived.add(joint)
+                arrived.add(group)
         found = trial
-        if is_by_joint:  # else what is moved on another joint may call it on
-            coordinates = {joint: of_joint for joint, of_joint in coordinates.items() if joint not in arrived}
-        if arrived.issuperset(coordinates):
+        if is_by_group:  # else what is moved on another joint may call it on
+            groups = [group for group in groups if group not in arrived]
+        if arrived.issuperset(groups):
             break
     return found
 
 
 def _step_within_bounds(
-    found: Sequence[Found],
-    of_joint: Sequence[Coordinate],
-    jacobian: np.ndarray,
-    residual: np.ndarray,
-    damping: float,
+    found: Sequence[Found], group: Group, jacobian: np.ndarray, residual: np.ndarray, damping: float
 ) -> np.ndarray:
-    """(k,) damped Gauss-Newton step of a joint's coordinates, by jacobian (N, k) and residual (N,)."""
-    rooms = np.array([_room(coordinate, _value(found, coordinate)) for coordinate in of_joint])
+    """(k,) damped Gauss-Newton step of a group's columns, by jacobian (M, k) and residual (M,)."""
+    rooms = np.array([_room(column[0], value_of(found, column[0])) for column in group.columns])
     curvature = np.sum(jacobian**2, axis=0)
     damped = np.vstack([jacobian, np.diag(np.sqrt(damping * (curvature + 1e-12)))])
-    wanted = np.concatenate([residual, np.zeros(len(of_joint))])
+    wanted = np.concatenate([residual, np.zeros(len(group.columns))])
     return bounded_least_squares(damped, wanted, rooms[:, 0], rooms[:, 1])
 
 
@@ -187,7 +184,9 @@ def residual_and_jacobian(
     for moves in together:
         moved = list(found)
         for coordinate in moves.values():
-            moved = _with_value(moved, coordinate, _value(found, coordinate) + _step(found, coordinate))
+            moved = with_value(
+                moved, coordinate, value_of(found, coordinate) + difference_step(found, coordinate)
+            )
         hypotheses.append(values_of(simulation, moved))
     with onsets_in(simulation, found):
         velocities = [rows.weight * rows.averaged(v) for v in simulation.velocities(hypotheses)]
@@ -195,7 +194,7 @@ def residual_and_jacobian(
     columns: dict[Coordinate, np.ndarray] = {}
     for moves, velocity in zip(together, velocities[1:], strict=True):
         for joint, coordinate in moves.items():
-            columns[coordinate] = (velocity - velocities[0])[:, joint] / _step(found, coordinate)
+            columns[coordinate] = (velocity - velocities[0])[:, joint] / difference_step(found, coordinate)
     jacobian = {
         joint: np.stack([columns[coordinate] for coordinate in of_joint], axis=1)
         for joint, of_joint in coordinates.items()
@@ -223,54 +222,6 @@ def _moved_together(
     ]
 
 
-def _step(found: Sequence[Found], coordinate: Coordinate) -> float:
-    value = _value(found, coordinate)
-    step = max(RELATIVE_STEP * abs(value), SMALLEST_STEP * coordinate.size)
-    return -step if value + step > coordinate.upper else step
-
-
-def coordinates_of(simulation: Simulation, found: Sequence[Found]) -> dict[int, list[Coordinate]]:
-    """Per joint, what can be moved of the effects found on it."""
-    result: dict[int, list[Coordinate]] = {}
-    for number, one in enumerate(found):
-        candidate = one.candidate
-        of_joint = result.setdefault(candidate.joint, [])
-        if not has_wrapper(candidate) or candidate.deviation is not None:
-            continue
-        effect = simulation.effects[candidate.family]
-        by_name = {p.name: p for p in effect.card.parameters}
-        for name in candidate.point:
-            size = float(effect.sizes(name)[candidate.joint])
-            lower, upper = size * by_name[name].lower, size * by_name[name].upper
-            of_joint.append(Coordinate(number, name, 0, lower, upper, size))
-        for index, freed in enumerate(candidate.freed):
-            parameter = by_name.get(freed[0][0])
-            lower = parameter.lower - parameter.neutral if parameter else -2.0
-            upper = parameter.upper - parameter.neutral if parameter else 2.0
-            of_joint.append(Coordinate(number, None, index, lower, upper))
-    return result
-
-
-def _value(found: Sequence[Found], coordinate: Coordinate) -> float:
-    candidate = found[coordinate.effect].candidate
-    return float(
-        candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index]
-    )
-
-
-def _with_value(found: list[Found], coordinate: Coordinate, value: float) -> list[Found]:
-    candidate = found[coordinate.effect].candidate
-    if coordinate.name:
-        changed = replace(candidate, point={**candidate.point, coordinate.name: value})
-    else:
-        coefficients = np.array(candidate.coefficients)
-        coefficients[coordinate.index] = value
-        changed = replace(candidate, coefficients=coefficients)
-    result = list(found)
-    result[coordinate.effect] = replace(found[coordinate.effect], candidate=changed)
-    return result
-
-
 def parameter_covariance(
     simulation: Simulation, rows: Rows, found: list[Found]
 ) -> dict[int, tuple[list[Coordinate], np.ndarray]]:
@@ -283,14 +234,14 @@ def parameter_covariance(
         return {}
     residual, jacobian = residual_and_jacobian(simulation, rows, found, coordinates)
     result = {}
-    for joint, a in jacobian.items():
+    for group in groups_of(simulation.effects, found, coordinates):
+        a, r = group.stacked(jacobian, coordinates, rows), group.of_its_joints(residual, rows)
+        block = np.tile(rows.folds.block, len(group.joints))  # what joints have in common in a block stays so
         scores = np.stack(
-            [
-                np.bincount(rows.folds.block, column * residual[:, joint], minlength=rows.folds.n_blocks)
-                for column in a.T
-            ],
-            axis=1,
+            [np.bincount(block, column * r, minlength=rows.folds.n_blocks) for column in a.T], axis=1
         )
         bread = np.linalg.pinv(a.T @ a + 1e-12 * np.eye(a.shape[1]))
-        result[joint] = (coordinates[joint], bread @ (scores.T @ scores) @ bread)
+        covariance = bread @ (scores.T @ scores) @ bread
+        for joint in group.joints:
+            result[joint] = (coordinates[joint], group.of_joint(covariance, coordinates[joint]))
     return result

@@ -71,6 +71,7 @@ def _card(
     drawn_over: Abscissa,
     scope: Scope = Scope.joint,
     form: str | None = None,
+    complexity: float = 5.0,
 ) -> Card:
     return Card(
         family=f"other:{form or variable}",
@@ -81,7 +82,7 @@ def _card(
         excitation="variation of the variable while everything else is repeated",
         depends_on=(variable,),
         scope=scope,
-        complexity=5.0,
+        complexity=complexity,
         drawn_over=drawn_over,
         counted_along=Along.motion,
         can_set_in=False,
@@ -253,6 +254,7 @@ class OnActivity(Dependence):
         "all joints slow down after busy spells",
         Abscissa.velocity,
         Scope.machine,
+        complexity=5.2,  # of what one joint alone shows, its own variables say as much more simply
     )
     times_s = (4.0, 10.0, 25.0, 60.0)
 

@@ -176,11 +176,13 @@ class Effect(ABC):
     Attributes:
         needs_proportional_commands: Whether it is the identity on commands in {-1, 0, 1}.
         reaches_other_joints: Whether, acting on one joint, it changes others' speeds by more than next to nothing.
+        of_the_machine: Parameters on the grid whose value is one for all joints that have the effect.
         parsimony: Share of what a variant explains, by which one with more parameters has to explain more.
     """
 
     card: ClassVar[Card]
     place: ClassVar[Place]
+    of_the_machine: ClassVar[tuple[str, ...]] = ()
     parsimony: ClassVar[float] = 0.03
     needs_proportional_commands: ClassVar[bool] = False
     reaches_other_joints: ClassVar[bool] = False

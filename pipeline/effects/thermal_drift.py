@@ -23,6 +23,7 @@ class ThermalDrift(VelocityEffect):
     """Slow when cold, and slow to respond, on all joints with one time constant."""
 
     place = Place.speed
+    of_the_machine = ("time_constant",)
     parsimony = 0.015  # at most 0.011 is lost between two time constants of the grid
     card = Card(
         family="thermal_drift",

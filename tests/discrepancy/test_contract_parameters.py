@@ -14,9 +14,9 @@ from pipeline.discrepancy.contract_parameters import (
     spreads,
     weighted_mean,
 )
+from pipeline.discrepancy.coordinates import Coordinate
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.parameter_misfit import misfit_covariance
-from pipeline.discrepancy.refine import Coordinate
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.screen import Candidate, Rows, averaged
 from pipeline.effects.effect import Setting
