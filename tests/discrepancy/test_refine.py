@@ -105,7 +105,7 @@ def test_what_joints_have_in_common_is_one_value_and_known_better_than_by_each()
 
 
 def drifting_pair():
-    """Joints of different noise floors that are slower by c e^{-t / T}, and the residuals as a function of (T, c, c)."""
+    """Joints of different noise floors that are slower by c e^{-t / T}, and their residuals by (T, c, c)."""
     row = np.arange(N_ROWS)
     drive = np.stack([np.sin(0.21 * row), np.sin(0.13 * row + 1.0)], axis=1)
     floor = np.array([0.02, 0.005])
