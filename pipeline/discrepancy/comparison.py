@@ -13,7 +13,9 @@ from pipeline.discrepancy.search_thresholds import SearchConfig
 
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
 REPRODUCED_SHARE = 0.2
-LEAST_OF_BEST = 0.5  # of what the best explains, for a candidate to be as good
+# Of what the best explains, for a candidate to be as good: in general, and for a name beside a better name, which has
+# no more freedom.
+LEAST_OF_BEST, LEAST_OF_BEST_NAME = 0.5, 0.7
 SHOWS_T = 1.5
 AS_SIMPLE = 0.4
 DOUBT_FACTOR = 1.1
@@ -79,7 +81,9 @@ class Comparison:
 
     def is_worse(self, candidate: Candidate, best: Candidate) -> bool:
         """Whether a candidate explains less than the best, beyond scatter and beyond what a name idealises."""
-        if self.net(candidate) < LEAST_OF_BEST * self.net(best):
+        both_named = not is_dependence(candidate) and not is_dependence(best)
+        least = LEAST_OF_BEST_NAME if both_named else LEAST_OF_BEST
+        if self.net(candidate) < least * self.net(best):
             return True  # whatever the scatter: few blocks may hold all there is to see of a rare effect
         if best.family == COURSE and candidate.family != COURSE:
             is_clear = self.net(best) > LAST_RESORT_FACTOR * self.net(candidate)
@@ -148,7 +152,8 @@ class Comparison:
         """Whether, with more freedom, it is a dependence that explains more than the name chosen, or a better name."""
         if is_dependence(chosen):
             return False
-        factor = 1.0 if is_dependence(candidate) and candidate.family != COURSE else DOUBT_FACTOR
+        is_flexible = is_dependence(candidate) and candidate.family != COURSE
+        factor = 1.0 + NEGLIGIBLE if is_flexible else DOUBT_FACTOR
         return self.net(candidate) > factor * self.net(chosen)
 
     def better_dependence(self, chosen: Candidate, as_good: Sequence[Candidate]) -> Candidate | None:

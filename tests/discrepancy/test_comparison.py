@@ -47,6 +47,24 @@ def test_a_dependence_gives_way_to_a_name_that_explains_as_much(comparison: Comp
     assert comparison.names_instead(dependence, [simple, dependence]) == []
 
 
+def test_whatever_the_scatter_a_name_is_not_as_good_as_one_that_explains_half_as_much_again(
+    comparison,
+) -> None:
+    by_block = np.array([0.0, 0.0, 0.0, 150.0])  # all that is more lies in one block
+    better = that_gains("sensor_bias", 300.0)
+    better = replace(better, gain=450.0, gain_by_block=better.gain_by_block + by_block)
+    simple, dependence = that_gains("gain", 300.0), replace(better, family="other:position")
+    assert comparison.is_worse(simple, better)
+    assert not comparison.is_worse(that_gains("gain", 330.0), better)
+    assert not comparison.is_worse(simple, dependence)
+
+
+def test_a_dependence_raises_no_doubt_by_a_difference_that_decides_nothing(comparison: Comparison) -> None:
+    gain = that_gains("gain", 300.0)
+    assert not comparison.raises_doubt(that_gains("other:position", 303.0), gain)
+    assert comparison.raises_doubt(that_gains("other:position", 306.0), gain)
+
+
 def test_a_course_in_time_is_a_last_resort(comparison: Comparison) -> None:
     travel, gain = that_gains("other:travel", 300.0), that_gains("gain", 300.0)
     slightly, clearly = (that_gains("other:absolute_time", of) for of in (340.0, 400.0))
