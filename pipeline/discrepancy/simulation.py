@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.discrepancy.diagnosis_model import DiagnosisModel
 from pipeline.discrepancy.sequences import Sequences
 from pipeline.effects.chain import Chain, ChainValues
-from pipeline.effects.effect import Effect, Setting, Signals
+from pipeline.effects.effect import Effect, SensorEffect, Setting, Signals
 
 Hypothesis = Mapping[str, Mapping[str, np.ndarray]]  # values by family; families left out are neutral
 DRIVEN_AT_ONCE = 8  # the diagnosis model runs for each
@@ -81,19 +81,21 @@ class Simulation:
         """
         velocities = self._present(hypotheses, u)
         named = {family for hypothesis in hypotheses for family in hypothesis}
-        onsets = {onset for (family, _), onset in self.onsets.items() if family in named}
-        for onset in sorted(onsets, reverse=True):
-            earlier = self._present([self._before(onset, hypothesis) for hypothesis in hypotheses], u)
+        if u is not None:  # beside which hypotheses act all the time, but for what encoders read
+            named = {family for family in named if isinstance(self.effects[family], SensorEffect)}
+        onsets = {key: onset for key, onset in self.onsets.items() if key[0] in named}
+        for onset in sorted(set(onsets.values()), reverse=True):
+            earlier = self._present([self._before(onset, onsets, of) for of in hypotheses], u)
             not_yet = self.sequences.stamp_ns < onset
             velocities = np.where(not_yet[..., None], earlier, velocities)
         return velocities
 
-    def _before(self, moment: int, hypothesis: Hypothesis) -> dict:
+    def _before(self, moment: int, onsets: Mapping[tuple[str, int], int], hypothesis: Hypothesis) -> dict:
         """The hypothesis without what sets in at the moment or later."""
         values = {
             family: {name: np.array(value) for name, value in of.items()} for family, of in hypothesis.items()
         }
-        for (family, joint), onset in self.onsets.items():
+        for (family, joint), onset in onsets.items():
             if family in values and onset >= moment:
                 for name, neutral in self.effects[family].neutral().items():
                     values[family][name][joint] = neutral[joint]
