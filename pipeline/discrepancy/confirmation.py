@@ -7,10 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
+from pipeline.discrepancy.agreement import Size, agree, sizes_by_log
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.course_in_time import beyond_constants
 from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
-from pipeline.discrepancy.gate import GateConfig, can_be_shifted, lower_bound, placebo_p, pooled, rank_p
+from pipeline.discrepancy.gate import GateConfig, lower_bound, pooled, rank_p
+from pipeline.discrepancy.placebos import can_be_shifted, explains_other_joints, placebo_p
 from pipeline.discrepancy.screen import Key, Rows, averaged
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
@@ -32,6 +34,7 @@ class Judgement:
         p_value: After correction for all that was searched.
         is_confirmed: Whether it passes the gate.
         is_pooled: Whether it is its joints together whose bound that is.
+        sizes: Of the fitted one, in the logs that show it, where it is asked that they agree.
     """
 
     share: float
@@ -39,22 +42,25 @@ class Judgement:
     p_value: float
     is_confirmed: bool
     is_pooled: bool
+    sizes: Sequence[Size] = ()
 
 
 class Seen(NamedTuple):
-    """What confirmation rows show of an effect without a wrapper.
+    """What is asked of every effect.
 
     Attributes:
-        share: Of the squared residual that it explains.
+        share: Of the squared residual that it explains on confirmation rows.
         bound: Lower bound of it.
         p_value: After correction.
         largest_p: That is allowed.
+        sizes: In single logs; of what has no wrapper, nothing is asked.
     """
 
     share: float
     bound: float
     p_value: float
     largest_p: float
+    sizes: Sequence[Size] = ()
 
 
 @dataclass(frozen=True)
@@ -101,11 +107,9 @@ class Confirmation:
         without_wrapper: Mapping[Key, Seen],
         together: Mapping[str, float],
     ) -> Judgement:
-        candidate, largest_p = effect.candidate, self.config.largest_p
-        if candidate.key in without_wrapper:
-            share, bound, p_value, largest_p = without_wrapper[candidate.key]
-        else:
-            share, bound, p_value, largest_p = self._beside_others(effect, found, with_all)
+        candidate = effect.candidate
+        seen = without_wrapper.get(candidate.key) or self._beside_others(effect, found, with_all)
+        share, bound, p_value, largest_p, sizes = seen
         is_confirmed = bound > self.config.smallest_improvement
         is_pooled = together.get(candidate.family, -np.inf) > bound
         if is_pooled:
@@ -115,29 +119,43 @@ class Confirmation:
         if candidate.deviation is not None:
             # Seen at the stops; speeds, which may hardly depend on the place, must not speak against it.
             p_value = float(min(1.0, ndtr(-self.encoders[candidate.joint].z) * self.n_joint))
-            is_confirmed = share > -ENCODER_LOSS
-        return Judgement(share, bound, p_value, is_confirmed and p_value < largest_p, is_pooled)
+            is_confirmed, sizes = share > -ENCODER_LOSS, ()
+        is_confirmed = is_confirmed and p_value < largest_p and agree(sizes, self.config.largest_disagreement)
+        return Judgement(share, bound, p_value, is_confirmed, is_pooled, sizes)
 
     def _beside_others(
         self, effect: Found, found: Sequence[Found], with_all: tuple[np.ndarray, np.ndarray]
-    ) -> tuple[float, float, float, float]:
-        """Share, its lower bound, the p-value, and the largest that is allowed for it."""
+    ) -> Seen:
         joint = effect.candidate.joint
         others = [f for f in found if f is not effect]
         known = ~self._may_set_in(effect)
         without = known * self._residual(self.held_out, others)[:, joint]
         after = known * with_all[0][:, joint]
         share, bound = self._bounded(without, after)
-        fitted_without = self._residual(self.fitted, others)[:, joint]
-        change = fitted_without - with_all[1][:, joint]
+        fitted_without = self._residual(self.fitted, others)
+        change = fitted_without[:, joint] - with_all[1][:, joint]
+        sizes = self._sizes((change, fitted_without[:, joint]), (without - after, without))
+        scale = np.sqrt(self.fitted.floor)
+        if explains_other_joints(change, fitted_without / scale, with_all[1] / scale, joint):
+            return Seen(share, bound, 1.0, self.config.largest_p, sizes)
         acting = np.flatnonzero(change)  # what sets in mid-way is compared with itself, not with nothing
         since = acting[0] if len(acting) else 0
         if can_be_shifted(change[since:]):
-            p_value = placebo_p(fitted_without[since:], change[since:], self.n_hypotheses, self.seed)
-            return share, bound, p_value, self.config.largest_p
+            p_value = placebo_p(fitted_without[since:, joint], change[since:], self.n_hypotheses, self.seed)
+            return Seen(share, bound, p_value, self.config.largest_p, sizes)
         folds = self.held_out.folds
         by_block = np.bincount(folds.block, without**2 - after**2, minlength=folds.n_blocks)
-        return share, bound, rank_p(by_block, len(found)), self.config.largest_rank_p
+        return Seen(share, bound, rank_p(by_block, len(found)), self.config.largest_rank_p, sizes)
+
+    def _sizes(
+        self, on_fitted: tuple[np.ndarray, np.ndarray], on_held_out: tuple[np.ndarray, np.ndarray]
+    ) -> list[Size]:
+        """In each log, by all its rows: of either part the change by the effect, and the residual without it."""
+        change, without = (np.concatenate(of) for of in zip(on_fitted, on_held_out, strict=True))
+        parts = self.fitted, self.held_out
+        log = [averaged(_index_of_log(rows.is_used), rows.is_used) for rows in parts]
+        blocks = [self.fitted.folds.block, self.held_out.folds.block + self.fitted.folds.n_blocks]
+        return sizes_by_log(change, without, np.concatenate(log), np.concatenate(blocks))
 
     def _bounded(self, before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
         config = self.config
@@ -215,6 +233,11 @@ class Confirmation:
         return self._bounded(pooled(before, every, scale), pooled(after, every, scale))[1]
 
 
+def _index_of_log(is_used: np.ndarray) -> np.ndarray:
+    """(B, T) 0, 1, ... B - 1."""
+    return np.broadcast_to(np.arange(float(len(is_used)))[:, None], is_used.shape)
+
+
 def _widths_s(found: Sequence[Found], family: str) -> dict[int, float]:
     """Per joint, over which time an effect without a wrapper is averaged."""
     return {f.candidate.joint: f.candidate.point["width"] for f in found if f.candidate.family == family}
@@ -227,7 +250,9 @@ def in_words(effect: Found, judgement: Judgement, joint: str) -> str:
         if judgement.is_pooled
         else f"at least {judgement.bound:.0%}"
     )
+    in_logs = ", ".join(f"{size.value:.0%}" for size in judgement.sizes)
     return (
         f"{effect.candidate.family} on {joint} is {'' if judgement.is_confirmed else 'not '}confirmed: on confirmation "
-        f"rows it removes {judgement.share:.0%} ({least}) of the squares; p = {judgement.p_value:.1g} of placebos."
+        f"rows it removes {judgement.share:.0%} ({least}) of the squares; p = {judgement.p_value:.1g} of placebos"
+        + (f"; in single logs it is {in_logs} of its size." if in_logs else ".")
     )

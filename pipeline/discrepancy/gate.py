@@ -1,16 +1,12 @@
-"""The gate: what an effect has to pass on confirmation rows and against placebos before it is reported."""
+"""The gate: what an effect has to pass on confirmation rows before it is reported."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from pipeline.discrepancy.screen import Rows
 from pipeline.errors import InputError
-
-PLACEBOS = 200
-MOST_ALIKE = 0.4
 
 
 @dataclass
@@ -25,6 +21,8 @@ class GateConfig:
         largest_p: After correction for all hypotheses searched.
         largest_rank_p: The same of a change that cannot be shifted in time, a creep at rest: by the gains' ranks over
             blocks of confirmation rows, which nothing was searched on.
+        largest_disagreement: Share of its fitted size by which an effect may be larger or smaller in one log, beyond
+            scatter.
         worse_margin: Relative rise of a joint's open-loop error that still counts as none.
         resamples: Of the bootstrap.
         model_error: Share of a parameter by which the idealised effect may differ from the real one; widens intervals.
@@ -37,6 +35,7 @@ class GateConfig:
     smallest_share: float
     largest_p: float
     largest_rank_p: float
+    largest_disagreement: float
     worse_margin: float
     resamples: int
     model_error: float
@@ -46,6 +45,10 @@ class GateConfig:
         for name in ("largest_p", "largest_rank_p", "confidence"):
             if not 0 < getattr(self, name) < 1:
                 raise InputError(f"close_loop.gate.{name} is {getattr(self, name)}; it must be in (0, 1)")
+        if not self.largest_disagreement > 0:
+            raise InputError(
+                f"close_loop.gate.largest_disagreement is {self.largest_disagreement}; it must be positive"
+            )
         if not self.model_error >= 0:
             raise InputError(f"close_loop.gate.model_error is {self.model_error}; it must not be negative")
 
@@ -81,56 +84,6 @@ def pooled(residual: np.ndarray, joints: Sequence[int], scale: np.ndarray) -> np
     """
     joints = list(joints)
     return np.sqrt(np.sum(residual[:, joints] ** 2 / scale[joints], axis=1))
-
-
-def placebo_p(residual: np.ndarray, change: np.ndarray, n_hypotheses: int, seed: int) -> float:
-    """How probable so large a gain is for a change of the same size at the wrong time.
-
-    The change that the effect makes is shifted in time (cyclically) and scaled to fit best; the gain's distribution
-    over shifts is taken for normal beyond what can be counted, and the result is corrected for all hypotheses
-    searched (Bonferroni).
-
-    Args:
-        residual: (N,) without the effect.
-        change: (N,) of the velocity by the effect.
-        n_hypotheses: Number of hypotheses searched.
-        seed: Of the shifts.
-    """
-    square = float(change @ change)
-    if square <= 0.0:
-        return 1.0
-
-    def root_gain(shift: int) -> float:
-        return float(np.roll(change, shift) @ residual) / np.sqrt(square)
-
-    p = shifted_p(root_gain, len(residual), seed)
-    return float(np.clip(p * n_hypotheses, np.finfo(float).tiny, 1.0))
-
-
-def shifted_p(root_gain: Callable[[int], float], n_rows: int, seed: int) -> float:
-    """How far a root gain without shift in time lies beyond those with shifts, taken for normal, as a probability.
-
-    Args:
-        root_gain: Of what explains, shifted by so many rows (cyclically).
-        n_rows: Rows along which it is shifted: by a twentieth of them at least, either way.
-        seed: Of the shifts.
-    """
-    shifts = np.random.default_rng(seed).integers(n_rows // 20, n_rows - n_rows // 20, PLACEBOS)
-    placebos = np.array([root_gain(int(shift)) for shift in shifts])
-    return float(ndtr(-(root_gain(0) - placebos.mean()) / max(float(placebos.std()), 1e-12)))
-
-
-def can_be_shifted(change: np.ndarray) -> bool:
-    """Whether a change of the velocity varies so much in time that, shifted, it is another.
-
-    A creep at rest is nearly the same everywhere: shifted in time it explains as much as where it belongs.
-    """
-    n = len(change)
-    square = float(change @ change)
-    likeness = [
-        float(np.roll(change, shift) @ change) / max(square, 1e-12) for shift in range(n // 10, n, n // 10)
-    ]
-    return float(np.mean(likeness)) < MOST_ALIKE
 
 
 def rank_p(gain_by_block: np.ndarray, n_tests: int) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from pipeline.discrepancy.change_of_speed import ChangeOfSpeed
-from pipeline.discrepancy.gate import shifted_p
+from pipeline.discrepancy.placebos import shifted_p
 from pipeline.discrepancy.screen import Candidate, Nominal, Rows
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
