@@ -103,10 +103,14 @@ class _Scan:
                 self.ledger.damage(offset, "the file ends within this record")
             offset = end
         yield from self.flush()
-        if not self.is_closed and len(self.ledger.notes) == n_notes:
+        if len(self.ledger.notes) > n_notes:
+            return
+        if not self.is_closed:
             self.ledger.damage(
                 self.size, "the recorder did not close this bag; what it had not written is lost"
             )
+        elif self.index_start > self.size:  # cut just where a record ends
+            self.ledger.damage(self.size, "the file ends before its index; what stood between is lost")
 
     def next_place(self, offset: int) -> int:
         """Return where to go on behind damage: where the next chunk starts by the file's own index, or its end."""

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rosbags.rosbag1 import Reader
 
 from pipeline.configuration import load_machine
 from pipeline.errors import InputError
@@ -182,6 +183,18 @@ def test_cut_off_anywhere(tmp_path, kind, share):
     assert_recorded(path, 0)
     if len(raw.q) < len(session.q):
         assert any(note.kind is NoteKind.damage and path.name in note.text for note in raw.notes)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in BAGS if kind.startswith("ROS 1")])
+def test_a_bag_that_ends_just_where_a_record_does_is_cut_off_all_the_same(tmp_path, kind):
+    log = whole_log(kind)
+    with Reader(
+        log.write(tmp_path / "whole")
+    ) as reader:  # the reference reader's index says where chunks begin
+        begins = [info.pos for info in reader.chunk_infos]
+    for cut in begins[1:]:
+        raw = read(log.write(tmp_path / "a", log.content[:cut]))
+        assert any(note.kind is NoteKind.damage for note in raw.notes)
 
 
 def test_cut_database_gives_what_was_recorded(tmp_path):
