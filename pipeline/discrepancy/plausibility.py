@@ -42,14 +42,13 @@ def is_dependence(candidate: Candidate) -> bool:
 def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
     """Whether the signs are those of the cause on most of the joints, counted by what it explains there.
 
-    Oil that warms up makes faster, and leaves a machine that is not much slower than nominal once it is warm; a load
-    makes a joint slower one way and faster the other, which no wear of its actuator does; a small pump shows where
-    joints move at once; a supply varies more slowly than joints start and stop, which is where models are off alike.
+    Oil that warms up makes faster, leaves a machine that is not much slower than nominal once it is warm, and begins
+    with one that is not faster; a load makes a joint slower one way and faster the other, which no wear of its actuator
+    does; a small pump shows where joints move at once; a supply varies more slowly than joints start and stop, which is
+    where models are off alike.
     """
     if family == THERMAL_DRIFT:
-        is_right = [
-            c.coefficient_of("cold_speed_loss") > max(0.0, -c.coefficient_of("warm_gain")) for c in showing
-        ]
+        is_right = [c.coefficient_of("cold_speed_loss") > abs(c.coefficient_of("warm_gain")) for c in showing]
     elif family == LOAD:
         is_right = [_is_opposed(c) for c in showing]
     elif family == GAIN:

@@ -95,6 +95,7 @@ def test_signs_of_the_cause(family, coefficients, expected) -> None:
         ({"cold_speed_loss": 0.3, "warm_gain": -0.1}, True),
         ({"warm_gain": -0.1, "cold_speed_loss": 0.3}, True),
         ({"cold_speed_loss": 0.1, "warm_gain": -0.2}, False),  # a joint that stays slow when it is warm
+        ({"cold_speed_loss": 0.24, "warm_gain": 0.48}, False),  # one that is faster from the start
         ({"warm_gain": -0.2}, False),
     ],
 )
