@@ -5,8 +5,9 @@
 Solutions go to `ROOT/solutions/<case>`: what `close_loop` wrote, `log.txt`, `run.json` (exit status, seconds,
 fingerprint of the code) and `exam.json` (errors on the exam logs, measured here). With `--leave-out-true` the seals of
 single effects are opened first, and each case is run with the true family's card deleted, into
-`ROOT/solutions_left_out`. Overrides are handed on to `close_loop`. Cases that are solved are not run again; those whose
-run failed are, with `--again`.
+`ROOT/solutions_left_out`. What was learned of nominal logs that several cases share (`close_loop learned=`) lies in
+`ROOT/learned`; the first of them takes as long as any user's. Overrides are handed on to `close_loop`. Cases that are
+solved are not run again; those whose run failed are, with `--again`.
 """
 
 import argparse
