@@ -94,21 +94,22 @@ class Confirmation:
         with_all = self._residual(self.held_out, found), self._residual(self.fitted, found)
         without_wrapper = {**self._supply(found), **self._courses(found)}
         together = self._together(found, with_all[0])
-        return [self._of(effect, found, with_all, without_wrapper, together) for effect in found]
+        seen = [
+            without_wrapper.get(f.candidate.key) or self._beside_others(f, found, with_all) for f in found
+        ]
+        smallest_p: dict[str, float] = {}
+        for effect, of in zip(found, seen, strict=True):
+            family = effect.candidate.family
+            smallest_p[family] = min(of.p_value, smallest_p.get(family, 1.0))
+        return [self._of(effect, of, together, smallest_p) for effect, of in zip(found, seen, strict=True)]
 
     def _residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
         return residual_of(self.simulation, rows, found)
 
     def _of(
-        self,
-        effect: Found,
-        found: Sequence[Found],
-        with_all: tuple[np.ndarray, np.ndarray],
-        without_wrapper: Mapping[Key, Seen],
-        together: Mapping[str, float],
+        self, effect: Found, seen: Seen, together: Mapping[str, float], smallest_p: Mapping[str, float]
     ) -> Judgement:
         candidate = effect.candidate
-        seen = without_wrapper.get(candidate.key) or self._beside_others(effect, found, with_all)
         share, bound, p_value, largest_p, sizes = seen
         is_confirmed = bound > self.config.smallest_improvement
         is_pooled = together.get(candidate.family, -np.inf) > bound
@@ -116,6 +117,9 @@ class Confirmation:
             # One cause is confirmed on its joints together, and left off those on which it is no help.
             bound = together[candidate.family]
             is_confirmed = bound > self.config.smallest_improvement and share > 0.0
+            if smallest_p[candidate.family] < largest_p:
+                # The cause was found in the whole catalogue; whether a joint has part in it is asked of joints alone.
+                p_value *= min(self.n_joint / self.n_hypotheses, 1.0)
         if candidate.deviation is not None:
             # Seen at the stops; speeds, which may hardly depend on the place, must not speak against it.
             p_value = float(min(1.0, ndtr(-self.encoders[candidate.joint].z) * self.n_joint))

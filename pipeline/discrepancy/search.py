@@ -18,6 +18,7 @@ from pipeline.discrepancy.late_channel import late_channel, set_in_together, sho
 from pipeline.discrepancy.onset import since, with_onsets
 from pipeline.discrepancy.plausibility import (
     BACKLASH,
+    DEAD_BAND,
     DELAY,
     GAIN,
     SENSOR_BIAS,
@@ -102,7 +103,7 @@ class Search:
         self.simulation.onsets = onsets_of(self.found)
         for _ in range(self.config.maximum_effects):
             candidates = self._candidates()
-            if second := self._second_cause(candidates):
+            if second := self._second_cause(candidates) or self._further_valves(candidates):
                 self.found += second
                 self._refit()
                 continue
@@ -168,6 +169,16 @@ class Search:
                 self._say(f"{family} on {len(showing)} joints is there besides")
                 return [Found(c) for c in showing]
         return []
+
+    def _further_valves(self, candidates: Sequence[Candidate]) -> list[Found]:
+        """Dead bands that show on further joints once several have one: one controller drives all valves."""
+        having = {f.candidate.joint for f in self.found if f.candidate.family == DEAD_BAND}
+        if len(having) < 2:
+            return []
+        further = [c for c in candidates if c.family == DEAD_BAND and self.comparison.shows(c)]
+        for candidate in further:
+            self._say(f"{DEAD_BAND} shows on {self.joints[candidate.joint]}, too")
+        return [Found(c) for c in further]
 
     def _may_stand_alone(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
         """Whether it is plausible on its joint, and oil that warms up shows on another joint, too."""

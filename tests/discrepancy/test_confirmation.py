@@ -66,6 +66,23 @@ def test_joints_bear_each_other_out_and_count_alike_whatever_their_size() -> Non
     assert together.bound > alone.bound
 
 
+def test_once_a_cause_has_passed_joints_are_asked_whether_they_have_part_in_it_not_for_the_catalogue() -> (
+    None
+):
+    judging = confirmation((0.3, 0.03))
+    first, second = coupled(0, 0.3), coupled(1, 0.03)
+    strong, weak = (replace(judging, n_hypotheses=1).judge([one])[0].p_value for one in (first, second))
+    assert strong < 1e-3 * weak
+    judging = replace(
+        judging, n_hypotheses=round(10.0 * GATE.largest_p / weak)
+    )  # too many for the second by itself
+    alone = judging.judge([second])[0]
+    assert alone.p_value == pytest.approx(10.0 * GATE.largest_p, rel=0.1) and not alone.is_confirmed
+    _, together = judging.judge([first, second])
+    assert together.is_pooled and together.is_confirmed
+    assert together.p_value == pytest.approx(2.0 * weak, rel=0.2)  # of two joints
+
+
 def test_a_bound_of_more_confidence_is_lower() -> None:
     judging = confirmation((0.03, 0.0))
     bounds = [

@@ -174,6 +174,19 @@ def test_what_is_rare_but_reproduced_by_both_halves_of_the_rows_counts() -> None
     assert not looking.passes(replace(twice, onset=1))  # before an onset there is nothing to be reproduced
 
 
+def test_once_two_valves_have_dead_bands_the_others_may_have_one_too() -> None:
+    block = np.repeat(np.arange(10), 10)
+    looking = search(Folds(block % 2, block, 10))
+    looking.joints = ("lift", "turn", "reach")
+    shows, little = candidate("other:dead_band", 2, 50.0), candidate("other:dead_band", 2, 50.0)
+    little = replace(little, share=0.01)
+    looking.found = [Found(candidate("other:dead_band", 0, 100.0))]
+    assert looking._further_valves([shows]) == []
+    looking.found.append(Found(candidate("other:dead_band", 1, 100.0)))
+    assert [f.candidate for f in looking._further_valves([shows, candidate("gain", 2, 90.0)])] == [shows]
+    assert looking._further_valves([little]) == []
+
+
 @pytest.mark.parametrize(
     ("family", "gain", "share", "is_kept"),
     [
