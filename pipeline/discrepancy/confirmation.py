@@ -20,6 +20,9 @@ from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.supply_variation import supply_p, without_common_change
 from pipeline.discrepancy.whole_machine import of_one_cause
 
+WithoutSupply = Mapping[int, tuple[np.ndarray, np.ndarray]]
+"""Per joint (N,) residuals on confirmation rows with a common change of speed, and with it taken off."""
+
 ENCODER_LOSS = 0.02  # of the squares, that an encoder's error seen at the stops may cost the speeds
 
 
@@ -92,8 +95,9 @@ class Confirmation:
     def judge(self, found: Sequence[Found]) -> list[Judgement]:
         """One judgement per effect, beside all others."""
         with_all = self._residual(self.held_out, found), self._residual(self.fitted, found)
-        without_wrapper = {**self._supply(found), **self._courses(found)}
-        together = self._together(found, with_all[0])
+        without_supply = self._without_common_change(found)
+        without_wrapper = {**self._supply(found, without_supply), **self._courses(found)}
+        together = self._together(found, with_all[0], without_supply)
         seen = [
             without_wrapper.get(f.candidate.key) or self._beside_others(f, found, with_all) for f in found
         ]
@@ -165,10 +169,9 @@ class Confirmation:
         config = self.config
         return lower_bound(before, after, self.held_out, config.resamples, config.confidence, self.seed)
 
-    def _supply(self, found: Sequence[Found]) -> dict[Key, Seen]:
+    def _supply(self, found: Sequence[Found], without: WithoutSupply) -> dict[Key, Seen]:
         """A common change of speed, per joint, averaged over the time that the rows for fitting chose."""
-        left = self._without_common_change(found)
-        if not left:
+        if not without:
             return {}
         active, widths_s = values_of(self.simulation, found), _widths_s(found, SUPPLY)
         with onsets_in(self.simulation, found):
@@ -176,10 +179,10 @@ class Confirmation:
         corrected, largest_p = min(p_value * self.n_hypotheses, 1.0), self.config.largest_p
         return {
             (SUPPLY, joint, None): Seen(*self._bounded(*of_joint), corrected, largest_p)
-            for joint, of_joint in left.items()
+            for joint, of_joint in without.items()
         }
 
-    def _without_common_change(self, found: Sequence[Found]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    def _without_common_change(self, found: Sequence[Found]) -> WithoutSupply:
         """Confirmation rows' residuals per joint that has a common change of speed, with it and with it taken off."""
         widths_s = _widths_s(found, SUPPLY)
         if not widths_s:
@@ -212,16 +215,17 @@ class Confirmation:
         is_between = (stamps >= between[0]) & (stamps < between[1])
         return averaged(is_between.astype(float), self.held_out.is_used) > 0.0
 
-    def _together(self, found: Sequence[Found], everything: np.ndarray) -> dict[str, float]:
+    def _together(
+        self, found: Sequence[Found], everything: np.ndarray, without_supply: WithoutSupply
+    ) -> dict[str, float]:
         """Lower bound of what a cause removes on all its joints together, for causes that several joints have."""
         bounds = {}
         for family in of_one_cause([f.candidate for f in found], self.excited):
             members = [f for f in found if f.candidate.family == family]
             joints = sorted({f.candidate.joint for f in members})
             if family == SUPPLY:
-                left = self._without_common_change(found)
                 without, after = (
-                    np.stack([left[joint][part] for joint in joints], axis=1) for part in (0, 1)
+                    np.stack([without_supply[joint][part] for joint in joints], axis=1) for part in (0, 1)
                 )
             else:
                 without = self._residual(self.held_out, [f for f in found if f not in members])[:, joints]
