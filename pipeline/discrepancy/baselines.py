@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.continued_training import BaselinesConfig
 from pipeline.discrepancy.finetuning import fine_tune
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.grouping import Effect
 from pipeline.discrepancy.plausibility import is_dependence
 from pipeline.discrepancy.residual_network import fit_residual_network
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.splits import Purpose
 from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.dynamics.errors import Predictor

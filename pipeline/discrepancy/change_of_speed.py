@@ -10,8 +10,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate, Nominal, scored
 from pipeline.discrepancy.regression import Evidence, evidence
-from pipeline.discrepancy.screen import Candidate, Nominal, Rows, scored
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 PRIOR_STD = 0.1  # of z: keeps the estimate at zero where nothing moves

@@ -27,7 +27,7 @@ from pipeline.discrepancy.refine import parameter_covariance, refine
 from pipeline.discrepancy.result import ClosedLoop
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.sampling_phase import sampling_phases
-from pipeline.discrepancy.screen import Rows, alternating_folds, rows_in_blocks
+from pipeline.discrepancy.scored_rows import Rows, alternating_folds, rows_in_blocks
 from pipeline.discrepancy.search import Search
 from pipeline.discrepancy.sequences import side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig

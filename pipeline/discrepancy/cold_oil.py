@@ -4,11 +4,12 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.comparison import DOUBT_FACTOR, Comparison
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.plausibility import DELAY, LAG, STICTION, THERMAL_DRIFT, is_plausible
 from pipeline.discrepancy.refine import completed, refined_together
-from pipeline.discrepancy.screen import Candidate, Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
 
 LATE_ALIKE = (LAG, STICTION)  # delays of all joints are a late channel

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.plausibility import GAIN, complexity, is_dependence, is_offset, say_the_same
 from pipeline.discrepancy.regression import Folds, t_statistic
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.search_thresholds import SearchConfig
 
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names

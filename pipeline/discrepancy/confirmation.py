@@ -8,12 +8,13 @@ import numpy as np
 from scipy.special import ndtr
 
 from pipeline.discrepancy.agreement import Size, agree, sizes_by_log
+from pipeline.discrepancy.candidate import Key
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.course_in_time import beyond_constants
 from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
 from pipeline.discrepancy.gate import GateConfig, lower_bound, pooled, rank_p
 from pipeline.discrepancy.placebos import can_be_shifted, explains_other_joints, placebo_p
-from pipeline.discrepancy.screen import Key, Rows, averaged
+from pipeline.discrepancy.scored_rows import Rows, averaged
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.coordinates import Coordinate
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.shared_flow import coefficients_by_source
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Effect

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.discrepancy.found import Found
-from pipeline.discrepancy.screen import Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.effects.effect import Effect

@@ -14,9 +14,10 @@ from types import MappingProxyType
 import numpy as np
 from scipy.signal import fftconvolve
 
+from pipeline.discrepancy.candidate import Candidate, Nominal
 from pipeline.discrepancy.change_of_speed import MOST_OF_ESTIMATE, ChangeOfSpeed
 from pipeline.discrepancy.regression import evidence
-from pipeline.discrepancy.screen import Candidate, Nominal, Rows, spread
+from pipeline.discrepancy.scored_rows import Rows, spread
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 FAMILY = "other:absolute_time"

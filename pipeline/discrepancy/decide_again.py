@@ -9,7 +9,7 @@ from pipeline.discrepancy.found import Found, residual_of
 from pipeline.discrepancy.plausibility import is_dependence
 from pipeline.discrepancy.refine import refine
 from pipeline.discrepancy.regression import t_statistic
-from pipeline.discrepancy.screen import Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.whole_machine import OF_ONE_CAUSE
 

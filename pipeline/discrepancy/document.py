@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.stats import t as student_t
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.contract_parameters import (
     OF_95_PERCENT,
     WIDEST,
@@ -26,7 +27,6 @@ from pipeline.discrepancy.next_experiment import next_experiment
 from pipeline.discrepancy.plausibility import LEAKAGE, LOAD, OSCILLATION, STICTION, TIMING, is_dependence
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.ring_down import ring_down
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.splits import Purpose
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.supply_variation import supply_parameters

@@ -6,10 +6,11 @@ from functools import partial
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate, scored
 from pipeline.discrepancy.found import Found, residual_of
 from pipeline.discrepancy.plausibility import BACKLASH, SENSOR_BIAS
 from pipeline.discrepancy.regression import evidence, t_statistic
-from pipeline.discrepancy.screen import Candidate, Rows, scored
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.discrepancy.screen import Candidate, Rows, with_candidate
+from pipeline.discrepancy.candidate import Candidate, with_candidate
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.wrapperless import has_wrapper
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.discrepancy.screen import Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.errors import InputError
 
 

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.coverage import uncovered_share
 from pipeline.discrepancy.evidence import Evidence, LevelErrors, Ranked, ResidualTrack
 from pipeline.discrepancy.found import Found, velocity_of
 from pipeline.discrepancy.grouping import Effect
 from pipeline.discrepancy.held_out_errors import WindowErrors
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.signature import signature_of
 from pipeline.machine.specification import CommandKind
 

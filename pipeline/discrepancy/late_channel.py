@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.plausibility import DELAY
-from pipeline.discrepancy.screen import Candidate
 
 EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE = 0.06, 0.25  # joints respond differently after one channel
 SMALLEST_DELAY_SHARE = 0.5  # of the largest

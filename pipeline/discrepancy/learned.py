@@ -18,9 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.atomic_files import write_whole
+from pipeline.discrepancy.candidate import Candidate, Misfit, Nominal
 from pipeline.discrepancy.diagnosis_model import DiagnosisModel, Scales
 from pipeline.discrepancy.fingerprint import code_fingerprint
-from pipeline.discrepancy.screen import Candidate, Misfit, Nominal
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory

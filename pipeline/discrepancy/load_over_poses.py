@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.contract_parameters import Quantity, quantity
 from pipeline.discrepancy.coordinates import Coordinate
-from pipeline.discrepancy.screen import Candidate
 from pipeline.effects.effect import Setting
 
 MOVING_SHARE = 0.3  # of the usual speed

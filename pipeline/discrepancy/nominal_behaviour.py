@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Nominal
 from pipeline.discrepancy.diagnosis_model import DiagnosisModel, is_known, train_diagnosis_model
 from pipeline.discrepancy.learned import Learned, identity, load_learned, save_learned, without
 from pipeline.discrepancy.null_gains import null_gains
 from pipeline.discrepancy.sampling_phase import sampling_phases
-from pipeline.discrepancy.screen import Nominal, Rows, alternating_folds, averaged, rows_in_blocks
+from pipeline.discrepancy.scored_rows import Rows, alternating_folds, averaged, rows_in_blocks
 from pipeline.discrepancy.sequences import Sequences, side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.simulation import Simulation

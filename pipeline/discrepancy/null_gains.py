@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from pipeline.discrepancy.candidate import Misfit, Nominal
 from pipeline.discrepancy.plausibility import THERMAL_DRIFT, is_plausible
 from pipeline.discrepancy.regression import t_statistic
-from pipeline.discrepancy.screen import Misfit, Nominal, Rows, screen
+from pipeline.discrepancy.scored_rows import Rows
+from pipeline.discrepancy.screen import screen
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.wrapperless import screen_without_wrapper
 

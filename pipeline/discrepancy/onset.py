@@ -9,8 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate, Nominal, with_candidate
 from pipeline.discrepancy.regression import Folds, t_statistic
-from pipeline.discrepancy.screen import Candidate, Nominal, Rows, averaged, screen, with_candidate
+from pipeline.discrepancy.scored_rows import Rows, averaged
+from pipeline.discrepancy.screen import screen
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES

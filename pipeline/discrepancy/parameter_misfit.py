@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.discrepancy.coordinates import coordinates_of, groups_of
 from pipeline.discrepancy.found import Found, residual_of
 from pipeline.discrepancy.refine import residual_and_jacobian
-from pipeline.discrepancy.screen import Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
 
 

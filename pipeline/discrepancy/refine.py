@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.coordinates import (
     Coordinate,
     Group,
@@ -23,7 +24,7 @@ from pipeline.discrepancy.coordinates import (
 )
 from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
 from pipeline.discrepancy.regression import bounded_least_squares
-from pipeline.discrepancy.screen import Candidate, Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.wrapperless import has_wrapper
 

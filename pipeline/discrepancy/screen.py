@@ -6,15 +6,16 @@ units of the joint's noise floor.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import MappingProxyType
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.discrepancy.regression import Evidence, Folds, evidence
+from pipeline.discrepancy.candidate import Candidate, Key, Nominal, scored
+from pipeline.discrepancy.regression import Evidence, evidence
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 from pipeline.effects.chain import Chain
 from pipeline.effects.dependence import N_DIRECTION, Dependence
@@ -23,165 +24,6 @@ from pipeline.effects.effect import Effect, SensorEffect, Variant, VelocityEffec
 TAKEN_TOGETHER = (
     "timing",
 )  # on one joint the same wrapper as `delay`: equal delays of all joints are merged into it
-ROWS_AVERAGED = 2  # velocities over one step carry the encoders' noise twice
-
-
-Key = tuple[str, int, int | None]
-"""Family, joint and source."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One effect on one joint.
-
-    Attributes:
-        family: Of the catalogue, or `other:<variable>`.
-        joint: Index.
-        source: Index of the joint whose variable it is; None: the joint's own, or the machine's.
-        point: Values of the parameters that are not linear.
-        freed: The linear parameters that were freed.
-        coefficients: Changes of the freed parameters from their neutral values.
-        gain: Held-out reduction of squares, in units of the joint's noise floor.
-        share: The same as a share of the squares before.
-        gain_by_block: The same as `gain`, per block.
-        onset: Absolute stamp, ns, from which on it acts; None: all the time.
-        onset_between: Absolute stamps, ns, between which the rows do not tell one moment from the other.
-        deviation: Standard deviation of `point`, where something else than the velocities gave it, and it is not fitted
-            to them.
-        owed: Of the gain, what is the diagnosis model's misfit: what the same effect explains here with the values that
-            it has on nominal logs, but no more than a multiple of what it explains there.
-    """
-
-    family: str
-    joint: int
-    source: int | None
-    point: Mapping[str, float]
-    freed: Variant
-    coefficients: np.ndarray
-    gain: float
-    share: float
-    gain_by_block: np.ndarray = field(repr=False)
-    onset: int | None = None
-    onset_between: tuple[int, int] | None = None
-    deviation: float | None = None
-    owed: float = 0.0
-
-    @property
-    def key(self) -> Key:
-        """What tells it from the others of a screen, and from the other effects found."""
-        return self.family, self.joint, self.source
-
-    @property
-    def n_parameters(self) -> int:
-        """How many values it has that can be chosen."""
-        return len(self.point) + len(self.coefficients)
-
-    def index_of(self, name: str) -> int | None:
-        """Where among the coefficients the first is that this parameter has; None: it was not freed."""
-        return next((i for i, one in enumerate(self.freed) if one[0][0] == name), None)
-
-    def coefficient_of(self, name: str) -> float:
-        """Change of a parameter from its neutral value; 0 where it was not freed."""
-        index = self.index_of(name)
-        return 0.0 if index is None else float(self.coefficients[index])
-
-
-class Misfit(NamedTuple):
-    """What explains something of nominal logs, where there is nothing to be found.
-
-    Attributes:
-        candidate: With the values that it has there.
-        most_per_row: The most that a candidate of the same kind owes to it, per used row.
-    """
-
-    candidate: Candidate
-    most_per_row: float
-
-
-Nominal = Mapping[Key, Misfit]
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Rows on which candidates are scored.
-
-    Attributes:
-        is_used: (B, T) bool.
-        folds: Of the used rows after averaging.
-        floor: (n_joint,) mean square of the noise floor after averaging.
-        weight: (N, n_joint) 0 where a joint stands against a stop, 1 elsewhere.
-    """
-
-    is_used: np.ndarray
-    folds: Folds
-    floor: np.ndarray
-    weight: np.ndarray
-
-    def averaged(self, values: np.ndarray) -> np.ndarray:
-        """(B, T, ...) to the used rows, means over `ROWS_AVERAGED` rows: (N, ...)."""
-        return averaged(values, self.is_used)
-
-
-def rows_in_blocks(
-    is_used: np.ndarray, fold: np.ndarray, is_known: np.ndarray, floor: np.ndarray, block_rows: int
-) -> Rows:
-    """Rows to score candidates on, in blocks of the bootstrap.
-
-    Args:
-        is_used: (B, T) bool.
-        fold: (B, T) 0 or 1.
-        is_known: (B, T, n_joint) bool: where the nominal logs show how the joint moves.
-        floor: (n_joint,) see `Rows`.
-        block_rows: Rows of a block; none crosses from one log into the next.
-    """
-    numbers = averaged(_blocks(is_used, block_rows).astype(float), is_used).astype(int)
-    unique, index = np.unique(numbers, return_inverse=True)
-    folds = Folds((averaged(fold.astype(float), is_used) > 0.5).astype(int), index, max(len(unique), 1))
-    return Rows(is_used, folds, floor, (averaged(is_known.astype(float), is_used) > 0.999).astype(float))
-
-
-def alternating_folds(is_used: np.ndarray, block_rows: int, fold_rows: int) -> np.ndarray:
-    """Folds that alternate over the used rows of all logs in their order, (B, T) 0 or 1.
-
-    Not within each log: of logs shorter than a stretch no row would be held out.
-
-    Args:
-        is_used: (B, T) bool.
-        block_rows: As of `rows_in_blocks`; no block falls into both folds.
-        fold_rows: Of a stretch of one fold, if there are blocks for two of them.
-    """
-    blocks, number = np.unique(_blocks(is_used, block_rows)[is_used], return_inverse=True)
-    fold = np.zeros(is_used.shape, int)
-    fold[is_used] = number // max(1, min(fold_rows // block_rows, len(blocks) // 2)) % 2
-    return fold
-
-
-def _blocks(is_used: np.ndarray, block_rows: int) -> np.ndarray:
-    """Numbers of the rows' blocks, (B, T), rising from log to log."""
-    n_logs, n_rows = is_used.shape
-    return np.arange(n_rows) // block_rows + (np.arange(n_logs) * n_rows)[:, None]
-
-
-def averaged(values: np.ndarray, is_used: np.ndarray) -> np.ndarray:
-    """Means over groups of `ROWS_AVERAGED` rows that are all used: (B, T, ...) to (N, ...)."""
-    return _grouped(values).mean(axis=2)[_grouped(is_used).all(axis=2)]
-
-
-def spread(values: np.ndarray, is_used: np.ndarray) -> np.ndarray:
-    """What `averaged` gave, back on the rows that it is of, 0 on all others: (N, ...) to (B, T, ...)."""
-    whole = _grouped(is_used).all(axis=2)
-    grouped = np.zeros((*whole.shape, *values.shape[1:]))
-    grouped[whole] = values
-    result = np.zeros((*is_used.shape, *values.shape[1:]))
-    result[:, : whole.shape[1] * ROWS_AVERAGED] = np.repeat(grouped, ROWS_AVERAGED, axis=1)
-    return result
-
-
-def _grouped(values: np.ndarray) -> np.ndarray:
-    """(B, T, ...) to (B, n_groups, ROWS_AVERAGED, ...)."""
-    n_groups = values.shape[1] // ROWS_AVERAGED
-    whole = values[:, : n_groups * ROWS_AVERAGED]
-    return whole.reshape(len(values), n_groups, ROWS_AVERAGED, *values.shape[2:])
 
 
 def screen(
@@ -206,50 +48,6 @@ def screen(
         The best point and variant of each (family, joint, source), by falling gain.
     """
     return _Screen(simulation, active, rows, excluded, joints, nominal).run()
-
-
-def scored(
-    found: Evidence,
-    reference: np.ndarray,
-    floor: float,
-    family: str,
-    joint: int,
-    source: int | None,
-    point: Mapping[str, float],
-    freed: Variant,
-) -> Candidate:
-    """A candidate with its evidence: gains in units of `floor`, the share of the squares of `reference` (N,)."""
-    squares = max(float(np.sum(reference**2)), 1e-12)
-    gain_by_block = found.gain_by_block / floor
-    return Candidate(
-        family,
-        joint,
-        source,
-        point,
-        freed,
-        found.coefficients,
-        found.gain / floor,
-        found.gain / squares,
-        gain_by_block,
-    )
-
-
-def with_candidate(simulation: Simulation, active: Hypothesis, candidate: Candidate) -> dict:
-    """The active effects and the candidate."""
-    values = {
-        family: {name: np.array(value, np.float64) for name, value in of.items()}
-        for family, of in active.items()
-    }
-    neutral = simulation.effects[candidate.family].neutral()
-    of = values.setdefault(candidate.family, neutral)
-    j = candidate.joint
-    for name, value in candidate.point.items():
-        of[name][j] = value
-    for freed, coefficient in zip(candidate.freed, candidate.coefficients, strict=True):
-        for name, index in freed:
-            place = (j,) if index is None else (j, *np.atleast_1d(index))
-            of[name][place] = neutral[name][place] + coefficient
-    return values
 
 
 class _Screen:

@@ -8,6 +8,7 @@ taken; what is as simple and as good is kept as its equivalent (`comparison.py`)
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
+from pipeline.discrepancy.candidate import Candidate, Nominal
 from pipeline.discrepancy.cold_oil import cold_oil
 from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
@@ -31,7 +32,8 @@ from pipeline.discrepancy.plausibility import (
 )
 from pipeline.discrepancy.refine import completed, gain_without, refine, refine_alone
 from pipeline.discrepancy.regression import t_statistic
-from pipeline.discrepancy.screen import Candidate, Nominal, Rows, screen
+from pipeline.discrepancy.scored_rows import Rows
+from pipeline.discrepancy.screen import screen
 from pipeline.discrepancy.search_thresholds import SearchConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder

@@ -1,6 +1,6 @@
 """What a `flow_coupling` on one joint says: the speed lost while others draw flow, and that lost by itself."""
 
-from pipeline.discrepancy.screen import Candidate
+from pipeline.discrepancy.candidate import Candidate
 
 LOSS = "loss_fraction"
 

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.evidence import Signature
 from pipeline.discrepancy.found import Found
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.sequences import Sequences
 from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.effects.catalogue import KNOWN

@@ -13,9 +13,10 @@ from types import MappingProxyType
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from pipeline.discrepancy.candidate import Candidate, Nominal
 from pipeline.discrepancy.change_of_speed import ChangeOfSpeed
 from pipeline.discrepancy.placebos import shifted_p
-from pipeline.discrepancy.screen import Candidate, Nominal, Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 
 FAMILY = "supply_variation"

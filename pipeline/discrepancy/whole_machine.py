@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.late_channel import late_channel
 from pipeline.discrepancy.plausibility import (
     ACTIVITY,
@@ -14,7 +15,6 @@ from pipeline.discrepancy.plausibility import (
     TIMING,
     is_plausible,
 )
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 
 COMMON_CAUSES = (THERMAL_DRIFT, SUPPLY, ACTIVITY)

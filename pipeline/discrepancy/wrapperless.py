@@ -3,9 +3,10 @@
 from collections.abc import Collection
 from types import MappingProxyType
 
+from pipeline.discrepancy.candidate import Candidate, Nominal
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.course_in_time import course_candidates
-from pipeline.discrepancy.screen import Candidate, Nominal, Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.supply_variation import supply_candidates

@@ -8,11 +8,11 @@ import pytest
 
 from pipeline.configuration import load_section
 from pipeline.discrepancy import cold_oil as module
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.cold_oil import OF_OWN_CAUSES, cold_oil, with_doubts_of_the_oil
 from pipeline.discrepancy.comparison import Comparison
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.regression import Folds
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Setting

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pipeline.configuration import load_section
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.comparison import Comparison
 from pipeline.discrepancy.regression import Folds
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.settings import CloseLoopConfig
 from tests.discrepancy.bare_candidate import bare_candidate
 

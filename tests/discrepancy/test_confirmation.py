@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from pipeline.configuration import load_section
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.confirmation import Confirmation, Judgement, in_words
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.regression import Folds
-from pipeline.discrepancy.screen import Candidate, Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.effects.effect import Setting
 from pipeline.effects.flow_coupling import FlowCoupling

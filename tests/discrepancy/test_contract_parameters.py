@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.contract_parameters import (
     Spread,
     describe,
@@ -18,7 +19,7 @@ from pipeline.discrepancy.coordinates import Coordinate
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.regression import Folds
-from pipeline.discrepancy.screen import Candidate, Rows, averaged
+from pipeline.discrepancy.scored_rows import Rows, averaged
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.course_in_time import beyond_constants, course_candidates
 from pipeline.discrepancy.gate import rank_p
 from pipeline.discrepancy.regression import Folds
-from pipeline.discrepancy.screen import Candidate, Rows
+from pipeline.discrepancy.scored_rows import Rows
 
 N_ROWS, DT_S, NOISE = 12000, 0.05, 0.1
 TIME_S = DT_S * np.arange(N_ROWS)

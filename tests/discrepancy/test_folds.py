@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.discrepancy.screen import alternating_folds, rows_in_blocks
+from pipeline.discrepancy.scored_rows import alternating_folds, rows_in_blocks
 
 BLOCK_ROWS, FOLD_ROWS = 200, 1200
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from pipeline.discrepancy.gate import lower_bound, pooled, rank_p
 from pipeline.discrepancy.regression import Folds
-from pipeline.discrepancy.screen import Rows
+from pipeline.discrepancy.scored_rows import Rows
 from tests.discrepancy.coloured_noise import N, coloured
 
 BLOCK = 50

@@ -7,9 +7,9 @@ import pytest
 
 from pipeline.configuration import load_machine, load_section
 from pipeline.discrepancy import learned as module
+from pipeline.discrepancy.candidate import Candidate, Misfit
 from pipeline.discrepancy.diagnosis_model import DiagnosisModel, Scales
 from pipeline.discrepancy.learned import Learned, identity, load_learned, save_learned, without
-from pipeline.discrepancy.screen import Candidate, Misfit
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.screen import rows_in_blocks, screen
+from pipeline.discrepancy.scored_rows import rows_in_blocks
+from pipeline.discrepancy.screen import screen
 from pipeline.effects.backlash import Backlash
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain

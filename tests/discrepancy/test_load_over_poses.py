@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.coordinates import Coordinate
 from pipeline.discrepancy.load_over_poses import mean_speed_ratios
-from pipeline.discrepancy.screen import Candidate
 from pipeline.effects.effect import Setting, Signals
 from pipeline.effects.load import Load
 

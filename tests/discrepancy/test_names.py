@@ -10,11 +10,12 @@ import pytest
 from pipeline.configuration import load_section
 from pipeline.discrepancy import search as search_module
 from pipeline.discrepancy import wrapperless
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.document import unexplained
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.plausibility import is_at_bound, is_plausible
 from pipeline.discrepancy.regression import Folds, t_statistic
-from pipeline.discrepancy.screen import Candidate, Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.search import Search
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.whole_machine import COMMON_FACTOR, DOUBTED_FACTOR, common_cause

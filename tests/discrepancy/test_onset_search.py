@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.onset import with_onsets
 from pipeline.discrepancy.regression import Folds
-from pipeline.discrepancy.screen import ROWS_AVERAGED, Candidate, Rows
+from pipeline.discrepancy.scored_rows import ROWS_AVERAGED, Rows
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.refine import parameter_covariance, refine
 from pipeline.discrepancy.regression import Folds
-from pipeline.discrepancy.screen import Candidate, Rows, averaged
+from pipeline.discrepancy.scored_rows import Rows, averaged
 from pipeline.effects.effect import Parameter
 
 N_ROWS = 400

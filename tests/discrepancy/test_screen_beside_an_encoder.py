@@ -4,8 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.candidate import Candidate, Key
 from pipeline.discrepancy.diagnosis_model import DiagnosisModel, Scales
-from pipeline.discrepancy.screen import Candidate, Key, rows_in_blocks, screen
+from pipeline.discrepancy.scored_rows import rows_in_blocks
+from pipeline.discrepancy.screen import screen
 from pipeline.discrepancy.sequences import Sequences
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.effects.catalogue import KNOWN

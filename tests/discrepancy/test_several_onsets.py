@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.close_loop import Loop
 from pipeline.discrepancy.found import Found, onsets_of, values_of, velocity_of
 from pipeline.discrepancy.grouping import Effect
 from pipeline.discrepancy.refine import refine
-from pipeline.discrepancy.screen import Candidate, rows_in_blocks
+from pipeline.discrepancy.scored_rows import rows_in_blocks
 from pipeline.discrepancy.simulation import Simulation
 
 from .bare_candidate import bare_candidate

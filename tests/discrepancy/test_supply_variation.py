@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.regression import Folds
-from pipeline.discrepancy.screen import Rows
+from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.supply_variation import supply_parameters, without_common_change
 
 N_ROWS, N_JOINT, DT_S = 40_000, 3, 0.05

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.candidate import Candidate, Misfit, Nominal
 from pipeline.discrepancy.contract_parameters import describe
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.plausibility import is_plausible
 from pipeline.discrepancy.refine import completed, refine
-from pipeline.discrepancy.screen import Candidate, Misfit, Nominal, Rows, rows_in_blocks, screen
+from pipeline.discrepancy.scored_rows import Rows, rows_in_blocks
+from pipeline.discrepancy.screen import screen
 from pipeline.discrepancy.simulation import Simulation
 
 from .exact_machine import DT_S, N_JOINT, SPEED, held_commands, simulation_of

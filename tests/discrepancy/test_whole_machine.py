@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.grouping import effects_of
 from pipeline.discrepancy.late_channel import are_equal_delays, late_channel, set_in_together, shortened
-from pipeline.discrepancy.screen import Candidate
 from pipeline.discrepancy.whole_machine import of_one_cause
 
 from .bare_candidate import bare_candidate
