@@ -32,7 +32,7 @@ class Lag(VelocityEffect):
     place = Place.response
     card = Card(
         family="lag",
-        equation="τ v̇ = u − v for τ > 0, with σ τ instead of τ while slowing down, discretised exactly for u held; "
+        equation="τ v̇ = u − v for τ > 0, with σ τ instead of τ while slowing down, discretised backwards; "
         "v = u + |τ| u̇ for τ < 0",
         source="spool and pressure build-up as one lag: Jelali and Kroll (2003), Hydraulic Servo-systems",
         signature="residual decays over about τ after each change of command, with zero area over start and stop",
@@ -64,7 +64,7 @@ class Lag(VelocityEffect):
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """Move v towards u."""
         slow, spread = self._factors(values, (u - state.v) * state.v < 0.0)
-        slower = u + (1.0 - slow) * (state.v - u)
+        slower = u + slow / (1.0 + slow) * (state.v - u)
         faster = u + spread * (u - state.u)
         v = jnp.where(values["added_time_constant"] > 0.0, slower, faster)
         v = jnp.where(values["added_time_constant"] == 0.0, u, v)
@@ -73,15 +73,19 @@ class Lag(VelocityEffect):
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """A lag's inverse is a lead, and the other way round."""
         slow, spread = self._factors(values, (v - state.v) * state.v < 0.0)
-        of_lag = v + (1.0 / slow - 1.0) * (v - state.v)
+        of_lag = v + slow * (v - state.v)
         of_lead = (v + spread * state.u) / (1.0 + spread)
         u = jnp.where(values["added_time_constant"] > 0.0, of_lag, of_lead)
         u = jnp.where(values["added_time_constant"] == 0.0, v, u)
         return Filter(u, v), u
 
     def _factors(self, values: Values, is_falling: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Share of the way to u per step (lag), and steps of lead."""
+        """Steps of lag, and of lead.
+
+        Discretised backwards, a lag loses τ times the speed at a start, however long the step is. Velocities are
+        means over a step: e^(-Δt/τ), for u held and v at the end of the step, would lose Δt / 2 times the speed less,
+        and be fitted with a τ that is longer by as much.
+        """
         tau_steps = values["added_time_constant"] / self.setting.dt_s
-        present = tau_steps * jnp.where(is_falling, values["fall_share"], 1.0)
-        slow = -jnp.expm1(-1.0 / jnp.maximum(present, 0.05))
+        slow = jnp.maximum(tau_steps * jnp.where(is_falling, values["fall_share"], 1.0), 0.0)
         return slow, jnp.maximum(-tau_steps, 0.0)
