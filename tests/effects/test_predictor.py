@@ -22,7 +22,7 @@ def late(steps):
 
 
 def lagged(tau):
-    return lambda t, u, v, a, q: v + (1 - np.exp(-DT_S / tau)) * (u - v)
+    return lambda t, u, v, a, q: v + DT_S / (tau + DT_S) * (u - v)
 
 
 def cushioned(t, u, v, a, q):
