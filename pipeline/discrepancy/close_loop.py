@@ -14,7 +14,8 @@ import numpy as np
 from pipeline.discrepancy.baselines import trained_baselines, wrong_effect
 from pipeline.discrepancy.cold_oil import with_doubts_of_the_oil
 from pipeline.discrepancy.confirmation import Confirmation, in_words
-from pipeline.discrepancy.document import document_of
+from pipeline.discrepancy.contract_parameters import OF_95_PERCENT
+from pipeline.discrepancy.document import document_of, parameters_of
 from pipeline.discrepancy.found import Found, onsets_of, residual_of, values_of
 from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.grouping import Effect, effects_of
@@ -22,7 +23,7 @@ from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, wi
 from pipeline.discrepancy.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.open_loop_gate import OpenLoopGate
 from pipeline.discrepancy.parameter_misfit import misfit_covariance
-from pipeline.discrepancy.plausibility import OSCILLATION, TIMING
+from pipeline.discrepancy.plausibility import FLOW_COUPLING, OSCILLATION, TIMING
 from pipeline.discrepancy.refine import parameter_covariance, refine
 from pipeline.discrepancy.result import ClosedLoop
 from pipeline.discrepancy.ring_down import ring_down
@@ -31,6 +32,7 @@ from pipeline.discrepancy.scored_rows import Rows, alternating_folds, rows_in_bl
 from pipeline.discrepancy.search import Search
 from pipeline.discrepancy.sequences import side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.discrepancy.shared_flow import LOSS
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.splits import Purpose, split_rows
 from pipeline.discrepancy.stops import Encoder, encoders_of
@@ -192,6 +194,7 @@ class Loop:
             self.excited,
             self.say,
             self.usual.present,
+            self.usual.at_rest.tolist(),
         )
         found = self.search.run()
         self.simulation.onsets = {}
@@ -234,8 +237,30 @@ class Loop:
         else:
             self.search.found = passed or found
             effects = self._grouped(passed)
+        effects = self._beyond_misfit(effects)
         self.lap("gate")
         return effects
+
+    def _beyond_misfit(self, effects: list[Effect]) -> list[Effect]:
+        """Without a shared flow that is no more than what nominal logs of other work, too, ask for.
+
+        More joints at once than nominal logs show: what the diagnosis model makes of them beats every placebo.
+        """
+        small = []
+        for effect in effects:
+            if effect.family != FLOW_COUPLING:
+                continue
+            loss = parameters_of(self, effect)[LOSS]
+            deviation = (loss["ci95"][1] - loss["value"]) / OF_95_PERCENT
+            if loss["value"] < self.config.gate.smallest_size * deviation:
+                small.append(effect)
+                self.say(
+                    f"{effect.family} is dropped: a loss of {loss['value']:.0%} ± {deviation:.0%} is within "
+                    "what the diagnosis model is off by on nominal logs."
+                )
+        if not small:
+            return effects
+        return self._refitted([member for e in effects if e not in small for member in e.members])
 
     def _grouped(self, found: Sequence[Found]) -> list[Effect]:
         return effects_of(found, self.excited, TIMING not in self.config.exclude)

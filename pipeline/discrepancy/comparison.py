@@ -7,7 +7,14 @@ import numpy as np
 
 from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
-from pipeline.discrepancy.plausibility import GAIN, complexity, is_dependence, is_offset, say_the_same
+from pipeline.discrepancy.plausibility import (
+    GAIN,
+    LEAKAGE,
+    complexity,
+    is_dependence,
+    is_offset,
+    say_the_same,
+)
 from pipeline.discrepancy.regression import Folds, t_statistic
 from pipeline.discrepancy.search_thresholds import SearchConfig
 
@@ -30,10 +37,12 @@ class Comparison:
     Attributes:
         folds: Of the rows in use.
         config: Thresholds.
+        at_rest: Per joint, the noise floor at rest, in units of that of all rows; empty: as high.
     """
 
     folds: Folds
     config: SearchConfig
+    at_rest: tuple[float, ...] = ()
 
     def net(self, candidate: Candidate) -> float:
         """Gain beyond what the candidate owes to the diagnosis model's misfit."""
@@ -51,9 +60,15 @@ class Comparison:
         return (
             candidate.share > self.config.smallest_share
             and self.net(candidate)
-            > max(self.config.smallest_share * squares, self.config.smallest_gain * len(self.folds.fold))
+            > max(self.config.smallest_share * squares, self._smallest_gain(candidate))
             and (t_statistic(candidate.gain_by_block) > smallest_t or self._is_reproduced(candidate))
         )
+
+    def _smallest_gain(self, candidate: Candidate) -> float:
+        """By the noise floor where the effect acts: a creep stands out at rest, and moves positions for as long."""
+        is_at_rest = candidate.family == LEAKAGE and self.at_rest
+        floor = self.at_rest[candidate.joint] if is_at_rest else 1.0
+        return self.config.smallest_gain * len(self.folds.fold) * floor
 
     def shows(self, candidate: Candidate) -> bool:
         """Whether an effect that other joints have too can be seen on this one; weaker than `passes`."""

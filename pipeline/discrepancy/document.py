@@ -122,7 +122,7 @@ def _entry(loop: "Loop", effect: Effect) -> dict:
         "family": family if onset is None else "change_point",
         "joints": [loop.joints[j] for j in joints],
         "depends_on": depends_on(effect, loop.joints),
-        "parameters": _parameters(loop, effect),
+        "parameters": parameters_of(loop, effect),
         "onset": onset,
         "certain": not effect.equivalents,
         "p_value": float(min(loop.judgements[m.candidate.key].p_value for m in effect.members)),
@@ -147,7 +147,8 @@ def _onset(loop: "Loop", stamp_ns: int | None) -> dict | None:
     return {"trajectory": trajectory.name, "t": float(trajectory.t_s[place])}
 
 
-def _parameters(loop: "Loop", effect: Effect) -> dict:
+def parameters_of(loop: "Loop", effect: Effect) -> dict:
+    """The contract's parameters of an effect found, each with unit and interval."""
     found = loop.search.found
     if effect.family == SUPPLY:
         measured, nominal = (loop.simulation, loop.rows), (loop.usual.simulation, loop.usual.rows)

@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.discrepancy.candidate import Nominal
 from pipeline.discrepancy.diagnosis_model import DiagnosisModel, is_known, train_diagnosis_model
+from pipeline.discrepancy.floor_at_rest import floor_at_rest
 from pipeline.discrepancy.learned import Learned, identity, load_learned, save_learned, without
 from pipeline.discrepancy.null_gains import null_gains
 from pipeline.discrepancy.sampling_phase import sampling_phases
@@ -39,6 +40,7 @@ class NominalBehaviour:
         rows: Those rows.
         phases: (B,) [steps] by which all joints of each log respond late.
         floor: (n_joint,) mean square of the speeds' residual after averaging [(rad/s)², (m/s)²].
+        at_rest: (n_joint,) the same of joints at rest, in units of `floor`.
         null: What each candidate gains though there is nothing to be found.
         present: Families of effects that nominal logs show themselves.
     """
@@ -51,6 +53,7 @@ class NominalBehaviour:
     rows: Rows
     phases: np.ndarray
     floor: np.ndarray
+    at_rest: np.ndarray
     null: Nominal
     present: tuple[str, ...]
 
@@ -105,6 +108,7 @@ def learn_nominal_behaviour(
         sequences.velocity - simulation.velocities([{}])[0], sequences.is_row
     )
     floor = np.maximum(np.mean(residual**2, axis=0), 1e-12)
+    at_rest = floor_at_rest(residual, sequences.command, sequences.is_row, floor, machine.dt_s)
     block_rows = config.search.block_rows(machine.dt_s)
     fold = alternating_folds(sequences.is_row, block_rows, FOLD_ROWS)
     rows = rows_in_blocks(sequences.is_row, fold, weight, floor, block_rows)
@@ -116,5 +120,5 @@ def learn_nominal_behaviour(
             save_learned(kept, Learned(diagnosis, null, present), known_as)
     lap("search on nominal logs")
     return NominalBehaviour(
-        diagnosis, setting, effects, every, simulation, rows, phases, floor, null, present
+        diagnosis, setting, effects, every, simulation, rows, phases, floor, at_rest, null, present
     )

@@ -11,7 +11,7 @@ from pipeline.discrepancy.screen import screen
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.wrapperless import screen_without_wrapper
 
-PRESENT_SHARE, PRESENT_T = 0.1, 2.5  # of an effect that the nominal logs have, too
+PRESENT_SHARE, PRESENT_T = 0.05, 2.5  # of an effect that the nominal logs have, too
 
 
 class Null(NamedTuple):

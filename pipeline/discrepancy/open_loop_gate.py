@@ -63,8 +63,13 @@ class OpenLoopGate:
         return effects
 
     def _worse(self, effects: Sequence[Effect]) -> set[int]:
-        limit = self.before.rmse * (1.0 + self.config.worse_margin)
-        return set(np.flatnonzero(self.errors(effects).rmse > limit).tolist())
+        """Joints whose error rises beyond the margin, and by more than blocks differ by chance."""
+        errors = self.errors(effects)
+        is_beyond = errors.rmse > self.before.rmse * (1.0 + self.config.worse_margin)
+        if not is_beyond.any():
+            return set()
+        most = np.quantile(errors.improvement(self.before), self.config.confidence, axis=0)
+        return set(np.flatnonzero(is_beyond & (most < 0.0)).tolist())
 
     def error_reduction(self, effect: Effect) -> float:
         """Share of the squared error that an effect removes by itself, its joints scaled alike."""

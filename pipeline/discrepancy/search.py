@@ -76,10 +76,11 @@ class Search:
         excited: Collection[int],
         say: Callable[[str], None],
         present: Collection[str] = (),
+        at_rest: Sequence[float] = (),
     ) -> None:
         self.simulation, self.rows, self.config = simulation, rows, config
         self.nominal, self.present = nominal, present
-        self.comparison = Comparison(rows.folds, config)
+        self.comparison = Comparison(rows.folds, config, tuple(at_rest))
         self.excluded = tuple(excluded)
         self.encoders = encoders
         self.joints, self.excited = joints, excited
