@@ -84,3 +84,12 @@ def test_a_course_in_time_is_a_last_resort(comparison: Comparison) -> None:
         travel,
         slightly,
     ]
+
+
+def test_a_creep_has_to_stand_out_of_the_floor_at_rest_only(comparison: Comparison) -> None:
+    least = comparison.config.smallest_gain * N_ROWS
+    quiet = replace(comparison, at_rest=(0.1,))
+    for factor, passes in [(0.05, False), (0.2, True), (1.1, True)]:
+        assert quiet.passes(that_gains("leakage", factor * least)) is passes
+        assert quiet.passes(that_gains("gain", factor * least)) is (factor > 1.0)
+        assert comparison.passes(that_gains("leakage", factor * least)) is (factor > 1.0)

@@ -107,3 +107,23 @@ def test_what_predicts_nothing_may_show_otherwise_wherever_it_stands() -> None:
     assert case.gate().passing(effects, lambda e: e.family == "supply_variation") is effects
     assert names(case.gate().worth_a_name(effects, lambda _: False)) == [("gain", (0,))]
     assert case.gate().error_reduction(effects[1]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("after", "stays"),
+    [
+        ([0.3, 0.3, 0.4, 2.6, 2.6], True),
+        ([0.8, 1.6, 1.6, 1.5, 1.6], False),
+        ([1.1] * 5, True),
+        ([1.3] * 5, False),
+    ],
+)
+def test_a_rise_that_one_stretch_of_the_logs_makes_is_no_harm(after: list[float], stays: bool) -> None:
+    given = effect("gain", 0)
+
+    def errors(effects) -> WindowErrors:  # type: ignore[no-untyped-def]
+        squares = np.ones((5, 1)) if not effects else np.array(after)[:, None]
+        return WindowErrors(squares, np.arange(5))
+
+    gate = OpenLoopGate(errors([]), errors, list, CONFIG, lambda _: None)
+    assert gate.without_harm([given]) == ([given] if stays else [])

@@ -6,6 +6,7 @@ import pytest
 from pipeline.discrepancy.candidate import Candidate, Misfit, Nominal
 from pipeline.discrepancy.contract_parameters import describe
 from pipeline.discrepancy.found import Found
+from pipeline.discrepancy.null_gains import null_gains
 from pipeline.discrepancy.plausibility import is_plausible
 from pipeline.discrepancy.refine import completed, refine
 from pipeline.discrepancy.scored_rows import Rows, rows_in_blocks
@@ -99,3 +100,13 @@ def test_what_is_owed_does_not_depend_on_the_variant_that_wins(mean_loss: float)
         explained = np.sum(before**2 - after**2) / rows.floor[candidate.joint]
         assert candidate.owed == pytest.approx(explained, rel=1e-3)
         assert explained > 1000.0
+
+
+@pytest.mark.parametrize(("loss", "is_there"), [(0.0, False), (0.015, False), (0.3, True)])
+def test_nominal_logs_that_all_joints_warm_up_in_are_no_evidence_against_it(
+    loss: float, is_there: bool
+) -> None:
+    simulation, rows = drifting(loss, 110.0)
+    null = null_gains(simulation, rows, (), 3.0)
+    assert null.present == (("thermal_drift",) if is_there else ())
+    assert is_there != any(family == "thermal_drift" for family, *_ in null.misfits)

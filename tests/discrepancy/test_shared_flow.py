@@ -1,0 +1,34 @@
+"""A shared flow has to take more than nominal logs of other work ask for, by the interval of its loss."""
+
+import pytest
+
+from pipeline.configuration import load_section
+from pipeline.discrepancy import close_loop
+from pipeline.discrepancy.contract_parameters import plausible, quantity
+from pipeline.discrepancy.found import Found
+from pipeline.discrepancy.grouping import Effect, effects_of
+from pipeline.discrepancy.settings import CloseLoopConfig
+
+from .bare_candidate import bare_candidate
+
+DEVIATION = 0.04
+
+
+@pytest.mark.parametrize("deviations", [2.0, 2.9, 3.1, 8.0])
+def test_a_loss_within_the_misfit_is_dropped_and_the_rest_fitted_again(
+    monkeypatch, deviations: float
+) -> None:
+    loss = plausible({"loss_fraction": quantity(deviations * DEVIATION, "1", DEVIATION)})
+    monkeypatch.setattr(close_loop, "parameters_of", lambda loop, effect: loss)
+    loop, refits, said = close_loop.Loop.__new__(close_loop.Loop), [], []
+    loop.config = load_section("close_loop", CloseLoopConfig, "paper")
+    loop.say = said.append
+    loop._refitted = lambda found: refits.append(found) or effects_of(found, [])
+    flow = Effect("flow_coupling", [Found(bare_candidate("flow_coupling", joint)) for joint in (0, 1)])
+    lag = Effect("lag", [Found(bare_candidate("lag", 0))])
+    left = loop._beyond_misfit([flow, lag])
+    if deviations > 3.0:
+        assert left == [flow, lag] and refits == [] and said == []
+    else:
+        assert left == [lag] and refits == [lag.members]
+        assert said[0].startswith("flow_coupling is dropped")
