@@ -44,11 +44,7 @@ def encoder_errors(
             for error in encoder.errors
         ]
         candidate = max(options, key=lambda option: option.gain)  # a scale changes the speeds, too
-        width = {"width": 2.0 * encoder.inward}
-        play = _at_stops(
-            simulation, rows, BACKLASH, joint, width, encoder.onset, 2.0 * encoder.errors[0].deviation
-        )
-        if BACKLASH not in excluded and encoder.inward > 0.0 and play.gain > candidate.gain:
+        if BACKLASH not in excluded and _is_play(simulation, rows, joint, encoder, candidate):
             say(f"the stops of {joints[joint]} are read further in: by play rather than by its encoder")
         elif t_statistic(candidate.gain_by_block) < -REFUTING_T:
             say(f"the stops of {joints[joint]} have moved, but its speeds speak against its encoder")
@@ -58,6 +54,14 @@ def encoder_errors(
             )
             found.append(Found(candidate))
     return found
+
+
+def _is_play(simulation: Simulation, rows: Rows, joint: int, encoder: Encoder, candidate: Candidate) -> bool:
+    """Whether stops are read further in, and play by as much explains more of the speeds than the encoder's error."""
+    width, deviation = {"width": 2.0 * encoder.inward}, 2.0 * encoder.errors[0].deviation
+    return encoder.inward > 0.0 and (
+        _at_stops(simulation, rows, BACKLASH, joint, width, encoder.onset, deviation).gain > candidate.gain
+    )
 
 
 def _at_stops(
