@@ -25,6 +25,7 @@ from pipeline.discrepancy.open_loop_gate import OpenLoopGate
 from pipeline.discrepancy.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.plausibility import FLOW_COUPLING, OSCILLATION, TIMING
 from pipeline.discrepancy.refine import parameter_covariance, refine
+from pipeline.discrepancy.remaining_signature import doubted_by_what_is_left
 from pipeline.discrepancy.result import ClosedLoop
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.sampling_phase import sampling_phases
@@ -232,6 +233,14 @@ class Loop:
             self.say(in_words(effect, judgement, self.joints[effect.candidate.joint]))
         passed = [f for f in found if self.judgements[f.candidate.key].is_confirmed]
         passed = with_doubts_of_the_oil(passed, self.search.first)
+        passed = doubted_by_what_is_left(
+            self.simulation,
+            self.rows,
+            passed,
+            self.search.first,
+            self.config.gate.largest_remainder,
+            self.machine.dt_s,
+        )
         if 0 < len(passed) < len(found):
             effects = self._refitted(passed)
         else:

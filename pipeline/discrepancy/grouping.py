@@ -24,7 +24,7 @@ class Effect:
     """One effect of the verdict.
 
     Attributes:
-        family: As in the contract; `other` for all dependences.
+        family: As in the contract; `other` for all dependences, and for one cause that may not be named.
         members: The effects on single joints that it is made of.
     """
 
@@ -74,16 +74,17 @@ def effects_of(found: Sequence[Found], excited: Collection[int], allow_timing: b
     Args:
         found: Of the search.
         excited: Joints that move enough to tell.
-        allow_timing: Whether equal delays of all joints that move enough may be named `timing`.
+        allow_timing: Whether equal delays of all joints that move enough may be named `timing`. So many causes at once
+            they are not in any case.
     """
     left = list(found)
     effects = []
     delays = [f for f in left if f.candidate.family == DELAY]
-    channel = late_channel([f.candidate for f in delays], excited) if allow_timing else []
+    channel = late_channel([f.candidate for f in delays], excited)
     if channel:
         joints = {candidate.joint for candidate in channel}
         late = [f for f in delays if f.candidate.joint in joints]
-        effects.append(Effect(TIMING, late))
+        effects.append(Effect(TIMING if allow_timing else OTHER, late))
         left = [f for f in left if f not in late]
     for family in (*OF_ONE_CAUSE, COURSE):
         members = [f for f in left if f.candidate.family == family]
