@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.discrepancy.candidate import Candidate, scored
 from pipeline.discrepancy.found import Found, residual_of
-from pipeline.discrepancy.plausibility import BACKLASH, SENSOR_BIAS
+from pipeline.discrepancy.plausibility import BACKLASH, GAIN, SENSOR_BIAS
 from pipeline.discrepancy.regression import evidence, t_statistic
 from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
@@ -54,6 +54,28 @@ def encoder_errors(
             )
             found.append(Found(candidate))
     return found
+
+
+def is_refuted_by_stops(
+    candidate: Candidate, encoders: Mapping[int, Encoder], found: Sequence[Found], excluded: Sequence[str]
+) -> bool:
+    """Whether what the stops say of a joint's encoder speaks against a candidate on it.
+
+    Args:
+        candidate: Of the screen.
+        encoders: What the stops say, by joint.
+        found: Effects beside it.
+        excluded: Families that are not tried. Without `sensor_bias` a joint whose stops moved has no `gain` either:
+            what moves stops scales speeds, too.
+    """
+    encoder = encoders.get(candidate.joint)
+    if candidate.family == GAIN and SENSOR_BIAS in excluded:
+        return encoder is not None and bool(encoder.errors)
+    if candidate.family != SENSOR_BIAS:
+        return False
+    # Play moves the stops, too: beside it they say nothing of the encoder.
+    has_play = any(f.candidate.family == BACKLASH and f.candidate.joint == candidate.joint for f in found)
+    return has_play or (encoder is not None and not encoder.allows(candidate.point))
 
 
 def _is_play(simulation: Simulation, rows: Rows, joint: int, encoder: Encoder, candidate: Candidate) -> bool:

@@ -13,16 +13,14 @@ from pipeline.discrepancy.cold_oil import cold_oil
 from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.decide_again import decide_again
-from pipeline.discrepancy.encoder_error import encoder_errors
+from pipeline.discrepancy.encoder_error import encoder_errors, is_refuted_by_stops
 from pipeline.discrepancy.found import Found, onsets_of, values_of
 from pipeline.discrepancy.late_channel import late_channel, set_in_together, shortened
 from pipeline.discrepancy.onset import since, with_onsets
 from pipeline.discrepancy.plausibility import (
-    BACKLASH,
     DEAD_BAND,
     DELAY,
     GAIN,
-    SENSOR_BIAS,
     THERMAL_DRIFT,
     TIMING,
     complexity,
@@ -221,14 +219,7 @@ class Search:
         return list(known.values())
 
     def _is_refuted_by_stops(self, candidate: Candidate) -> bool:
-        if candidate.family != SENSOR_BIAS:
-            return False
-        encoder = self.encoders.get(candidate.joint)
-        # Play moves the stops, too: beside it they say nothing of the encoder.
-        taken = any(
-            f.candidate.family == BACKLASH and f.candidate.joint == candidate.joint for f in self.found
-        )
-        return taken or (encoder is not None and not encoder.allows(candidate.point))
+        return is_refuted_by_stops(candidate, self.encoders, self.found, self.excluded)
 
     def _without_repairs(self, passing: list[Candidate]) -> list[Candidate]:
         """Candidates that are not just a repair of an effect that was found on their joint before.

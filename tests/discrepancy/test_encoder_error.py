@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.encoder_error import encoder_errors
+from pipeline.discrepancy.encoder_error import encoder_errors, is_refuted_by_stops
+from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.scored_rows import rows_in_blocks
 from pipeline.discrepancy.stops import Encoder, EncoderError
 
+from .bare_candidate import bare_candidate
 from .exact_machine import N_JOINT, SPEED, held_commands, simulation_of
 
 N_ROWS, BLOCK_ROWS, SCALE = 2000, 100, 0.8
@@ -42,3 +44,36 @@ def test_where_speeds_stay_as_they_were_the_stops_alone_do_not_name_a_scale() ->
 
 def test_left_out_is_left_out() -> None:
     assert told(["backlash"], SCALE, 0.1, ["sensor_bias"]) == ([], [])
+
+
+MOVED = Encoder((EncoderError({"scale": SCALE}, 0.01),), 20.0, 0.0, np.array([[1.0, SCALE, 0.01]]))
+STILL = Encoder((), 0.1, 0.0, np.array([[1.0, 1.0, 0.01]]))
+
+
+def test_stops_speak_against_errors_of_encoders_that_would_have_moved_them_elsewhere() -> None:
+    for scale, encoder, expected in (
+        (SCALE, MOVED, False),
+        (1.0, MOVED, True),
+        (SCALE, STILL, True),
+        (1.0, STILL, False),
+    ):
+        candidate = bare_candidate("sensor_bias", 0, scale=scale)
+        assert is_refuted_by_stops(candidate, {0: encoder}, [], []) is expected
+        assert not is_refuted_by_stops(candidate, {1: encoder}, [], [])  # stops were not met
+
+
+def test_beside_play_stops_say_nothing_of_an_encoder() -> None:
+    candidate = bare_candidate("sensor_bias", 0, scale=SCALE)
+    for joint, expected in ((0, True), (1, False)):
+        play = [Found(bare_candidate("backlash", joint))]
+        assert is_refuted_by_stops(candidate, {0: MOVED}, play, []) is expected
+
+
+def test_where_encoders_are_left_out_moved_stops_are_no_gain() -> None:
+    for encoder, excluded, expected in (
+        (MOVED, ["sensor_bias"], True),
+        (MOVED, [], False),
+        (STILL, ["sensor_bias"], False),
+    ):
+        assert is_refuted_by_stops(bare_candidate("gain", 0), {0: encoder}, [], excluded) is expected
+    assert not is_refuted_by_stops(bare_candidate("load", 0), {0: MOVED}, [], ["sensor_bias"])
