@@ -187,15 +187,17 @@ def test_a_seal_names_its_simulator_unless_it_is_the_plant():
 
 def test_ledgers_from_before_are_of_the_plant_and_lose_nothing(tmp_path):
     path = tmp_path / "ledger.jsonl"
-    path.write_bytes(LEDGER.read_bytes())
+    rows = [json.loads(line) for line in LEDGER.read_text(encoding="utf-8").splitlines()]
+    before = [row for row in rows if row["truth"].pop("simulator", "plant") == "plant"]
+    assert before
+    path.write_text("".join(json.dumps(row) + "\n" for row in before), encoding="utf-8")
+    written = path.read_bytes()
     present = ledger.read(path)
-    first = LEDGER.read_text(encoding="utf-8").splitlines()[0]
-    assert "simulator" not in json.loads(first)["truth"]
-    assert present[0].truth.simulator == "plant"
+    assert {record.truth.simulator for record in present} == {"plant"}
     new = Record("new", False, "code", truth_from("kinematic"), Solution(0, 1.0, None, None), None)
     assert ledger.add(path, [new])[-1] == new
     *old, added = path.read_bytes().splitlines(keepends=True)
-    assert b"".join(old) == LEDGER.read_bytes()
+    assert b"".join(old) == written
     assert json.loads(added)["truth"]["simulator"] == "kinematic"
     assert ledger.read(path) == [*present, new]
 
