@@ -9,6 +9,7 @@ from pipeline.discrepancy.comparison import DOUBT_FACTOR, Comparison
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.plausibility import DELAY, LAG, STICTION, THERMAL_DRIFT, is_plausible
 from pipeline.discrepancy.refine import completed, refined_together
+from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
 
@@ -58,7 +59,8 @@ def cold_oil(
         otherwise = sum(map(comparison.net, own))
         if explained < share * otherwise:
             return []
-        if explained < DOUBT_FACTOR * otherwise:
+        more = sum(c.gain_by_block for c in oil) - sum(c.gain_by_block for c in own)
+        if explained < DOUBT_FACTOR * otherwise and t_statistic(more) < comparison.config.equivalent_t:
             equivalents += own
     return [
         Found(c, [e for e in equivalents if e.joint == c.joint])

@@ -132,6 +132,8 @@ def describe(
         }
         if lag is not None:
             result["cold_lag"] = of(float(coefficients[lag]), "s", f"coefficient:{lag}")
+        if "fall_share" in point:
+            result["fall_share"] = of(point["fall_share"], "1", "fall_share")
         return result
     if family == "leakage":
         result = {"sag_rate": of(float(coefficients[0]), f"{unit}/s", "coefficient:0")}

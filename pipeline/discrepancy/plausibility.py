@@ -21,6 +21,7 @@ SENSOR_BIAS, BACKLASH, DELAY = "sensor_bias", "backlash", "delay"
 STICTION, OSCILLATION, LAG, LEAKAGE = "stiction", "oscillation", "lag", "leakage"
 # Of the larger change: a load speeds up one direction by as much of what it takes from the other, a gain does not.
 OPPOSED = 0.3
+LATE_S = 0.1  # two steps: a cold lag that loses travel, whatever the speeds do
 AT_BOUND = 0.01  # of the range between the bounds
 
 WITHOUT_CARD = {SUPPLY: 4.0, COURSE: 6.0}  # complexity: a course in time fits more than any equation
@@ -48,7 +49,7 @@ def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
     where models are off alike.
     """
     if family == THERMAL_DRIFT:
-        is_right = [c.coefficient_of("cold_speed_loss") > abs(c.coefficient_of("warm_gain")) for c in showing]
+        is_right = [_is_worse_when_cold(c) for c in showing]
     elif family == LOAD:
         is_right = [_is_opposed(c) for c in showing]
     elif family == GAIN:
@@ -61,6 +62,12 @@ def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
         return True
     gains = np.array([c.gain for c in showing])
     return bool(gains @ is_right > 0.5 * gains.sum())
+
+
+def _is_worse_when_cold(candidate: Candidate) -> bool:
+    """Whether cold oil makes the joint slower than it is for good, or late."""
+    is_slow = candidate.coefficient_of("cold_speed_loss") > abs(candidate.coefficient_of("warm_gain"))
+    return is_slow or candidate.coefficient_of("cold_lag") > LATE_S
 
 
 def _is_opposed(candidate: Candidate) -> bool:

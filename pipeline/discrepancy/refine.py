@@ -160,7 +160,8 @@ def completed(simulation: Simulation, candidate: Candidate, present: Collection[
         of_family += effect.freed_beside_nominal()
     later = tuple(one for one in of_family if one not in candidate.freed)
     coefficients = np.append(candidate.coefficients, np.zeros(len(later)))
-    return replace(candidate, freed=candidate.freed + later, coefficients=coefficients)
+    point = {**effect.fitted_later(), **candidate.point}
+    return replace(candidate, point=point, freed=candidate.freed + later, coefficients=coefficients)
 
 
 def gain_without(simulation: Simulation, rows: Rows, found: Sequence[Found], left_out: Found) -> np.ndarray:

@@ -230,6 +230,10 @@ class Effect(ABC):
         """Parameters that belong to the effect but do not make it known: fitted only once it has been found."""
         return ()
 
+    def fitted_later(self) -> dict[str, float]:
+        """As `freed_later`, of parameters that the effect is not linear in: where their fit begins."""
+        return {}
+
     def freed_beside_nominal(self) -> Variant:
         """Parameters that belong to the effect where nominal logs have it, too: of what f_θ has of it."""
         return ()

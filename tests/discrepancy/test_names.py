@@ -93,6 +93,7 @@ def test_signs_of_the_cause(family, coefficients, expected) -> None:
         ({"cold_speed_loss": 0.3}, True),
         ({"cold_speed_loss": -0.3}, False),
         ({"cold_speed_loss": 0.1, "cold_lag": -0.3}, True),
+        ({"cold_speed_loss": -0.1, "cold_lag": 0.3}, True),  # late starts cost more than warm leaks
         ({"cold_speed_loss": 0.3, "warm_gain": -0.1}, True),
         ({"warm_gain": -0.1, "cold_speed_loss": 0.3}, True),
         ({"cold_speed_loss": 0.1, "warm_gain": -0.2}, False),  # a joint that stays slow when it is warm

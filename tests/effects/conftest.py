@@ -36,6 +36,7 @@ VALUES = {
         "cold_speed_loss": [0.4, 0.2],
         "warm_gain": [0.1, 0.05],
         "cold_lag": [0.08, 0.12],
+        "fall_share": [0.5, 0.5],
         "time_constant": [40.0, 40.0],
     },
     "leakage": {

@@ -14,6 +14,7 @@ VALUES = {
     "cold_speed_loss": np.array([0.3, 0.2]),
     "warm_gain": np.array([0.1, 0.0]),
     "cold_lag": np.array([0.0, 0.0]),
+    "fall_share": np.array([1.0, 1.0]),
     "time_constant": np.array([100.0, 100.0]),
 }
 
@@ -40,3 +41,19 @@ def test_cold_oil_responds_late_by_its_lag_and_warm_oil_does_not():
         np.testing.assert_allclose(
             DT_S * np.sum(u - v, axis=0), left * values["cold_lag"], rtol=1e-9, atol=1e-5
         )
+
+
+def test_cold_oil_is_less_late_at_stops_by_their_share():
+    """The area between a step and the response to it: the lag while starting, a share of it while stopping."""
+    n_rows = 200
+    values = VALUES | {
+        "cold_speed_loss": np.zeros(2),
+        "warm_gain": np.zeros(2),
+        "cold_lag": np.array([0.3, 0.3]),
+        "fall_share": np.array([0.2, 1.0]),
+    }
+    u = np.concatenate([np.ones((n_rows, 2)), np.zeros((n_rows, 2))])
+    signals = Signals(np.zeros_like(u), np.zeros_like(u), np.zeros(2 * n_rows))
+    late = DT_S * np.cumsum(u - respond(ThermalDrift(SETTING), values, u, signals), axis=0)
+    np.testing.assert_allclose(late[n_rows - 1], 0.3, rtol=1e-4)
+    np.testing.assert_allclose(late[n_rows - 1] - late[-1], 0.3 * values["fall_share"], rtol=1e-4)
