@@ -4,6 +4,8 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.comparison import DOUBT_FACTOR, Comparison
 from pipeline.discrepancy.found import Found
@@ -59,7 +61,7 @@ def cold_oil(
         otherwise = sum(map(comparison.net, own))
         if explained < share * otherwise:
             return []
-        more = sum(c.gain_by_block for c in oil) - sum(c.gain_by_block for c in own)
+        more = np.sum([c.gain_by_block for c in oil], axis=0) - np.sum([c.gain_by_block for c in own], axis=0)
         if explained < DOUBT_FACTOR * otherwise and t_statistic(more) < comparison.config.equivalent_t:
             equivalents += own
     return [

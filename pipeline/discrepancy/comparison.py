@@ -10,6 +10,7 @@ from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.plausibility import (
     GAIN,
     LEAKAGE,
+    SENSOR_BIAS,
     complexity,
     is_dependence,
     is_offset,
@@ -159,6 +160,11 @@ class Comparison:
             equivalents += [
                 c for c in rivals if is_offset(c) and DOUBT_FACTOR * self.net(c) > self.net(chosen)
             ]
+        if chosen.family == SENSOR_BIAS:
+            # By speeds alone a scale is a gain, but for how far these depend on the place: stops tell, and say more
+            # than speeds where they were met.
+            least = LEAST_OF_BEST_NAME * self.net(chosen)
+            equivalents += [c for c in rivals if c.family == GAIN and self.net(c) > least]
         # What explains clearly more, if only with a value that is not plausible, says that the name chosen is not it.
         equivalents += [c for c in at_bound if self.net(c) > DOUBT_FACTOR * self.net(chosen)]
         return list({c.key: c for c in equivalents}.values())

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import t as student_t
 
 from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.contract_parameters import (
@@ -24,21 +23,16 @@ from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.late_starts import LateStarts, late_starts
 from pipeline.discrepancy.load_over_poses import mean_speed_ratios
 from pipeline.discrepancy.next_experiment import next_experiment
-from pipeline.discrepancy.plausibility import LEAKAGE, LOAD, OSCILLATION, STICTION, TIMING, is_dependence
-from pipeline.discrepancy.regression import t_statistic
+from pipeline.discrepancy.plausibility import LEAKAGE, LOAD, OSCILLATION, STICTION, TIMING
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.splits import Purpose
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.supply_variation import supply_parameters
-from pipeline.discrepancy.wrapperless import has_wrapper
+from pipeline.discrepancy.unexplained import unexplained
 from pipeline.effects.catalogue import KNOWN
 
 if TYPE_CHECKING:
     from pipeline.discrepancy.close_loop import Loop
-
-# Of mean squares over the floor's: more is not the nominal machine, whatever it is, if few blocks do not make it so.
-# Twice the floor is nothing: where a log's rows fall just where its commands come in, jitter shifts starts by a step.
-UNEXPLAINED_RATIO, UNEXPLAINED_T = 3.0, 3.0
 
 # Of the value, for minutes of logs and correlation times of some seconds; not estimated from the logs.
 SUPPLY_DEVIATION = {"std_log_speed": 0.15, "correlation_time": 0.4}
@@ -279,32 +273,4 @@ def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:
                 if why is None:
                     entry["equivalent"] = True
                 entries.append(entry)
-    return entries
-
-
-def unexplained(loop: "Loop") -> list[dict]:
-    """Joints that are clearly not as they were, though nothing in the catalogue or among the dependences says why."""
-    ratio = loop.residual(loop.confirm, []) ** 2 / loop.usual.floor
-    block = loop.confirm.folds.block
-    entries: list[dict[str, Any]] = []
-    for joint in np.flatnonzero(ratio.mean(axis=0) > UNEXPLAINED_RATIO):
-        excess = np.bincount(block, ratio[:, joint] - 1.0)
-        t = t_statistic(excess)
-        if t < UNEXPLAINED_T:
-            continue
-        best = next(
-            (c for c in loop.search.first if c.joint == joint and is_dependence(c) and has_wrapper(c)), None
-        )
-        entries.append(
-            {
-                "family": OTHER,
-                "joints": [loop.joints[joint]],
-                "depends_on": [] if best is None else depends_on(Effect(OTHER, [Found(best)]), loop.joints),
-                "parameters": {},
-                "onset": None,
-                "certain": False,
-                "p_value": float(min(1.0, student_t.sf(t, len(excess) - 1) * len(loop.joints))),
-                "error_reduction": 0.0,
-            }
-        )
     return entries

@@ -23,6 +23,9 @@ AFTER_S = 1.5  # a start or stop
 RIDGE = 3.0  # starts or stops, of each column: what few of them say is not believed
 # A mode that is damped more does not ring: it is one way of writing down that a joint is late.
 RINGING = 0.6
+# Of the squares that are left with an effect: where starts and stops explain less, the rest is what its form idealises
+# and a noise that is larger, not the signature of another cause.
+SMALLEST_OF_REST = 0.08
 
 
 def doubted_by_what_is_left(
@@ -76,6 +79,8 @@ def _others(effect: Found, screened: Sequence[Candidate]) -> list[Candidate]:
 def remaining_share(without: np.ndarray, after: np.ndarray, columns: np.ndarray, fold: np.ndarray) -> float:
     """What starts and stops explain of the residual with an effect, as a share of the squares that it removes.
 
+    Nothing where it is but a small part of what is left.
+
     Args:
         without: (N,) residual without the effect.
         after: (N,) residual with it.
@@ -83,7 +88,7 @@ def remaining_share(without: np.ndarray, after: np.ndarray, columns: np.ndarray,
         fold: (N,) 0 or 1; coefficients of one are counted on the other.
 
     Returns:
-        Negative where they explain nothing on rows that they were not fitted on; 0 where the effect removes nothing.
+        Not positive where they explain nothing on rows that they were not fitted on; 0 if the effect removes nothing.
     """
     removed = float(np.sum(without**2) - np.sum(after**2))
     if removed <= 0.0:
@@ -95,6 +100,8 @@ def remaining_share(without: np.ndarray, after: np.ndarray, columns: np.ndarray,
         of_fold = after[fold == held_out]
         left = of_fold - columns[fold == held_out] @ coefficients
         explained += float(np.sum(of_fold**2) - np.sum(left**2))
+    if explained < SMALLEST_OF_REST * float(np.sum(after**2)):
+        return min(explained, 0.0) / removed
     return explained / removed
 
 

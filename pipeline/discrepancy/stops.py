@@ -152,9 +152,9 @@ def encoders(
             is_there = False
             if before is None or before.n_arrivals < ARRIVALS_BEFORE:
                 before = Stop(float(limit), SPECIFIED_SHARE * span, 0, False)
-            else:  # one arrival where the stop has always been is no chance
+            else:  # one arrival where the stop has always been is no chance, if the joint was pushed into it
                 is_there = abs(after.reading - before.reading) < CONSISTENT * before.deviation
-            if (after.n_arrivals >= ARRIVALS_AFTER and after.is_pushed) or is_there:
+            if after.is_pushed and (after.n_arrivals >= ARRIVALS_AFTER or is_there):
                 deviation = float(np.hypot(before.deviation, after.deviation))
                 pairs.append((before.reading, after.reading, deviation))
                 sides.append(side)

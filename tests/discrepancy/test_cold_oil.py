@@ -63,8 +63,9 @@ def test_a_joint_that_is_not_late_clears_the_oil(monkeypatch) -> None:
 def test_lags_that_explain_as_much_take_the_oils_certainty(monkeypatch) -> None:
     monkeypatch.setattr(module, "refined_together", lambda simulation, rows, found, some: some)
     lags = [candidate("lag", joint, 100.0) for joint in range(3)]
-    for of_oil, expected in ((105.0, ["lag"]), (115.0, [])):
-        oil = [candidate("thermal_drift", joint, of_oil) for joint in range(3)]
+    for of_oil, scatter, expected in ((105.0, 20.0, ["lag"]), (105.0, 0.1, []), (115.0, 20.0, [])):
+        blocks = of_oil / 4 + scatter * np.array([1.0, -1.0, 1.0, -1.0])
+        oil = [replace(candidate("thermal_drift", j, of_oil), gain_by_block=blocks) for j in range(3)]
         for effect in cold_oil(SIMULATION, None, [], [*oil, *lags], COMPARISON, range(3)):
             assert [e.family for e in effect.equivalents] == expected
             assert all(e.joint == effect.candidate.joint for e in effect.equivalents)

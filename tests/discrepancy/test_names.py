@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from pipeline.configuration import load_section
 from pipeline.discrepancy import search as search_module
 from pipeline.discrepancy import wrapperless
 from pipeline.discrepancy.candidate import Candidate
-from pipeline.discrepancy.document import unexplained
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.plausibility import is_at_bound, is_plausible
 from pipeline.discrepancy.regression import Folds, t_statistic
@@ -273,6 +271,15 @@ def test_a_shifted_encoder_that_explains_nearly_as_much_takes_a_gains_certainty(
         assert [c.family for c in equivalents] == expected
 
 
+def test_a_gain_that_explains_nearly_as_much_takes_the_certainty_from_an_encoders_speeds() -> None:
+    looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
+    encoder = candidate("sensor_bias", 0, 100.0, (), {"scale": 0.9})
+    for of_gain, expected in ((90.0, ["gain"]), (60.0, [])):
+        gain = candidate("gain", 0, of_gain, (-0.2,), {}, ((("ratio_positive", None),),))
+        equivalents = looking.comparison.equivalents(encoder, [encoder], [encoder, gain], [])
+        assert [c.family for c in equivalents] == expected
+
+
 @pytest.mark.parametrize(
     ("coefficients", "expected"),
     [((-0.3, -0.1), True), ((-0.3, 0.05), True), ((-0.2, 0.15), False), ((0.1, -0.3), False)],
@@ -281,19 +288,3 @@ def test_no_actuator_is_slower_one_way_and_faster_the_other(coefficients: tuple,
     both_ways = ((("ratio_positive", None),), (("ratio_negative", None),))
     found = candidate("gain", 0, 1.0, coefficients, freed=both_ways)
     assert is_plausible("gain", [found]) is expected
-
-
-@pytest.mark.parametrize(
-    ("ratios", "expected"), [([3.5] * 8, True), ([2.0] * 8, False), ([1.0] * 7 + [30.0], False)]
-)
-def test_a_joint_is_not_as_it_was_only_if_more_than_one_block_says_so(ratios: list, expected: bool) -> None:
-    block = np.repeat(np.arange(8), 5)
-    loop: Any = SimpleNamespace(
-        residual=lambda rows, found: np.sqrt(np.array(ratios)[block])[:, None],
-        confirm=SimpleNamespace(folds=Folds(np.zeros(40, int), block, 8)),
-        usual=SimpleNamespace(floor=np.ones(1)),
-        search=SimpleNamespace(first=[]),
-        joints=["turn"],
-        config=SimpleNamespace(gate=SimpleNamespace(largest_p=0.01)),
-    )
-    assert [entry["joints"] for entry in unexplained(loop)] == ([["turn"]] if expected else [])

@@ -83,6 +83,14 @@ def test_share_is_what_is_left_in_units_of_what_was_removed() -> None:
         assert share == pytest.approx(expected, rel=0.03)
 
 
+def test_a_small_part_of_what_is_left_is_no_signature() -> None:
+    signature = mean(lagging(0.3) - COMMAND[0, :, JOINT])
+    for noise, is_told in ((0.05, True), (2.0, False)):
+        rest = 0.3 * signature + noise * mean(NOISE)
+        share = remaining_share(signature + noise * mean(NOISE), rest, columns(), FOLD)
+        assert (share > LARGEST) == is_told
+
+
 def test_another_joints_starts_and_stops_are_not_looked_at() -> None:
     signature = mean(lagging(0.3) - COMMAND[0, :, JOINT])
     of_other = columns(bare_candidate("lag", 0))

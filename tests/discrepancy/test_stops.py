@@ -106,6 +106,14 @@ def test_standing_where_an_operator_lets_go_is_no_stop() -> None:
     assert encoders(before, stops(logs(q), LOWER, UPPER, speed), LOWER, UPPER)[0].z > 5.0
 
 
+def test_letting_go_once_at_the_reading_of_a_stop_says_nothing_of_the_encoder() -> None:
+    speed = np.array([SPEED])
+    before = stops(logs(sweeps(INTO_BOTH, 0)), LOWER, UPPER, speed)
+    once = sweeps([0.3, -0.4, INTO_BOTH[0], 0.2, -0.3], 1)
+    assert encoders(before, stops(logs(once), LOWER, UPPER, speed), LOWER, UPPER)[0].errors == ()
+    assert encoders(before, stops(logs(once, is_pushed=False), LOWER, UPPER, speed), LOWER, UPPER) == {}
+
+
 def test_an_encoder_that_slips_mid_way_is_seen_with_its_moment() -> None:
     nominal = logs(sweeps(INTO_BOTH, 0))
     q = sweeps(INTO_BOTH * 5, 1)
