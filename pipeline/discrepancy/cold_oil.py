@@ -8,14 +8,18 @@ import numpy as np
 
 from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.comparison import DOUBT_FACTOR, Comparison
-from pipeline.discrepancy.found import Found
-from pipeline.discrepancy.plausibility import DELAY, LAG, STICTION, THERMAL_DRIFT, is_plausible
-from pipeline.discrepancy.refine import completed, refined_together
+from pipeline.discrepancy.found import Found, residual_of
+from pipeline.discrepancy.plausibility import DELAY, GAIN, LAG, STICTION, THERMAL_DRIFT, is_plausible
+from pipeline.discrepancy.refine import completed, refine, refined_together
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
+from pipeline.effects.thermal_drift import EQUALLY_LATE
 
 LATE_ALIKE = (LAG, STICTION)  # delays of all joints are a late channel
+FIRST_LAG_S = 0.1
+BOTH_WAYS = ((("ratio_positive", None), ("ratio_negative", None)),)
+WARMING_T = 1.5  # of what oil explains beyond causes that do not change
 FEWEST_JOINTS = 3  # valves of two may be sluggish
 # What oil has to explain of what the same joints' own causes do: that every valve became sluggish is less likely
 # than that oil is cold, a late channel is not.
@@ -68,6 +72,43 @@ def cold_oil(
         Found(c, [e for e in equivalents if e.joint == c.joint])
         for c in sorted(oil, key=comparison.net, reverse=True)
     ]
+
+
+def hardly_warms(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> bool:
+    """Whether lags and gains of the same joints, which stay as they are, explain as much as the oil that was found.
+
+    Oil is told from them by its warming up: of a log much shorter than that takes, its equation fits whatever makes
+    joints late alike.
+
+    Args:
+        simulation: On the measured logs.
+        rows: For fitting and selection.
+        found: All effects.
+    """
+    joints = sorted({f.candidate.joint for f in found if f.candidate.family == THERMAL_DRIFT})
+    if not joints:
+        return False
+    others = [f for f in found if f.candidate.family != THERMAL_DRIFT]
+    had = {f.candidate.key for f in others}
+    tried = [family for family in (LAG, GAIN) if family in simulation.effects]
+    constant = [_constant(family, joint) for family in tried for joint in joints]
+    instead = refine(simulation, rows, [*others, *(Found(c) for c in constant if c.key not in had)])
+    squares = [
+        np.sum(residual_of(simulation, rows, of)[:, joints] ** 2 / rows.floor[joints], axis=1)
+        for of in (instead, found)
+    ]
+    more = np.bincount(rows.folds.block, squares[0] - squares[1], minlength=rows.folds.n_blocks)
+    return t_statistic(more) < WARMING_T
+
+
+def _constant(family: str, joint: int) -> Candidate:
+    """A lag, or a gain of both directions, from which a fit can begin."""
+    of_lag = {"added_time_constant": FIRST_LAG_S, "fall_share": EQUALLY_LATE}
+    point, freed = (of_lag, ()) if family == LAG else ({}, BOTH_WAYS)
+    nothing = np.zeros(len(freed))
+    return Candidate(
+        family, joint, None, point, freed, nothing, gain=0.0, share=0.0, gain_by_block=np.zeros(1)
+    )
 
 
 def with_doubts_of_the_oil(found: Sequence[Found], screened: Sequence[Candidate]) -> list[Found]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from pipeline.discrepancy.candidate import Candidate, Nominal
-from pipeline.discrepancy.cold_oil import cold_oil
+from pipeline.discrepancy.cold_oil import cold_oil, hardly_warms
 from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.decide_again import decide_again
@@ -93,6 +93,21 @@ class Search:
 
     def run(self) -> list[Found]:
         """Find effects until none is left that passes."""
+        self._select()
+        if hardly_warms(self.simulation, self.rows, self.found):
+            self._say(
+                "causes that do not change in time explain as much as oil that warms up: it is left out"
+            )
+            self.excluded += (THERMAL_DRIFT,)
+            self.first = [c for c in self.first if c.family != THERMAL_DRIFT]
+            self._closed.clear()
+            self._select()
+        self._look_back()
+        self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._say)
+        return self.found
+
+    def _select(self) -> None:
+        """Forward, from what encoders say alone."""
         self.found = encoder_errors(
             self.simulation,
             self.rows,
@@ -119,9 +134,6 @@ class Search:
             self.found += self._choose(passing, candidates)
             self._refit()
             self._split_common_delay()
-        self._look_back()
-        self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._say)
-        return self.found
 
     def _split_common_delay(self) -> None:
         """Where all joints are late alike and one is later still, the channel is late, and that joint has more.

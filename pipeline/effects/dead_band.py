@@ -1,9 +1,10 @@
-"""`other:dead_band`: proportional commands below a threshold move nothing, those above it less.
+"""`other:dead_band`: proportional commands below a threshold move nothing, those beyond another one no faster.
 
 The contract has no family for it, as discrete commands cannot show it: it is reported as `other`, a dependence on the
 joint's own command.
 """
 
+from itertools import product
 from typing import ClassVar
 
 import jax
@@ -23,21 +24,24 @@ from pipeline.effects.effect import (
 
 GRID = (0.0, 0.15, 0.3, 0.45, 0.6)
 WIDEST = 0.9
+UNSATURATED, SATURATED, LOWEST = 1.0, (0.5, 0.75), 0.3
+STEEPEST = 0.25  # that is tried, of the commands between rest and full speed
+NARROWEST = 0.05  # of the commands between rest and full speed
 
 
 class DeadBand(CommandEffect):
-    """A dead band per direction, beyond whatever the nominal machine has; full commands stay full."""
+    """A dead band and a saturation per direction, beyond what the nominal machine has; full commands stay full."""
 
     needs_proportional_commands: ClassVar[bool] = True
     reaches_other_joints: ClassVar[bool] = True
     place = Place.command_size
     card = Card(
         family="other:dead_band",
-        equation="a' = sign(a) max(0, (|a| − d) / (1 − d)), d = d₋ for a < 0, d₊ for a > 0",
+        equation="a' = sign(a) min(1, max(0, (|a| − d) / (s − d))), d = d₋, s = s₋ for a < 0, d₊, s₊ for a > 0",
         source="overlapped spool: Merritt (1967), Hydraulic Control Systems, chapter 5; "
         "Tao and Kokotović (1994), Adaptive control of plants with unknown dead-zones",
-        signature="what moved at small commands stands still, full commands as before; other joints no longer lose the "
-        "flow of commands that move nothing",
+        signature="what moved at small commands stands still, large ones are as full ones, which are as before; other "
+        "joints no longer lose the flow of commands that move nothing",
         confounded_with=("gain", "other:velocity", "other:command"),
         excitation="slow ramps of single joints' commands from zero to full and back, both ways",
         depends_on=("command:{joint}",),
@@ -49,15 +53,27 @@ class DeadBand(CommandEffect):
         parameters=(
             Parameter("dead_band_negative", "1", 0.0, 0.0, WIDEST, grid=GRID),
             Parameter("dead_band_positive", "1", 0.0, 0.0, WIDEST, grid=GRID),
+            Parameter(
+                "saturation_negative", "1", UNSATURATED, LOWEST, UNSATURATED, SATURATED, natural_bounds=True
+            ),
+            Parameter(
+                "saturation_positive", "1", UNSATURATED, LOWEST, UNSATURATED, SATURATED, natural_bounds=True
+            ),
         ),
     )
 
     def grid(self) -> list[dict[str, float]]:
-        """All pairs of values but that of no dead band at all."""
-        return [point for point in super().grid() if any(point.values())]
+        """All pairs of bands but that of none at all; with a saturation, those that are alike in both directions."""
+        unsaturated = [(*bands, UNSATURATED, UNSATURATED) for bands in product(GRID, GRID) if any(bands)]
+        saturated = [(d, d, s, s) for d, s in product(GRID, SATURATED) if s - d >= STEEPEST]
+        names = [parameter.name for parameter in self.card.parameters]
+        return [dict(zip(names, point, strict=True)) for point in (*unsaturated, *saturated)]
 
     def apply(self, values: Values, state: State, command: jax.Array) -> tuple[State, jax.Array]:
         """What is left of the commands beyond the band."""
-        band = jnp.where(command < 0.0, values["dead_band_negative"], values["dead_band_positive"])
-        left = jnp.maximum(jnp.abs(command) - band, 0.0) / (1.0 - band)
-        return state, jnp.sign(command) * left
+        band, full = (
+            jnp.where(command < 0.0, values[f"{name}_negative"], values[f"{name}_positive"])
+            for name in ("dead_band", "saturation")
+        )
+        left = jnp.maximum(jnp.abs(command) - band, 0.0) / jnp.maximum(full - band, NARROWEST)
+        return state, jnp.sign(command) * jnp.minimum(left, 1.0)

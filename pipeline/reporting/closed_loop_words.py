@@ -49,6 +49,8 @@ _SHORT_NAMES = {
     "std_log_speed": "spread",
     "dead_band_negative": "mean band of negative commands",
     "dead_band_positive": "of positive ones",
+    "saturation_negative": "mean saturation of negative commands",
+    "saturation_positive": "of positive ones",
 }
 _SIZES = {  # what a sentence states; own parameters stand in the table
     "gain": ("speed_ratio",),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.candidate import Candidate, Misfit, Nominal
+from pipeline.discrepancy.cold_oil import hardly_warms
 from pipeline.discrepancy.contract_parameters import describe
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.null_gains import null_gains
@@ -21,14 +22,18 @@ COLD, WARM = (("cold_speed_loss", None),), (("warm_gain", None),)
 
 
 def drifting(
-    loss: float, constant_s: float, mean_loss: float = 0.0, change: float = 0.0
+    loss: float,
+    constant_s: float,
+    mean_loss: float = 0.0,
+    change: float = 0.0,
+    families: tuple[str, ...] = ("thermal_drift",),
 ) -> tuple[Simulation, Rows]:
     """A log of a machine that loses `loss` when cold; the model's speeds lack its mean loss, and a change for good."""
     command = held_commands(1, N_ROWS)
     decay = np.exp(-DT_S * np.arange(N_ROWS) / constant_s)[:, None]
     ratio = (1.0 - loss * decay + change) / (1.0 - mean_loss)
     noise = NOISE * np.random.default_rng(2).standard_normal(command.shape)
-    simulation = simulation_of(["thermal_drift"], command, ratio * SPEED * command + noise)
+    simulation = simulation_of(list(families), command, ratio * SPEED * command + noise)
     is_used = np.ones((1, N_ROWS), bool)
     fold = (np.arange(N_ROWS) // 400 % 2)[None]
     floor = np.full(N_JOINT, NOISE**2 / 2)  # of means over two rows
@@ -110,3 +115,21 @@ def test_nominal_logs_that_all_joints_warm_up_in_are_no_evidence_against_it(
     null = null_gains(simulation, rows, (), 3.0)
     assert null.present == (("thermal_drift",) if is_there else ())
     assert is_there != any(family == "thermal_drift" for family, *_ in null.misfits)
+
+
+@pytest.mark.parametrize(
+    ("loss", "constant_s", "change", "is_constant"),
+    [(0.3, 230.0, 0.0, False), (0.1, 500.0, 0.0, False), (0.3, 1e5, 0.0, True), (0.0, 230.0, -0.2, True)],
+)
+def test_oil_that_hardly_warms_within_the_log_is_none(
+    loss: float, constant_s: float, change: float, is_constant: bool
+) -> None:
+    simulation, rows = drifting(loss, constant_s, change=change, families=("thermal_drift", "gain", "lag"))
+    oil = [c for c in found_of(simulation, rows) if c.family == "thermal_drift"]
+    found = refine(simulation, rows, [Found(completed(simulation, c)) for c in oil])
+    assert hardly_warms(simulation, rows, found) == is_constant
+
+
+def test_without_oil_nothing_is_asked_of_it() -> None:
+    simulation, rows = drifting(0.0, 230.0, change=-0.2, families=("gain",))
+    assert not hardly_warms(simulation, rows, list(map(Found, found_of(simulation, rows))))

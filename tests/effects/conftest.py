@@ -50,7 +50,12 @@ VALUES = {
     "sensor_bias": {"offset": [0.05, -0.01], "scale": [1.1, 0.9]},
     "timing": {"latency": [0.08, 0.08]},
     "oscillation": {"share": [1.0, 0.4], "frequency": [1.3, 2.1], "damping_ratio": [0.1, 0.3]},
-    "other:dead_band": {"dead_band_negative": [0.3, 0.15], "dead_band_positive": [0.2, 0.4]},
+    "other:dead_band": {
+        "dead_band_negative": [0.3, 0.15],
+        "dead_band_positive": [0.2, 0.4],
+        "saturation_negative": [0.8, 0.9],
+        "saturation_positive": [0.7, 0.95],
+    },
 }
 
 
