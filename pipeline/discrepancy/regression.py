@@ -43,6 +43,7 @@ def evidence(
     folds: Folds,
     lower: np.ndarray,
     upper: np.ndarray,
+    ridge: np.ndarray | float = 0.0,
 ) -> Evidence:
     """Fit `residual` on `regressors`, bounded, and count what that takes off the squares of `reference`.
 
@@ -53,15 +54,16 @@ def evidence(
         folds: Of the rows.
         lower: (k,) bounds of the coefficients.
         upper: (k,) bounds.
+        ridge: (k,) see `bounded_least_squares`.
     """
     k = regressors.shape[1]
     after = residual.copy()
     if k:
         for held_out in (0, 1):
             used = folds.fold != held_out
-            coefficients = bounded_least_squares(regressors[used], residual[used], lower, upper)
+            coefficients = bounded_least_squares(regressors[used], residual[used], lower, upper, ridge)
             after[~used] = residual[~used] - regressors[~used] @ coefficients
-        coefficients = bounded_least_squares(regressors, residual, lower, upper)
+        coefficients = bounded_least_squares(regressors, residual, lower, upper, ridge)
     else:
         coefficients = np.zeros(0)
     by_block = np.bincount(folds.block, reference**2 - after**2, minlength=folds.n_blocks)
@@ -74,16 +76,21 @@ def t_statistic(by_block: np.ndarray) -> float:
     return float(by_block.sum() / max(spread, 1e-12))
 
 
-def bounded_least_squares(a: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """The x (k,) between bounds (k,) that makes |a x - b| least; a vanishing ridge keeps what is not excited at zero.
+def bounded_least_squares(
+    a: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray, ridge: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """The x (k,) between bounds (k,) that makes |a x - b|² + ridge · x² least.
+
+    Besides, a vanishing ridge keeps what is not excited at zero.
 
     Args:
         a: (N, k).
         b: (N,).
         lower: At most zero.
         upper: At least zero.
+        ridge: (k,) squares of b that an x of one has to explain to be half believed.
     """
-    gram = a.T @ a
+    gram = a.T @ a + np.diag(np.broadcast_to(ridge, a.shape[1:]))
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-12))
     gram = gram / np.outer(scale, scale) + 1e-6 * np.eye(len(gram))
     solution = np.linalg.solve(gram, a.T @ b / scale) / scale

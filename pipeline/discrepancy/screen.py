@@ -25,6 +25,10 @@ TAKEN_TOGETHER = (
     "timing",
 )  # on one joint the same wrapper as `delay`: equal delays of all joints are merged into it
 
+# A coefficient that one half of the rows hardly excites is not believed on the other: before any rows it is about zero,
+# within a share of what is plausible, and rows follow one another so closely that only some of them count.
+USUAL_SHARE, INDEPENDENT_ROWS = 0.1, 10.0
+
 
 def screen(
     simulation: Simulation,
@@ -188,6 +192,7 @@ class _Screen:
                 (("coefficients", (direction, source, k)),)
                 for direction in range(N_DIRECTION)
                 for k in range(effect.n_basis)
+                if k != effect.reference
             )
             directions = [self._direction(family, effect, one, free) for one in freed]
             hypotheses: list[Hypothesis] = [self.sensors] * len(directions)
@@ -212,12 +217,12 @@ class _Screen:
                 )
 
     def _score(self, family, joint, source, point, variant, residual, regressors, lower, upper) -> None:  # type: ignore[no-untyped-def]
+        floor = self.rows.floor[joint]
+        ridge = INDEPENDENT_ROWS * floor / (USUAL_SHARE * (upper - lower)) ** 2
         found: Evidence = evidence(
-            self.reference[:, joint], residual, regressors, self.rows.folds, lower, upper
+            self.reference[:, joint], residual, regressors, self.rows.folds, lower, upper, ridge
         )
-        candidate = scored(
-            found, self.reference[:, joint], self.rows.floor[joint], family, joint, source, point, variant
-        )
+        candidate = scored(found, self.reference[:, joint], floor, family, joint, source, point, variant)
         key = (family, joint, source)
         if key in self.nominal:
             known, most_per_row = self.nominal[key]
@@ -225,7 +230,7 @@ class _Screen:
                 after = residual - regressors @ known.coefficients
                 squares = np.sum(self.reference[:, joint] ** 2) - np.sum(after**2)
                 most = most_per_row * len(self.rows.folds.fold)
-                self.owed[key] = float(np.clip(squares / self.rows.floor[joint], 0.0, most))
+                self.owed[key] = float(np.clip(squares / floor, 0.0, most))
         of_size = self.best.setdefault(key, {})
         present = of_size.get(candidate.n_parameters)
         if present is None or candidate.gain > present.gain:

@@ -15,6 +15,7 @@ from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.decide_again import decide_again
 from pipeline.discrepancy.encoder_error import encoder_errors, is_refuted_by_stops
 from pipeline.discrepancy.found import Found, onsets_of, values_of
+from pipeline.discrepancy.gain_of_a_dependence import with_its_gain
 from pipeline.discrepancy.late_channel import late_channel, set_in_together, shortened
 from pipeline.discrepancy.onset import since, with_onsets
 from pipeline.discrepancy.plausibility import (
@@ -131,7 +132,7 @@ class Search:
             passing = [c for c in passing if c.joint not in closed]  # nothing takes a course off what is left
             if not passing:
                 break
-            self.found += self._choose(passing, candidates)
+            self.found = with_its_gain([*self.found, *self._choose(passing, candidates)])
             self._refit()
             self._split_common_delay()
 

@@ -36,6 +36,9 @@ class Dependence(RatioEffect):
     n_basis: ClassVar[int]
     per_source: ClassVar[bool] = False  # whether other joints' variables count, else the joint's own
     common: ClassVar[bool] = False  # whether the variable is the machine's, not a joint's
+    reference: ClassVar[int | None] = (
+        None  # basis function of where the ratio is one, unless a gain was found beside
+    )
 
     def neutral(self) -> dict[str, np.ndarray]:
         """All coefficients zero: (n_joint, 2, n_source, n_basis)."""
@@ -111,14 +114,14 @@ class OnCommand(Dependence):
 class OnPosition(Dependence):
     """On a joint's position, piecewise linear."""
 
-    variable, n_basis, per_source = "position", 4, True
+    variable, n_basis, per_source, reference = "position", 5, True, 4
     card = _card(
         "position",
-        "φ: hat functions at -1, -1/2, 1/2, 1 of the range; the middle is the reference",
+        "φ: hat functions at -1, -1/2, 1/2, 1 and 0 of the range; the middle is the reference",
         "residual follows one joint's position",
         Abscissa.position,
     )
-    knots = (-1.0, -0.5, 0.5, 1.0)
+    knots = (-1.0, -0.5, 0.5, 1.0, 0.0)  # together they are one everywhere
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """Hats of width 1/2."""
