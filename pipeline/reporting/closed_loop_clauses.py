@@ -113,11 +113,15 @@ def _lag(s: Subject) -> str:
 
 
 def _other(s: Subject) -> str:
-    bands = [s.value(name) for name in s.effect.get("parameters") or {} if name.startswith("dead_band")]
-    if bands:
+    bands, full = (
+        [s.value(name) for name in s.effect.get("parameters") or {} if name.startswith(start)]
+        for start in ("dead_band", "saturation")
+    )
+    if bands and full:
         return (
             f"{s.verb('leave')} small commands unanswered that move the model, as behind dead bands of "
-            f"{percent(min(bands))} to {percent(max(bands))} of full command"
+            f"{percent(min(bands))} to {percent(max(bands))} of full command, and {s.verb('move')} as fast as at full "
+            f"command from {percent(min(full))} to {percent(max(full))} of it on"
         )
     return (
         f"{s.verb('differ')} from the model in a way that no known effect describes, depending on "
