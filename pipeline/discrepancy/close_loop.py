@@ -14,7 +14,6 @@ import numpy as np
 from pipeline.discrepancy.baselines import trained_baselines, wrong_effect
 from pipeline.discrepancy.cold_oil import with_doubts_of_the_oil
 from pipeline.discrepancy.confirmation import Confirmation, in_words
-from pipeline.discrepancy.contract_parameters import OF_95_PERCENT
 from pipeline.discrepancy.document import document_of, parameters_of
 from pipeline.discrepancy.found import Found, onsets_of, residual_of, values_of
 from pipeline.discrepancy.gathering import evidence_of
@@ -23,7 +22,7 @@ from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, wi
 from pipeline.discrepancy.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.open_loop_gate import OpenLoopGate
 from pipeline.discrepancy.parameter_misfit import misfit_covariance
-from pipeline.discrepancy.plausibility import FLOW_COUPLING, OSCILLATION, TIMING
+from pipeline.discrepancy.plausibility import OSCILLATION, TIMING
 from pipeline.discrepancy.refine import parameter_covariance, refine
 from pipeline.discrepancy.remaining_signature import doubted_by_what_is_left
 from pipeline.discrepancy.result import ClosedLoop
@@ -33,8 +32,8 @@ from pipeline.discrepancy.scored_rows import Rows, alternating_folds, rows_in_bl
 from pipeline.discrepancy.search import Search
 from pipeline.discrepancy.sequences import side_by_side
 from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.discrepancy.shared_flow import LOSS
 from pipeline.discrepancy.simulation import Simulation
+from pipeline.discrepancy.size_of_an_effect import SIZES, why_it_is_none
 from pipeline.discrepancy.splits import Purpose, split_rows
 from pipeline.discrepancy.stops import Encoder, encoders_of
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
@@ -251,21 +250,15 @@ class Loop:
         return effects
 
     def _beyond_misfit(self, effects: list[Effect]) -> list[Effect]:
-        """Without a shared flow that is no more than what nominal logs of other work, too, ask for.
-
-        More joints at once than nominal logs show: what the diagnosis model makes of them beats every placebo.
-        """
+        """Without what is no more than the diagnosis model is off by on nominal logs."""
         small = []
-        for effect in effects:
-            if effect.family != FLOW_COUPLING:
-                continue
-            loss = parameters_of(self, effect)[LOSS]
-            deviation = (loss["ci95"][1] - loss["value"]) / OF_95_PERCENT
-            if loss["value"] < self.config.gate.smallest_size * deviation:
+        for effect in (e for e in effects if e.family in SIZES):
+            told = parameters_of(self, effect)
+            why = why_it_is_none(effect.family, told, self.config.gate.smallest_size)
+            if why is not None:
                 small.append(effect)
                 self.say(
-                    f"{effect.family} is dropped: a loss of {loss['value']:.0%} ± {deviation:.0%} is within "
-                    "what the diagnosis model is off by on nominal logs."
+                    f"{effect.family} is dropped: {why} within what the diagnosis model is off by on nominal logs."
                 )
         if not small:
             return effects

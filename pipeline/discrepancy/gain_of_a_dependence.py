@@ -1,7 +1,8 @@
-"""A gain beside a dependence that counts from a place where nothing is changed: both are the dependence.
+"""A gain beside a dependence on the same joint that it is but the mean of: both are the dependence.
 
 A joint that is slower wherever another one stands beyond some place is slower in most of the logs, which a gain
-explains first. What is left then depends on the place: elsewhere the joint is faster than that gain. It has none.
+explains first. What is left then depends on the place: elsewhere the joint is faster than that gain. It has none. So it
+is with a course in time that had explained as much as the gain, of which it then leaves a good part.
 """
 
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.discrepancy.candidate import Candidate
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.plausibility import GAIN
 from pipeline.effects.dependence import DEPENDENCES, N_DIRECTION
@@ -19,25 +21,30 @@ NAMES = ("ratio_negative", "ratio_positive")  # in the order of a dependence's d
 
 
 def with_its_gain(found: Sequence[Found]) -> list[Found]:
-    """The effects, a gain taken into the dependence on its joint that counts from a reference, if there is one."""
+    """The effects, a gain taken into the dependence on its joint that counts from a reference, or is as good."""
     result = list(found)
     for gain in found:
         if gain.candidate.family != GAIN or gain.candidate.onset is not None:
             continue
-        place = next((i for i, f in enumerate(result) if _takes(f.candidate, gain.candidate)), None)
-        if place is not None:
-            dependence = result[place]
-            told = [*dependence.losers, (gain.candidate, "leaves what depends on a place behind")]
-            result[place] = replace(
-                dependence, candidate=_together(dependence.candidate, gain.candidate), losers=told
-            )
-            result.remove(gain)
+        for place, beside in enumerate(result):
+            whole = _instead_of_both(beside.candidate, gain)
+            if whole is not None:
+                told = [*beside.losers, (gain.candidate, "is the mean of what varies")]
+                result[place] = replace(beside, candidate=whole, losers=told)
+                result.remove(gain)
+                break
     return result
 
 
-def _takes(candidate: Candidate, gain: Candidate) -> bool:
+def _instead_of_both(candidate: Candidate, gain: Found) -> Candidate | None:
+    if candidate.joint != gain.candidate.joint:
+        return None
+    if candidate.family == COURSE:  # nothing takes it off what is left: it is as it was without the gain
+        return next((c for c in gain.equivalents if c.family == COURSE), None)
     card = DEPENDENCES.get(candidate.family)
-    return card is not None and card.reference is not None and candidate.joint == gain.joint
+    if card is None or card.reference is None:
+        return None
+    return _together(candidate, gain.candidate)
 
 
 def _together(dependence: Candidate, gain: Candidate) -> Candidate:

@@ -66,3 +66,13 @@ def test_any_other_gain_stays(beside: Candidate) -> None:
 def test_a_gain_that_sets_in_stays() -> None:
     found = [Found(replace(gain(), onset=5)), Found(position())]
     assert with_its_gain(found) == found
+
+
+def test_the_mean_of_a_course_that_was_as_good_is_none() -> None:
+    course, beside = (
+        bare_candidate("other:absolute_time", 0, width=6.0),
+        bare_candidate("other:absolute_time", 0, width=3.0),
+    )
+    assert [f.candidate for f in with_its_gain([Found(gain(), [course]), Found(beside)])] == [course]
+    worse = [Found(gain()), Found(beside)]
+    assert with_its_gain(worse) == worse

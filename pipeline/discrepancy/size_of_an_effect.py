@@ -1,0 +1,45 @@
+"""Sizes that are none: what the interval of an effect's size, misfit included, cannot tell from no effect at all.
+
+A small change that many rows show is beyond chance, and beyond every placebo, where it is but the model's own misfit.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pipeline.discrepancy.contract_parameters import OF_95_PERCENT
+from pipeline.discrepancy.plausibility import BACKLASH, DELAY, FLOW_COUPLING, LAG, LEAKAGE, STICTION
+from pipeline.discrepancy.shared_flow import LOSS
+
+# By the first that is there: of a stiction told by when joints start, the wrapper's own value stands beside.
+SIZES = {
+    BACKLASH: ("width",),
+    DELAY: ("added_delay",),
+    LAG: ("added_time_constant",),
+    LEAKAGE: ("sag_rate",),
+    STICTION: ("mean_extra_time_of_command", "mean_extra_time"),
+    FLOW_COUPLING: (LOSS,),
+}
+
+
+def why_it_is_none(family: str, parameters: Mapping[str, Any], smallest_deviations: float) -> str | None:
+    """A clause on a size that is within what the diagnosis model is off by on nominal logs; None: it is beyond.
+
+    What joints take from each other's flow has to be some standard deviations: with more joints at once than nominal
+    logs show, what the diagnosis model makes of them beats every placebo.
+
+    Args:
+        family: Of the effect, one of `SIZES`.
+        parameters: As in `closed_loop.json`.
+        smallest_deviations: Of a shared flow's loss.
+    """
+    name = next(name for name in SIZES[family] if name in parameters)
+    if family == FLOW_COUPLING:
+        loss = parameters[LOSS]
+        deviation = (loss["ci95"][1] - loss["value"]) / OF_95_PERCENT
+        if loss["value"] >= smallest_deviations * deviation:
+            return None
+        return f"a loss of {loss['value']:.0%} ± {deviation:.0%} is"
+    lower, upper = parameters[name]["ci95"]
+    if not lower <= 0.0 <= upper:
+        return None
+    return f"{name} of {parameters[name]['value']:.2g} ({lower:.2g} to {upper:.2g}) {parameters[name]['unit']} is"
