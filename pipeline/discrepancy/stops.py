@@ -18,6 +18,7 @@ STAND_ROWS = 4
 ARRIVING_SHARE = 0.4  # of the usual speed, just before the stand: faster than a joint that was let go
 ARRIVALS_BEFORE = 2  # at the same reading in nominal logs; once may be chance
 ARRIVALS_AFTER = 3  # at the same reading elsewhere: more is claimed with it
+PUSHED_ROWS = 30  # in all, of standing while commanded further: nothing but a stop holds a joint for so long
 SPECIFIED_SHARE = 0.01  # of the range: how well a limit of the specification is known as a reading
 MOVED = 5.0  # standard deviations
 CONSISTENT = 3.0
@@ -35,12 +36,19 @@ class Stop:
         n_arrivals: How often it was met.
         is_pushed: Whether the joint stood there at least once while it was commanded further. Where an operator is
             in the habit of letting go, joints come to a stand at the same place, too.
+        pushed_rows: For how long altogether.
     """
 
     reading: float
     deviation: float
     n_arrivals: int
     is_pushed: bool
+    pushed_rows: int = 0
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether a joint was held there so often, or for so long, that it is no chance wherever it is."""
+        return self.n_arrivals >= ARRIVALS_AFTER or self.pushed_rows >= PUSHED_ROWS
 
 
 @dataclass(frozen=True)
@@ -99,19 +107,26 @@ def stops(sequences: Sequences, lower: np.ndarray, upper: np.ndarray, speed: np.
             stands = _stands(sequences, joint, side, span, float(speed[joint]))
             if not stands:
                 continue
-            outermost = max((reading for reading, _ in stands), key=lambda reading: side * reading)
+            outermost = max((reading for reading, *_ in stands), key=lambda reading: side * reading)
             same = [stand for stand in stands if abs(stand[0] - outermost) < SAME_SHARE * span]
-            reading = float(np.mean([reading for reading, _ in same]))
+            readings, at_arrival, pushed_rows = zip(*same, strict=True)
             found[joint, side] = Stop(
-                reading, SAME_SHARE * span, len(same), any(pushed for _, pushed in same)
+                float(np.mean(readings)),
+                SAME_SHARE * span,
+                len(same),
+                any(at_arrival) or sum(pushed_rows) >= PUSHED_ROWS,
+                sum(pushed_rows),
             )
     return found
 
 
 def _stands(
     sequences: Sequences, joint: int, side: int, span: float, speed: float
-) -> list[tuple[float, bool]]:
-    """Readings at which the joint arrived fast and stood, near its furthest reading; whether it was pushed there."""
+) -> list[tuple[float, bool, int]]:
+    """Readings at which the joint arrived fast and stood, near its furthest reading.
+
+    With each, whether it was pushed as it arrived, and for how many rows it was before it left.
+    """
     out = side * sequences.q[..., joint]
     furthest = float(out[sequences.is_row].max())
     positive = np.sign(np.sum(sequences.command[..., joint] * sequences.velocity[..., joint]))
@@ -127,7 +142,8 @@ def _stands(
             if side * velocity[begin - 2 : begin].mean() > ARRIVING_SHARE * speed:
                 # Its first rows: a leaking joint creeps away from its stop.
                 reading = side * float(np.median(row[begin : begin + STAND_ROWS]))
-                stands.append((reading, bool(np.any(pushing[begin - 1 : begin + STAND_ROWS] > 0.0))))
+                at_arrival = bool(np.any(pushing[begin - 1 : begin + STAND_ROWS] > 0.0))
+                stands.append((reading, at_arrival, int(np.sum(pushing[begin:end] > 0.0))))
     return stands
 
 
@@ -154,7 +170,7 @@ def encoders(
                 before = Stop(float(limit), SPECIFIED_SHARE * span, 0, False)
             else:  # one arrival where the stop has always been is no chance, if the joint was pushed into it
                 is_there = abs(after.reading - before.reading) < CONSISTENT * before.deviation
-            if after.is_pushed and (after.n_arrivals >= ARRIVALS_AFTER or is_there):
+            if after.is_pushed and (after.is_sure or is_there):
                 deviation = float(np.hypot(before.deviation, after.deviation))
                 pairs.append((before.reading, after.reading, deviation))
                 sides.append(side)

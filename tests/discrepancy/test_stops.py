@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.sequences import Sequences
-from pipeline.discrepancy.stops import encoders, encoders_of, stops
+from pipeline.discrepancy.stops import PUSHED_ROWS, encoders, encoders_of, stops
 
 DT_S, SPEED = 0.05, 0.5
 LOWER, UPPER = np.array([-1.0]), np.array([0.6])
@@ -112,6 +112,24 @@ def test_letting_go_once_at_the_reading_of_a_stop_says_nothing_of_the_encoder() 
     once = sweeps([0.3, -0.4, INTO_BOTH[0], 0.2, -0.3], 1)
     assert encoders(before, stops(logs(once), LOWER, UPPER, speed), LOWER, UPPER)[0].errors == ()
     assert encoders(before, stops(logs(once, is_pushed=False), LOWER, UPPER, speed), LOWER, UPPER) == {}
+
+
+@pytest.mark.parametrize(("held_rows", "is_sure"), [(PUSHED_ROWS - 15, False), (PUSHED_ROWS + 15, True)])
+def test_a_stop_met_once_is_one_if_the_joint_was_held_there_for_long(held_rows: int, is_sure: bool) -> None:
+    """Let go as it arrives, and later commanded further for a while, which moves nothing."""
+    q = sweeps([0.3, -0.4, INTO_BOTH[0], 0.2, -0.3], 1)
+    stands = np.flatnonzero(np.abs(q - UPPER[0]) < 5.0 * NOISE)
+    q = np.insert(q, stands[-1], np.full(80, UPPER[0])) - 0.2
+    held = logs(q, is_pushed=False)
+    begin = stands[-1] + 10
+    held.command[0, begin : begin + held_rows, 0] = 1.0
+    speed = np.array([SPEED])
+    found = encoders(
+        stops(logs(sweeps(INTO_BOTH, 0)), LOWER, UPPER, speed), stops(held, LOWER, UPPER, speed), LOWER, UPPER
+    )
+    assert bool(found) == is_sure
+    if is_sure:
+        assert found[0].errors[0].point["offset"] == pytest.approx(-0.2, abs=0.005)
 
 
 def test_an_encoder_that_slips_mid_way_is_seen_with_its_moment() -> None:
