@@ -46,9 +46,9 @@ def unexplained(loop: "Loop") -> list[dict]:
         stands_out = all(part.of_all[joint] > UNEXPLAINED_RATIO for part in parts)
         if not stands_out or p_value > loop.config.gate.largest_p:
             continue
-        best = next(
-            (c for c in loop.search.first if c.joint == joint and is_dependence(c) and has_wrapper(c)), None
-        )
+        # What the search came to, though the gate did not, says more than what was best before it looked closer.
+        searched = [f.candidate for f in loop.search.found] + [c for c in loop.search.first if has_wrapper(c)]
+        best = next((c for c in searched if c.joint == joint and is_dependence(c)), None)
         entries.append(
             {
                 "family": OTHER,

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import hypergeom
 
+from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.unexplained import excess, largest_of_all_p, unexplained
+from tests.discrepancy.bare_candidate import bare_candidate
 
 N_BLOCKS, BLOCK_ROWS, JOINTS = 40, 5, ["swing", "boom", "arm"]
 ROWS = N_BLOCKS * BLOCK_ROWS
@@ -26,7 +28,9 @@ def residual(ratio: np.ndarray, seed: int) -> np.ndarray:
     return np.sqrt(0.5 * np.repeat(ratio, BLOCK_ROWS, axis=0) * scatter)
 
 
-def told(fitted: np.ndarray, confirmed: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+def entries(
+    fitted: np.ndarray, confirmed: np.ndarray, monkeypatch: pytest.MonkeyPatch, search: Any
+) -> list[dict[str, Any]]:
     nominal = residual(np.ones((N_BLOCKS, 3)), 0)
     monkeypatch.setattr("pipeline.discrepancy.unexplained.residual_of", lambda *_: nominal)
     parts = {"fitted": residual(fitted, 1), "confirmed": residual(confirmed, 2)}
@@ -36,11 +40,16 @@ def told(fitted: np.ndarray, confirmed: np.ndarray, monkeypatch: pytest.MonkeyPa
         confirm=of["confirmed"],
         residual=lambda rows, _: next(parts[name] for name in parts if of[name] is rows),
         usual=SimpleNamespace(simulation=None, rows=rows()),
-        search=SimpleNamespace(first=[]),
+        search=search,
         joints=JOINTS,
         config=SimpleNamespace(gate=SimpleNamespace(largest_p=0.01)),
     )
-    return [entry["joints"] for entry in unexplained(loop)]
+    return unexplained(loop)
+
+
+def told(fitted: np.ndarray, confirmed: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    search = SimpleNamespace(first=[], found=[])
+    return [entry["joints"] for entry in entries(fitted, confirmed, monkeypatch, search)]
 
 
 def raised(joints: list[int], blocks: int, by: float) -> np.ndarray:
@@ -79,3 +88,18 @@ def test_probability_that_the_largest_are_all_of_one_sample(n: int, m: int, k: i
     values = np.arange(m + n, dtype=float)[::-1]
     measured = np.concatenate([values[:k], values[k + m :]])
     assert largest_of_all_p(measured, values[k : k + m]) == pytest.approx(hypergeom(n + m, n, k).pmf(k))
+
+
+def test_it_depends_on_what_the_search_came_to_though_the_gate_did_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ratio = raised([1], N_BLOCKS, 5.0)
+    screened = [bare_candidate("gain", 1), bare_candidate("other:rest_time", 1)]
+    for found, expected in (
+        ([], ["rest_time:boom"]),
+        ([Found(bare_candidate("other:absolute_time", 1))], ["absolute_time"]),
+        ([Found(bare_candidate("other:absolute_time", 0))], ["rest_time:boom"]),
+    ):
+        search = SimpleNamespace(first=screened, found=found)
+        (entry,) = entries(ratio, ratio, monkeypatch, search)
+        assert (entry["depends_on"], entry["certain"]) == (expected, False)
