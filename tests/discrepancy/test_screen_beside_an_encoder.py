@@ -23,6 +23,7 @@ SCALES = Scales(-STOP, STOP, SPEED, -STOP, STOP)
 POSITION = "other:position"
 ACTIVE = {"sensor_bias": {"offset": np.array([0.3, 0.0]), "scale": np.array([1.25, 1.0])}}
 RATIO = 0.8
+FLOOR = np.full(2, 1e-4)  # (rad/s)²
 
 
 def machine() -> tuple[DiagnosisModel, np.ndarray, np.ndarray]:
@@ -69,7 +70,7 @@ def simulated(model: DiagnosisModel, sequences: Sequences) -> Simulation:
 def screened(simulation: Simulation, active: dict) -> dict[Key, Candidate]:
     is_used = simulation.sequences.is_row
     fold = np.broadcast_to(np.arange(N_ROWS) // BLOCK_ROWS % 2, is_used.shape)
-    rows = rows_in_blocks(is_used, fold, np.ones((1, N_ROWS, 2), bool), np.ones(2), BLOCK_ROWS)
+    rows = rows_in_blocks(is_used, fold, np.ones((1, N_ROWS, 2), bool), FLOOR, BLOCK_ROWS)
     return {c.key: c for c in screen(simulation, active, rows)}
 
 

@@ -18,8 +18,11 @@ DEVIATION = 0.04
 def test_a_loss_within_the_misfit_is_dropped_and_the_rest_fitted_again(
     monkeypatch, deviations: float
 ) -> None:
-    loss = plausible({"loss_fraction": quantity(deviations * DEVIATION, "1", DEVIATION)})
-    monkeypatch.setattr(close_loop, "parameters_of", lambda loop, effect: loss)
+    parameters = {
+        "flow_coupling": plausible({"loss_fraction": quantity(deviations * DEVIATION, "1", DEVIATION)}),
+        "lag": plausible({"added_time_constant": quantity(0.2, "s", 0.02)}),
+    }
+    monkeypatch.setattr(close_loop, "parameters_of", lambda loop, effect: parameters[effect.family])
     loop, refits, said = close_loop.Loop.__new__(close_loop.Loop), [], []
     loop.config = load_section("close_loop", CloseLoopConfig, "paper")
     loop.say = said.append
