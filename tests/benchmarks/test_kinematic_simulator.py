@@ -382,6 +382,16 @@ def test_a_joint_loses_speed_where_another_stands():
     assert free == pytest.approx(FULL_RAD_S)
 
 
+@pytest.mark.parametrize("number", range(3))
+def test_a_joint_that_throttles_another_works_on_both_sides_of_where_it_begins(number):
+    drawn = variant(KINEMATIC, number)
+    effect = effects.draw("position_crosstalk", number, drawn, 1.0)
+    joint, source = (JOINTS.index(of) for of in (effect.joints[0], effect.depends_on[0].split(":")[1]))
+    log = record_session(specification(), drawn.parameters, drawn.style_seed, 12.0, 99, start_time_ns=0)
+    places = log.true_positions[log.commands[:, joint] != 0, source]
+    assert 0.05 < np.mean(places > value(effect, "begins_at")) < 0.95
+
+
 def test_a_cycle_follows_the_wall_clock_and_not_the_sessions_start():
     effect = drawn_effect("clock_cycle", where=on_joint("swing"))
     period_s = value(effect, "period")

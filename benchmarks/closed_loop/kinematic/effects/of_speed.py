@@ -12,7 +12,7 @@ from benchmarks.closed_loop.kinematic.effects.effect import (
     with_value,
 )
 from benchmarks.closed_loop.kinematic.machine import JOINTS, NEGATIVE, POSITIVE, Machine
-from benchmarks.closed_loop.kinematic.working_levers import mean_levers
+from benchmarks.closed_loop.kinematic.working_poses import mean_levers
 from benchmarks.closed_loop.machines import Variant
 
 # Ranges are at size 1, shares of speed.

@@ -15,6 +15,7 @@ from benchmarks.closed_loop.kinematic.effects.effect import (
     with_value,
 )
 from benchmarks.closed_loop.kinematic.machine import JOINTS, Machine
+from benchmarks.closed_loop.kinematic.working_poses import place_within_work
 from benchmarks.closed_loop.machines import Variant
 
 # Ranges are at size 1; losses are shares of speed.
@@ -23,7 +24,7 @@ HOLD_LOSS, HOLD_S = (0.20, 0.40), (1.0, 3.0)
 TRAVEL_LOSS = (0.20, 0.40)  # at the end of a typical session
 TYPICAL_TRAVEL_RAD = 43.0  # of a joint in six minutes
 ACTIVITY_LOSS, ACTIVITY_S = (0.10, 0.20), (10.0, 30.0)
-POSITION_LOSS, POSITION_SHARE = (0.20, 0.40), (0.3, 0.6)  # of the other joint's range, where it begins
+POSITION_LOSS, POSITION_SHARE = (0.20, 0.40), (0.2, 0.5)  # of the time, until where it begins
 CYCLE_LOSS, CYCLE_S = (0.20, 0.40), (30.0, 60.0)
 
 
@@ -83,20 +84,23 @@ def draw_activity_sag(random: np.random.Generator, variant: Variant, size: float
 
 
 def draw_position_crosstalk(random: np.random.Generator, variant: Variant, size: float) -> Effect:
-    """Speed v_j = u_j (1 - c r) with another joint beyond a place, r growing to 1 within `POSITION_RAMP_RAD`."""
+    """Speed v_j = u_j (1 - c r) with another joint beyond a place, r growing to 1 within `POSITION_RAMP_RAD`.
+
+    The place lies where that joint works: beyond it all the time, the speed would be lost everywhere, which is a gain.
+    """
     joint, source = choose_two_joints(random)
     loss, share = size * random.uniform(*POSITION_LOSS), random.uniform(*POSITION_SHARE)
+    begin_rad = place_within_work(variant, source, joint, share)
 
     def apply(machine: Machine) -> Machine:
-        dependences, motion = machine.quantities.dependences, machine.quantities.motion
-        begin_rad = (1.0 - share) * motion.lower_rad[source] + share * motion.upper_rad[source]
+        dependences = machine.quantities.dependences
         return machine.change(
             "dependences",
             position_loss=with_value(dependences.position_loss, (joint, source), loss),
             position_rad=with_value(dependences.position_rad, (joint, source), begin_rad),
         )
 
-    truth = {"speed_loss": Quantity(loss, "1"), "begin_share_of_range": Quantity(share, "1")}
+    truth = {"speed_loss": Quantity(loss, "1"), "begins_at": Quantity(begin_rad, "rad")}
     return _other(
         "position_crosstalk", joint, f"position:{JOINTS[source]}", truth, "hose bent by another joint", apply
     )
