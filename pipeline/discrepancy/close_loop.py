@@ -16,6 +16,7 @@ from pipeline.discrepancy.cold_oil import with_doubts_of_the_oil
 from pipeline.discrepancy.confirmation import Confirmation, in_words
 from pipeline.discrepancy.document import document_of, parameters_of
 from pipeline.discrepancy.found import Found, onsets_of, residual_of, values_of
+from pipeline.discrepancy.gain_of_a_dependence import doubted_by_what_varies
 from pipeline.discrepancy.gathering import evidence_of
 from pipeline.discrepancy.grouping import Effect, effects_of
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
@@ -214,6 +215,7 @@ class Loop:
 
     def _gate(self, found: list[Found]) -> list[Effect]:
         """Open the confirmation rows."""
+        self.searched = found
         confirmation = Confirmation(
             self.simulation,
             self.rows,
@@ -232,6 +234,7 @@ class Loop:
             self.say(in_words(effect, judgement, self.joints[effect.candidate.joint]))
         passed = [f for f in found if self.judgements[f.candidate.key].is_confirmed]
         passed = with_doubts_of_the_oil(passed, self.search.first)
+        passed = doubted_by_what_varies(passed, found, self.search.first)
         passed = doubted_by_what_is_left(
             self.simulation,
             self.rows,

@@ -2,7 +2,9 @@
 
 A joint that is slower wherever another one stands beyond some place is slower in most of the logs, which a gain
 explains first. What is left then depends on the place: elsewhere the joint is faster than that gain. It has none. So it
-is with a course in time that had explained as much as the gain, of which it then leaves a good part.
+is with a course in time that had explained as much as the gain, of which it then leaves a good part. And where a course,
+or what all joints have in common, was sought beside a gain but is not borne out, the gain is not certain: a joint that
+is only slower leaves nothing like it.
 """
 
 from collections.abc import Sequence
@@ -14,6 +16,7 @@ from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.plausibility import GAIN
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.effects.dependence import DEPENDENCES, N_DIRECTION
 from pipeline.effects.effect import Freed
 
@@ -33,6 +36,33 @@ def with_its_gain(found: Sequence[Found]) -> list[Found]:
                 result[place] = replace(beside, candidate=whole, losers=told)
                 result.remove(gain)
                 break
+    return result
+
+
+def doubted_by_what_varies(
+    passed: Sequence[Found], found: Sequence[Found], screened: Sequence[Candidate]
+) -> list[Found]:
+    """Effects that passed the gate; a gain beside a variation that did not has the joint's course as its equivalent.
+
+    Args:
+        passed: Of `found`.
+        found: All that the search took.
+        screened: Candidates of the first screen, without anything beside them.
+    """
+    known = {f.candidate.key for f in passed}
+    varying = {
+        f.candidate.joint: f.candidate
+        for f in found
+        if f.candidate.family in (COURSE, SUPPLY) and f.candidate.key not in known
+    }
+    result = []
+    for effect in passed:
+        joint = effect.candidate.joint
+        if effect.candidate.family == GAIN and joint in varying:
+            course = next((c for c in screened if c.family == COURSE and c.joint == joint), varying[joint])
+            if all(c.family != course.family for c in effect.equivalents):
+                effect = replace(effect, equivalents=[*effect.equivalents, course])
+        result.append(effect)
     return result
 
 

@@ -46,9 +46,15 @@ def unexplained(loop: "Loop") -> list[dict]:
         stands_out = all(part.of_all[joint] > UNEXPLAINED_RATIO for part in parts)
         if not stands_out or p_value > loop.config.gate.largest_p:
             continue
-        # What the search came to, though the gate did not, says more than what was best before it looked closer.
-        searched = [f.candidate for f in loop.search.found] + [c for c in loop.search.first if has_wrapper(c)]
-        best = next((c for c in searched if c.joint == joint and is_dependence(c)), None)
+        # What the search came to, though the gate did not, says more than what was best before it looked closer. A
+        # name says on what speeds depend where confirmation rows bore it out, and only predictions did not.
+        searched = [
+            f.candidate
+            for f in loop.searched
+            if is_dependence(f.candidate) or loop.judgements[f.candidate.key].is_confirmed
+        ]
+        searched += [c for c in loop.search.first if has_wrapper(c) and is_dependence(c)]
+        best = next((c for c in searched if c.joint == joint), None)
         entries.append(
             {
                 "family": OTHER,

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.found import Found, values_of
-from pipeline.discrepancy.gain_of_a_dependence import with_its_gain
+from pipeline.discrepancy.gain_of_a_dependence import doubted_by_what_varies, with_its_gain
 
 from .bare_candidate import bare_candidate
 from .exact_machine import SPEED, held_commands, simulation_of
@@ -76,3 +76,13 @@ def test_the_mean_of_a_course_that_was_as_good_is_none() -> None:
     assert [f.candidate for f in with_its_gain([Found(gain(), [course]), Found(beside)])] == [course]
     worse = [Found(gain()), Found(beside)]
     assert with_its_gain(worse) == worse
+
+
+@pytest.mark.parametrize("family", ["other:absolute_time", "supply_variation"])
+def test_a_gain_beside_a_variation_that_is_not_borne_out_is_not_certain(family: str) -> None:
+    course = bare_candidate("other:absolute_time", 0, width=6.0)
+    one, elsewhere = Found(gain()), Found(gain(joint=1))
+    varying = Found(bare_candidate(family, 0, width=3.0))
+    doubted = doubted_by_what_varies([one, elsewhere], [one, elsewhere, varying], [course])
+    assert [f.equivalents for f in doubted] == [[course], []]
+    assert doubted_by_what_varies([one, varying], [one, varying], [course]) == [one, varying]

@@ -1,5 +1,6 @@
 """A joint that is not as it was is told, whether or not anything explains it; joints that are all off alike are not."""
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import hypergeom
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.scored_rows import Rows
@@ -29,7 +31,12 @@ def residual(ratio: np.ndarray, seed: int) -> np.ndarray:
 
 
 def entries(
-    fitted: np.ndarray, confirmed: np.ndarray, monkeypatch: pytest.MonkeyPatch, search: Any
+    fitted: np.ndarray,
+    confirmed: np.ndarray,
+    monkeypatch: pytest.MonkeyPatch,
+    screened: Sequence[Candidate] = (),
+    searched: Sequence[Found] = (),
+    borne_out: bool = False,
 ) -> list[dict[str, Any]]:
     nominal = residual(np.ones((N_BLOCKS, 3)), 0)
     monkeypatch.setattr("pipeline.discrepancy.unexplained.residual_of", lambda *_: nominal)
@@ -40,7 +47,9 @@ def entries(
         confirm=of["confirmed"],
         residual=lambda rows, _: next(parts[name] for name in parts if of[name] is rows),
         usual=SimpleNamespace(simulation=None, rows=rows()),
-        search=search,
+        search=SimpleNamespace(first=screened),
+        searched=searched,
+        judgements={f.candidate.key: SimpleNamespace(is_confirmed=borne_out) for f in searched},
         joints=JOINTS,
         config=SimpleNamespace(gate=SimpleNamespace(largest_p=0.01)),
     )
@@ -48,8 +57,7 @@ def entries(
 
 
 def told(fitted: np.ndarray, confirmed: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
-    search = SimpleNamespace(first=[], found=[])
-    return [entry["joints"] for entry in entries(fitted, confirmed, monkeypatch, search)]
+    return [entry["joints"] for entry in entries(fitted, confirmed, monkeypatch)]
 
 
 def raised(joints: list[int], blocks: int, by: float) -> np.ndarray:
@@ -95,11 +103,13 @@ def test_it_depends_on_what_the_search_came_to_though_the_gate_did_not(
 ) -> None:
     ratio = raised([1], N_BLOCKS, 5.0)
     screened = [bare_candidate("gain", 1), bare_candidate("other:rest_time", 1)]
-    for found, expected in (
-        ([], ["rest_time:boom"]),
-        ([Found(bare_candidate("other:absolute_time", 1))], ["absolute_time"]),
-        ([Found(bare_candidate("other:absolute_time", 0))], ["rest_time:boom"]),
+    course, scale = "other:absolute_time", "sensor_bias"
+    for found, borne_out, expected in (
+        ([], False, ["rest_time:boom"]),
+        ([Found(bare_candidate(course, 1))], False, ["absolute_time"]),
+        ([Found(bare_candidate(course, 0))], False, ["rest_time:boom"]),
+        ([Found(bare_candidate(scale, 1))], True, ["position:boom"]),
+        ([Found(bare_candidate(scale, 1))], False, ["rest_time:boom"]),
     ):
-        search = SimpleNamespace(first=screened, found=found)
-        (entry,) = entries(ratio, ratio, monkeypatch, search)
+        (entry,) = entries(ratio, ratio, monkeypatch, screened, found, borne_out)
         assert (entry["depends_on"], entry["certain"]) == (expected, False)
