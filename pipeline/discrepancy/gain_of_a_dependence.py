@@ -2,9 +2,9 @@
 
 A joint that is slower wherever another one stands beyond some place is slower in most of the logs, which a gain
 explains first. What is left then depends on the place: elsewhere the joint is faster than that gain. It has none. So it
-is with a course in time that had explained as much as the gain, of which it then leaves a good part. And where a course,
-or what all joints have in common, was sought beside a gain but is not borne out, the gain is not certain: a joint that
-is only slower leaves nothing like it.
+is with a course in time that had explained as much as the gain, of which it then leaves a good part. And where a course
+was sought beside a gain, or a change that all joints have in common, but is not borne out, the gain is not certain: a
+joint that is only slower leaves nothing like it.
 """
 
 from collections.abc import Sequence
