@@ -5,6 +5,7 @@ other times (`course_in_time.py`), and it is tried whether it predicts the resid
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -51,9 +52,13 @@ class ChangeOfSpeed(ABC):
         self.square = known * self.velocity**2 / rows.floor
         self.reference = rows.weight * rows.averaged(residual)
 
+    def shapes(self, joint: int) -> list[dict[str, float]]:
+        """What is tried on a joint: arguments of `of`."""
+        return [{"width": width_s} for width_s in self.widths_s]
+
     @abstractmethod
-    def of(self, joint: int, width_s: float) -> np.ndarray:
-        """Estimate z of a joint, (B, T), from everything but what it is tried on."""
+    def of(self, joint: int, width: float) -> np.ndarray:
+        """Estimate z of a joint, (B, T), from everything but what it is tried on, over a width in s."""
 
     def ratio(self, product: np.ndarray, square: np.ndarray, total: np.ndarray) -> np.ndarray:
         """Product by square, drawn to zero where little is known.
@@ -72,7 +77,7 @@ class ChangeOfSpeed(ABC):
         return self.rows.weight[:, joint] * self.rows.averaged(z * self.velocity[..., joint])
 
     def candidates(self, nominal: Nominal) -> list[Candidate]:
-        """One candidate per joint, at its best width.
+        """One candidate per joint, at its best shape.
 
         Args:
             nominal: What explains nominal logs; as much per row is owed, as it is another draw of the same process.
@@ -80,22 +85,20 @@ class ChangeOfSpeed(ABC):
         n = len(self.rows.folds.fold)
         best = []
         for joint in range(self.velocity.shape[-1]):
-            options = [self._candidate(joint, width_s) for width_s in self.widths_s]
+            options = [self._candidate(joint, shape) for shape in self.shapes(joint)]
             candidate = max(options, key=lambda option: option.gain)
             if candidate.key in nominal:
                 candidate = replace(candidate, owed=nominal[candidate.key].most_per_row * n)
             best.append(candidate)
         return best
 
-    def evidence(self, joint: int, width_s: float) -> Evidence:
-        """How well the estimate of z at a width explains the joint's residual."""
+    def evidence(self, joint: int, shape: Mapping[str, float]) -> Evidence:
+        """How well the estimate of z of a shape explains the joint's residual."""
         reference = self.reference[:, joint]
-        regressor = self.regressor(joint, self.of(joint, width_s))[:, None]
+        regressor = self.regressor(joint, self.of(joint, **shape))[:, None]
         bounds = np.array([0.0]), np.array([MOST_OF_ESTIMATE])
         return evidence(reference, reference, regressor, self.rows.folds, *bounds)
 
-    def _candidate(self, joint: int, width_s: float) -> Candidate:
-        found, floor = self.evidence(joint, width_s), self.rows.floor[joint]
-        return scored(
-            found, self.reference[:, joint], floor, self.family, joint, None, {"width": width_s}, ()
-        )
+    def _candidate(self, joint: int, shape: Mapping[str, float]) -> Candidate:
+        found, floor = self.evidence(joint, shape), self.rows.floor[joint]
+        return scored(found, self.reference[:, joint], floor, self.family, joint, None, dict(shape), ())

@@ -174,7 +174,7 @@ class Confirmation:
         """A common change of speed, per joint, averaged over the time that the rows for fitting chose."""
         if not without:
             return {}
-        active, widths_s = values_of(self.simulation, found), _widths_s(found, SUPPLY)
+        active, widths_s = values_of(self.simulation, found), _widths_s(found)
         with onsets_in(self.simulation, found):
             p_value = supply_p(self.simulation, active, self.fitted, widths_s, self.seed)
         corrected, largest_p = min(p_value * self.n_hypotheses, 1.0), self.config.largest_p
@@ -185,7 +185,7 @@ class Confirmation:
 
     def _without_common_change(self, found: Sequence[Found]) -> WithoutSupply:
         """Confirmation rows' residuals per joint that has a common change of speed, with it and with it taken off."""
-        widths_s = _widths_s(found, SUPPLY)
+        widths_s = _widths_s(found)
         if not widths_s:
             return {}
         active = values_of(self.simulation, found)
@@ -196,10 +196,10 @@ class Confirmation:
         """Joints' own courses in time, of which the rows for fitting tell between others, too."""
         judged: dict[Key, Seen] = {}
         active, folds = values_of(self.simulation, found), self.held_out.folds
-        for joint, width_s in _widths_s(found, COURSE).items():
+        for joint, shape in _points(found, COURSE).items():
             with onsets_in(self.simulation, found):
                 before, after = beyond_constants(
-                    self.simulation, active, self.held_out, self.fitted, joint, width_s
+                    self.simulation, active, self.held_out, self.fitted, joint, shape
                 )
             by_block = np.bincount(folds.block, before**2 - after**2, minlength=folds.n_blocks)
             p_value = rank_p(by_block, len(found))
@@ -247,9 +247,13 @@ def _index_of_log(is_used: np.ndarray) -> np.ndarray:
     return np.broadcast_to(np.arange(float(len(is_used)))[:, None], is_used.shape)
 
 
-def _widths_s(found: Sequence[Found], family: str) -> dict[int, float]:
-    """Per joint, over which time an effect without a wrapper is averaged."""
-    return {f.candidate.joint: f.candidate.point["width"] for f in found if f.candidate.family == family}
+def _points(found: Sequence[Found], family: str) -> dict[int, Mapping[str, float]]:
+    """Per joint, over which times an effect without a wrapper is averaged."""
+    return {f.candidate.joint: f.candidate.point for f in found if f.candidate.family == family}
+
+
+def _widths_s(found: Sequence[Found]) -> dict[int, float]:
+    return {joint: point["width"] for joint, point in _points(found, SUPPLY).items()}
 
 
 def in_words(effect: Found, judgement: Judgement, joint: str) -> str:

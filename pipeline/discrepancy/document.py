@@ -17,6 +17,7 @@ from pipeline.discrepancy.contract_parameters import (
     quantity,
     spreads,
 )
+from pipeline.discrepancy.course_in_time import PERIOD
 from pipeline.discrepancy.found import Found, onsets_in, values_of
 from pipeline.discrepancy.grouping import OTHER, Effect, contract_family, depends_on
 from pipeline.discrepancy.held_out_errors import WindowErrors
@@ -155,7 +156,8 @@ def parameters_of(loop: "Loop", effect: Effect) -> dict:
             }
         )
     if not effect.has_wrapper:
-        return {}
+        period_s = effect.members[0].candidate.point.get(PERIOD)
+        return {} if period_s is None else {PERIOD: {"value": float(period_s), "unit": "s"}}
     described = []
     for member in effect.members:
         joint = member.candidate.joint

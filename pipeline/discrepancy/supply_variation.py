@@ -33,15 +33,15 @@ class _Common(ChangeOfSpeed):
     def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows) -> None:
         super().__init__(simulation, active, rows, rows.is_used[..., None])
 
-    def of(self, joint: int, width_s: float) -> np.ndarray:
+    def of(self, joint: int, width: float) -> np.ndarray:
         """By all joints but one: a moving average of their residuals per velocity."""
-        width = width_s / self.dt_s
+        rows = width / self.dt_s
         others = [other for other in range(self.square.shape[-1]) if other != joint]
         product, square = (
-            gaussian_filter1d(of[..., others].sum(axis=-1), width, axis=1, mode="constant")
+            gaussian_filter1d(of[..., others].sum(axis=-1), rows, axis=1, mode="constant")
             for of in (self.product, self.square)
         )
-        z = self.ratio(product, square, square * width)
+        z = self.ratio(product, square, square * rows)
         # What stays the same all the time is a gain of every joint, not a variation.
         motion = self.square[..., joint]
         return z - np.sum(z * motion) / max(np.sum(motion), 1e-12)
@@ -90,7 +90,7 @@ def without_common_change(
     """Residuals (N,) of each joint, and what is left of them without what the other joints predict; as `supply_p`."""
     common = _Common(simulation, active, rows)
     return {
-        joint: (common.reference[:, joint], common.evidence(joint, width_s).after)
+        joint: (common.reference[:, joint], common.evidence(joint, {"width": width_s}).after)
         for joint, width_s in widths_s.items()
     }
 

@@ -114,21 +114,24 @@ class OnCommand(Dependence):
 class OnPosition(Dependence):
     """On a joint's position, piecewise linear."""
 
-    variable, n_basis, per_source, reference = "position", 5, True, 4
+    variable, n_basis, per_source, reference = "position", 7, True, 6
     card = _card(
         "position",
-        "φ: hat functions at -1, -1/2, 1/2, 1 and 0 of the range; the middle is the reference",
+        "φ: hat functions at ±1, ±2/3, ±1/3 and 0 of half the range; the middle is the reference",
         "residual follows one joint's position",
         Abscissa.position,
     )
-    knots = (-1.0, -0.5, 0.5, 1.0, 0.0)  # together they are one everywhere
+    spacing = 1.0 / 3.0
+    knots = (-1.0, -2 * spacing, -spacing, spacing, 2 * spacing, 1.0, 0.0)  # together they are one everywhere
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """Hats of width 1/2."""
+        """Hats as wide as the knots are apart."""
         middle = 0.5 * (self.setting.upper + self.setting.lower)
         place = (signals.q - middle) / (0.5 * (self.setting.upper - self.setting.lower))
         place = jnp.clip(place, -1.0, 1.0)
-        return state, jnp.maximum(0.0, 1.0 - 2.0 * jnp.abs(place[..., None] - jnp.asarray(self.knots)))
+        return state, jnp.maximum(
+            0.0, 1.0 - jnp.abs(place[..., None] - jnp.asarray(self.knots)) / self.spacing
+        )
 
 
 class OnHoldTime(Dependence):

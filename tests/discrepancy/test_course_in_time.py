@@ -46,9 +46,19 @@ def test_a_cycle_of_the_clock_is_seen_on_its_joint_alone(period_s):
     simulation, rows = logs(-0.3 * (TIME_S % period_s < period_s / 2))
     first, second = course_candidates(simulation, {}, rows)
     assert first.share > 0.6  # of a square wave, whose edges no smooth course follows
+    assert first.point["period"] == pytest.approx(period_s, rel=0.02)
     assert abs(second.share) < 0.02
     assert chance(simulation, rows, first) < 1e-6
     assert chance(simulation, rows, second) > 0.01
+
+
+def test_a_cycle_is_followed_over_its_edges_by_all_its_rounds():
+    simulation, rows = logs(-0.3 * (TIME_S % 37.0 < 18.5))
+    before = np.sum(rows.averaged(simulation.sequences.velocity - simulation.velocities([{}])[0])[:, 0] ** 2)
+    left = []
+    for shape in ({"width": 3.0}, {"width": 6.0}, course_candidates(simulation, {}, rows)[0].point):
+        left.append(np.sum(beyond_constants(simulation, {}, rows, rows, 0, shape)[1] ** 2) / before)
+    assert left[-1] < 0.7 * min(left[:-1])
 
 
 def test_what_is_slower_all_the_time_has_no_course():
@@ -71,10 +81,10 @@ def test_rows_beside_tell_of_a_course_between_them():
         rows_of(used) for used in (is_held_out, ~is_held_out, np.zeros_like(is_held_out))
     )
     left = [
-        np.sum(beyond_constants(simulation, {}, held_out, beside, 0, 6.0)[1] ** 2)
+        np.sum(beyond_constants(simulation, {}, held_out, beside, 0, {"width": 6.0})[1] ** 2)
         for beside in (nothing, fitted)
     ]
-    before = np.sum(beyond_constants(simulation, {}, held_out, fitted, 0, 6.0)[0] ** 2)
+    before = np.sum(beyond_constants(simulation, {}, held_out, fitted, 0, {"width": 6.0})[0] ** 2)
     assert left[1] < 0.4 * before
     assert left[1] < left[0]
 
@@ -88,6 +98,5 @@ def test_rows_that_do_not_count_say_nothing_of_others():
 
 
 def chance(simulation: SimpleNamespace, rows: Rows, candidate: Candidate) -> float:
-    width_s = candidate.point["width"]
-    before, after = beyond_constants(simulation, {}, rows, rows, candidate.joint, width_s)
+    before, after = beyond_constants(simulation, {}, rows, rows, candidate.joint, candidate.point)
     return rank_p(np.bincount(rows.folds.block, before**2 - after**2), n_tests=1)

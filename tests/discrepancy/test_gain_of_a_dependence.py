@@ -24,22 +24,22 @@ def gain(joint: int = 0, changes: tuple[float, float] = (-0.2, 0.1)) -> Candidat
 
 def position(joint: int = 0, source: int = 1) -> Candidate:
     freed = tuple(
-        (("coefficients", (direction, source, basis)),) for direction in range(2) for basis in range(4)
+        (("coefficients", (direction, source, basis)),) for direction in range(2) for basis in range(6)
     )
-    coefficients = np.array([0.3, -0.1, 0.2, 0.0, 0.0, 0.1, -0.2, 0.4])
+    coefficients = np.array([0.3, -0.1, 0.2, 0.1, 0.0, 0.0, 0.0, 0.1, -0.2, 0.2, 0.3, 0.4])
     return replace(bare_candidate(POSITION, joint), source=source, freed=freed, coefficients=coefficients)
 
 
 def test_they_move_the_machine_as_both_did() -> None:
-    command = held_commands(3, 400)
+    command = held_commands(3, 610)[:601]
     simulation = simulation_of(["gain", POSITION], command, SPEED * command)
-    simulation._rows[1] = simulation._rows[1] + np.linspace(-1.0, 1.0, 400)[:, None, None]  # all places
+    simulation._rows[1] = simulation._rows[1] + np.linspace(-1.0, 1.0, 601)[:, None, None]  # all places
     both = [Found(gain()), Found(position())]
     together = with_its_gain(both)
     assert [f.candidate.family for f in together] == [POSITION]
     expected, told = (simulation.velocities([values_of(simulation, found)])[0] for found in (both, together))
     # Between two knots the product of both is not linear: at the knots they agree.
-    at_knots = [0, 100, 200, 300, 399]
+    at_knots = np.arange(0, 601, 100)
     assert np.ptp(expected[0, :, 0] / np.where(command[:, 0] == 0.0, 1.0, command[:, 0])) > 0.1
     np.testing.assert_allclose(told[0, at_knots], expected[0, at_knots], atol=2e-3)
     assert together[0].losers[-1][0].family == "gain"
@@ -50,7 +50,7 @@ def test_directions_that_change_alike_come_as_one_coefficient() -> None:
     (together,) = with_its_gain([Found(alike), Found(position())])
     values = dict(zip(together.candidate.freed, together.candidate.coefficients, strict=True))
     for direction in range(2):
-        assert values[(("coefficients", (direction, 1, 4)),)] == pytest.approx(-0.25)
+        assert values[(("coefficients", (direction, 1, 6)),)] == pytest.approx(-0.25)
 
 
 @pytest.mark.parametrize(
