@@ -14,6 +14,7 @@ import numpy as np
 from pipeline.discrepancy.baselines import trained_baselines, wrong_effect
 from pipeline.discrepancy.cold_oil import with_doubts_of_the_oil
 from pipeline.discrepancy.confirmation import Confirmation, in_words
+from pipeline.discrepancy.contract_parameters import OF_95_PERCENT
 from pipeline.discrepancy.document import document_of, parameters_of
 from pipeline.discrepancy.found import Found, onsets_of, residual_of, values_of
 from pipeline.discrepancy.gain_of_a_dependence import doubted_by_what_varies
@@ -50,6 +51,7 @@ from pipeline.machine.specification import MachineSpecification
 LEVELS = (1, 80, 1000)
 FOLD_ROWS = 200
 TOLD_STEPS = 0.1
+FEWEST_OF_ALL = 3  # joints, whose misfits are not alike by chance
 MISFIT_PARTS = 6  # of the nominal logs: four minutes each, of 24
 
 Say = Callable[[str], None]
@@ -257,7 +259,10 @@ class Loop:
         small = []
         for effect in (e for e in effects if e.family in SIZES):
             told = parameters_of(self, effect)
-            why = why_it_is_none(effect.family, told, self.config.gate.smallest_size)
+            # What every joint bears out, each by rows of its own, is beyond misfit where its interval is beyond zero.
+            is_of_all = len(effect.joints) >= FEWEST_OF_ALL and set(effect.joints) >= set(self.excited)
+            smallest = OF_95_PERCENT if is_of_all else self.config.gate.smallest_size
+            why = why_it_is_none(effect.family, told, smallest)
             if why is not None:
                 small.append(effect)
                 self.say(

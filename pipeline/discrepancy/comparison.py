@@ -12,6 +12,7 @@ from pipeline.discrepancy.plausibility import (
     LEAKAGE,
     SENSOR_BIAS,
     complexity,
+    depends_alike,
     is_dependence,
     is_offset,
     say_the_same,
@@ -170,10 +171,14 @@ class Comparison:
         return list({c.key: c for c in equivalents}.values())
 
     def raises_doubt(self, candidate: Candidate, chosen: Candidate) -> bool:
-        """Whether, with more freedom, it is a dependence that explains more than the name chosen, or a better name."""
+        """Whether, with more freedom, it is a dependence that explains more than the name chosen, or a better name.
+
+        A dependence on what the name depends on, too, says but that its form is idealised.
+        """
         if is_dependence(chosen):
             return False
         is_flexible = is_dependence(candidate) and candidate.family != COURSE
+        is_flexible = is_flexible and not depends_alike(candidate, chosen)
         factor = 1.0 + NEGLIGIBLE if is_flexible else DOUBT_FACTOR
         return self.net(candidate) > factor * self.net(chosen)
 

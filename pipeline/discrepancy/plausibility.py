@@ -40,6 +40,15 @@ def is_dependence(candidate: Candidate) -> bool:
     return candidate.family.startswith("other")
 
 
+def depends_alike(dependence: Candidate, name: Candidate) -> bool:
+    """Whether a dependence is on the very variable of the very joint that the name on that joint depends on."""
+    if dependence.family not in DEPENDENCES or not has_wrapper(name):
+        return False
+    source = dependence.joint if dependence.source is None else dependence.source
+    entry = f"{DEPENDENCES[dependence.family].variable}:{{joint}}"
+    return source == name.joint and entry in KNOWN[name.family].card.depends_on
+
+
 def is_plausible(family: str, showing: Sequence[Candidate]) -> bool:
     """Whether the signs are those of the cause on most of the joints, counted by what it explains there.
 

@@ -53,7 +53,7 @@ REFINED = 3  # of a joint's candidates
 TOLD_LOSERS = 6  # of a joint's candidates
 ONSET_FACTOR, ONSET_T = 1.2, 1.5  # times the gain without onset; of the gain by blocks
 WHOLE_SECOND_SHARE = 0.5
-REST_SHARE = 0.5  # net, of the squares that earlier effects leave
+REST_SHARE = 0.4  # net, of the squares that earlier effects leave, for a name that is not refined yet
 OIL_FACTOR = 1.1  # times what another common cause explains
 SECOND_CAUSE_SHARE = 0.2  # of what the first explains on all its joints
 # What an effect has to do beside the others: of the smallest share, and by blocks.

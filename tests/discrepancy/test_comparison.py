@@ -65,6 +65,18 @@ def test_a_dependence_raises_no_doubt_by_a_difference_that_decides_nothing(compa
     assert comparison.raises_doubt(that_gains("other:position", 306.0), gain)
 
 
+def test_a_dependence_on_what_a_name_depends_on_has_to_explain_clearly_more(comparison: Comparison) -> None:
+    """Of an idealised cushion it mends the form; of another joint's place it says something else."""
+    cushion = that_gains("end_cushion", 300.0)
+    own, elsewhere = (
+        that_gains("other:position", 320.0),
+        replace(that_gains("other:position", 320.0), source=1),
+    )
+    assert not comparison.raises_doubt(own, cushion)
+    assert comparison.raises_doubt(elsewhere, cushion)
+    assert comparison.raises_doubt(that_gains("other:position", 340.0), cushion)
+
+
 def test_a_course_in_time_is_a_last_resort(comparison: Comparison) -> None:
     travel, gain = that_gains("other:travel", 300.0), that_gains("gain", 300.0)
     slightly, clearly = (that_gains("other:absolute_time", of) for of in (340.0, 400.0))
