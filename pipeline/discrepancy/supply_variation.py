@@ -29,6 +29,7 @@ class _Common(ChangeOfSpeed):
 
     family = FAMILY
     widths_s = WIDTHS_S
+    as_good = 0.9  # what is off alike at starts and stops is lost over longer times, a supply is not
 
     def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows) -> None:
         super().__init__(simulation, active, rows, rows.is_used[..., None])

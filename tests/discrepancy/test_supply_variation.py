@@ -7,7 +7,13 @@ import pytest
 
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.scored_rows import Rows
-from pipeline.discrepancy.supply_variation import supply_parameters, without_common_change
+from pipeline.discrepancy.plausibility import is_plausible
+from pipeline.discrepancy.supply_variation import (
+    FAMILY,
+    supply_candidates,
+    supply_parameters,
+    without_common_change,
+)
 
 N_ROWS, N_JOINT, DT_S = 40_000, 3, 0.05
 STD, TIME_S, RATIO, NOISE = 0.12, 4.0, 0.6, 0.01
@@ -61,3 +67,19 @@ def test_what_other_joints_show_is_taken_off_each() -> None:
     nothing, rows = machine(2, 0.0, RATIO)
     (before, after), *_ = without_common_change(nothing, {"gain": {}}, rows, {0: 3.0}).values()
     assert np.mean(after**2) == pytest.approx(np.mean(before**2), rel=0.01)
+
+
+def test_a_strong_supply_is_no_jitter_of_starts_though_the_shortest_time_explains_most() -> None:
+    supply = _candidates(*machine(0, 0.3, 1.0))
+    assert is_plausible(FAMILY, supply)
+    jitter, rows = machine(1, 0.0, 1.0)
+    of_start = np.repeat(np.random.default_rng(3).normal(0.0, 0.3, N_ROWS // 20), 20)
+    during = np.arange(N_ROWS) % 20 < 8
+    jitter.sequences.velocity = jitter.sequences.velocity * (1.0 + during * of_start)[:, None]
+    candidates = _candidates(jitter, rows)
+    assert min(c.share for c in candidates) > 0.2
+    assert not is_plausible(FAMILY, candidates)
+
+
+def _candidates(simulation, rows):
+    return supply_candidates(simulation, {}, rows)
