@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.plausibility import is_plausible
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.scored_rows import Rows
-from pipeline.discrepancy.plausibility import is_plausible
 from pipeline.discrepancy.supply_variation import (
     FAMILY,
     supply_candidates,
