@@ -25,8 +25,7 @@ class ChangeOfSpeed(ABC):
 
     Attributes:
         family: Name of the effect.
-        widths_s: Widths in time that are tried, in ascending order.
-        as_good: Of what the best shape explains, for a later one to be taken instead.
+        widths_s: Widths in time that are tried.
         velocity: (B, T, n_joint) as predicted.
         product: (B, T, n_joint) residual times velocity where they are known, in units of the noise floor.
         square: The same of the squared velocity: z is about the ratio of sums of both.
@@ -35,7 +34,6 @@ class ChangeOfSpeed(ABC):
 
     family: ClassVar[str]
     widths_s: ClassVar[tuple[float, ...]]
-    as_good: ClassVar[float] = 1.0
 
     def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows, known: np.ndarray) -> None:
         """Predict once.
@@ -88,8 +86,7 @@ class ChangeOfSpeed(ABC):
         best = []
         for joint in range(self.velocity.shape[-1]):
             options = [self._candidate(joint, shape) for shape in self.shapes(joint)]
-            most = max(option.gain for option in options)
-            candidate = next(o for o in reversed(options) if o.gain >= min(self.as_good * most, most))
+            candidate = max(options, key=lambda option: option.gain)
             if candidate.key in nominal:
                 candidate = replace(candidate, owed=nominal[candidate.key].most_per_row * n)
             best.append(candidate)

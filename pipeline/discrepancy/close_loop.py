@@ -51,7 +51,7 @@ from pipeline.machine.specification import MachineSpecification
 LEVELS = (1, 80, 1000)
 FOLD_ROWS = 200
 TOLD_STEPS = 0.1
-FEWEST_OF_ALL = 3  # joints, whose misfits are not alike by chance
+FEWEST_OF_ALL = 3  # joints
 MISFIT_PARTS = 6  # of the nominal logs: four minutes each, of 24
 
 Say = Callable[[str], None]
@@ -259,7 +259,7 @@ class Loop:
         small = []
         for effect in (e for e in effects if e.family in SIZES):
             told = parameters_of(self, effect)
-            # What every joint bears out, each by rows of its own, is beyond misfit where its interval is beyond zero.
+            # The misfit of more joints at once than before has shown on one or two joints, not on all of them.
             is_of_all = len(effect.joints) >= FEWEST_OF_ALL and set(effect.joints) >= set(self.excited)
             smallest = OF_95_PERCENT if is_of_all else self.config.gate.smallest_size
             why = why_it_is_none(effect.family, told, smallest)

@@ -188,7 +188,10 @@ class Comparison:
             return None
         others = [c for c in as_good if is_dependence(c)]
         best = max(others, key=self.as_last_resort, default=None)
-        if best is None or self.as_last_resort(best) < BETTER_FACTOR * self.net(chosen):
+        if best is None:
+            return None
+        factor = DOUBT_FACTOR if depends_alike(best, chosen) else BETTER_FACTOR
+        if self.as_last_resort(best) < factor * self.net(chosen):
             return None
         return best if t_statistic(best.gain_by_block - chosen.gain_by_block) > BETTER_T else None
 

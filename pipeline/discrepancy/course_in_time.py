@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import fftconvolve, find_peaks
 
 from pipeline.discrepancy.candidate import Candidate, Nominal
@@ -26,11 +27,16 @@ FAMILY = "other:absolute_time"
 PERIOD = "period"  # of a cycle, s, in its candidate's point
 LEFT_OUT_S = 1.5  # to either side: longer than a motion's residual is alike
 KERNEL_WIDTHS = 3.0  # to either side
-SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 15.0, 120.0  # of a cycle; shorter ones are those of work
-FEWEST_ROUNDS = 3.0  # in a log, for a cycle to be one
+SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 15.0, 120.0  # of a cycle
+FEWEST_ROUNDS = 3.0  # in the longest log, for a cycle to be one
 N_PERIODS = 3  # that are tried
 SHARE_OF_PERIOD = 0.05  # the kernel's width: a cycle may be a switch
+# Of what varies: a cycle has to explain so much more than a smooth course, and so much of what constants leave.
+CYCLE_FACTOR, CYCLE_SHARE = 1.05, 0.1
 OVERSAMPLING = 16  # of the periodogram: a period that is off adds up over rounds
+SLOW_S = 60.0  # what varies no faster is no cycle
+# Times the band's median: work that comes round has a period, too, in which commands and poses say the same.
+WORK_FACTOR = 10.0
 
 
 class _Course(ChangeOfSpeed):
@@ -46,38 +52,78 @@ class _Course(ChangeOfSpeed):
         super().__init__(simulation, active, rows, np.asarray(known))
 
     def shapes(self, joint: int) -> list[dict[str, float]]:
-        """Any course, and the cycles that stand out."""
+        """Any course, at the best width; instead of it a cycle, where that explains clearly more of what varies."""
+        smooth = max(super().shapes(joint), key=lambda shape: self._candidate(joint, shape).gain)
         cycles = [
             {"width": SHARE_OF_PERIOD * period_s, PERIOD: period_s} for period_s in self._periods_s(joint)
         ]
-        return super().shapes(joint) + cycles
+        if not cycles:
+            return [smooth]
+        left, *of_cycles = (self.residuals(joint, shape) for shape in (smooth, *cycles))
+        constant = float(np.sum(left[0] ** 2))
+        of_smooth, *varying = (constant - float(np.sum(after**2)) for _, after in (left, *of_cycles))
+        best = int(np.argmax(varying))
+        is_cycle = varying[best] > max(CYCLE_FACTOR * of_smooth, CYCLE_SHARE * constant)
+        return [cycles[best] if is_cycle else smooth]
 
-    def of(self, joint: int, width: float, period: float = 0.0) -> np.ndarray:
-        """By a kernel's means over the times around, the next seconds left out; of a cycle over all other rounds."""
-        half = round(KERNEL_WIDTHS * width / self.dt_s) if not period else self.product.shape[1] - 1
-        time_s = self.dt_s * np.arange(-half, half + 1)
-        rounds = np.rint(time_s / period) if period else np.zeros(len(time_s))
-        is_elsewhere = rounds != 0 if period else np.abs(time_s) > LEFT_OUT_S
-        kernel = is_elsewhere * np.exp(-0.5 * ((time_s - period * rounds) / width) ** 2)
+    def of(self, joint: int, width: float, period: float | None = None) -> np.ndarray:
+        """By a kernel's means over the seconds around, the nearest left out; of a cycle over all its other rounds."""
+        kernel = self._around(width) if period is None else self._at_the_same_phase(width, period)
+        half = len(kernel) // 2
         product, square = (
             fftconvolve(of[..., joint], kernel[None], mode="full", axes=1)[:, half : half + of.shape[1]]
             for of in (self.product, self.square)
         )
         return self.ratio(product, square, square)
 
+    def residuals(self, joint: int, shape: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) what the best constant ratio of either direction leaves, and what the course leaves of it."""
+        residual, moving = self.reference[:, joint], self.velocity[..., joint]
+        ways = np.stack([self.regressor(joint, way) for way in (moving > 0.0, moving < 0.0)], axis=1)
+        both = np.column_stack([ways, self.regressor(joint, self.of(joint, **shape))])
+        most = np.full(3, MOST_OF_ESTIMATE)
+        least = np.array([-MOST_OF_ESTIMATE, -MOST_OF_ESTIMATE, 0.0])
+        folds = self.rows.folds
+        alone = evidence(residual, residual, ways, folds, least[:2], most[:2])
+        return alone.after, evidence(residual, residual, both, folds, least, most).after
+
+    def _around(self, width: float) -> np.ndarray:
+        half = round(KERNEL_WIDTHS * width / self.dt_s)
+        time_s = self.dt_s * np.arange(-half, half + 1)
+        return (np.abs(time_s) > LEFT_OUT_S) * np.exp(-0.5 * (time_s / width) ** 2)
+
+    def _at_the_same_phase(self, width: float, period: float) -> np.ndarray:
+        half = self.product.shape[1] - 1
+        time_s = self.dt_s * np.arange(-half, half + 1)
+        rounds = np.rint(time_s / period)
+        return (rounds != 0) * np.exp(-0.5 * ((time_s - period * rounds) / width) ** 2)
+
     def _periods_s(self, joint: int) -> list[float]:
-        """Of the highest peaks of the periodogram of what a constant ratio leaves, all logs' powers added."""
+        """Of the highest peaks of the periodogram of what a slow course leaves, but for those of the work itself."""
         product, square = self.product[..., joint], self.square[..., joint]
-        ratio = product.sum(axis=1) / np.maximum(square.sum(axis=1), 1e-9)
-        left = product - ratio[:, None] * square
+        slow = [gaussian_filter1d(of, SLOW_S / self.dt_s, axis=1) for of in (product, square)]
+        left = product - slow[0] / np.maximum(slow[1], 1e-9) * square
         n = OVERSAMPLING * left.shape[1]
-        power = np.sum(np.abs(np.fft.rfft(left, n, axis=1)) ** 2, axis=0)
         frequency = np.fft.rfftfreq(n, self.dt_s)
-        slowest = max(FEWEST_ROUNDS / (self.dt_s * left.shape[1]), 1.0 / LONGEST_PERIOD_S)
-        peaks = find_peaks(power)[0]
-        peaks = peaks[(frequency[peaks] >= slowest) & (frequency[peaks] <= 1.0 / SHORTEST_PERIOD_S)]
+        longest_s = self.dt_s * max(np.ptp(np.append(np.flatnonzero(of), 0)) for of in square > 0.0)
+        slowest = max(FEWEST_ROUNDS / max(longest_s, self.dt_s), 1.0 / LONGEST_PERIOD_S)
+        within = (frequency >= slowest) & (frequency <= 1.0 / SHORTEST_PERIOD_S)
+        power, *of_work = (
+            _power(of, n)
+            for of in (left, *np.moveaxis(self.velocity, -1, 0), *np.moveaxis(self.square, -1, 0))
+        )
+        if not within.any():
+            return []
+        is_work = np.any([of > WORK_FACTOR * np.median(of[within]) for of in of_work], axis=0)
+        peaks = find_peaks(power, distance=max(1, round(n * self.dt_s / longest_s)))[0]
+        peaks = peaks[within[peaks] & ~is_work[peaks]]
         highest = peaks[np.argsort(-power[peaks])[:N_PERIODS]]
         return [float(1.0 / of) for of in frequency[highest]]
+
+
+def _power(signal: np.ndarray, n: int) -> np.ndarray:
+    """Periodogram of (B, T), each log's mean removed, all logs' powers added; zeros to `n` rows."""
+    return np.sum(np.abs(np.fft.rfft(signal - signal.mean(axis=1, keepdims=True), n, axis=1)) ** 2, axis=0)
 
 
 def course_candidates(
@@ -110,12 +156,4 @@ def beyond_constants(
     Returns:
         (N,) residuals without and with the course.
     """
-    course = _Course(simulation, active, rows, beside)
-    residual = course.reference[:, joint]
-    moving = course.velocity[..., joint]
-    ways = np.stack([course.regressor(joint, way) for way in (moving > 0.0, moving < 0.0)], axis=1)
-    both = np.column_stack([ways, course.regressor(joint, course.of(joint, **shape))])
-    most = np.full(3, MOST_OF_ESTIMATE)
-    least = np.array([-MOST_OF_ESTIMATE, -MOST_OF_ESTIMATE, 0.0])
-    alone = evidence(residual, residual, ways, rows.folds, least[:2], most[:2])
-    return alone.after, evidence(residual, residual, both, rows.folds, least, most).after
+    return _Course(simulation, active, rows, beside).residuals(joint, shape)

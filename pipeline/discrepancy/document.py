@@ -156,8 +156,7 @@ def parameters_of(loop: "Loop", effect: Effect) -> dict:
             }
         )
     if not effect.has_wrapper:
-        period_s = effect.members[0].candidate.point.get(PERIOD)
-        return {} if period_s is None else {PERIOD: {"value": float(period_s), "unit": "s"}}
+        return plausible(_periods(loop, effect))
     described = []
     for member in effect.members:
         joint = member.candidate.joint
@@ -189,6 +188,22 @@ def parameters_of(loop: "Loop", effect: Effect) -> dict:
     if effect.family == TIMING:
         merged = {name: _beside_recordings_phases(loop, latency) for name, latency in merged.items()}
     return plausible(merged)
+
+
+def _periods(loop: "Loop", effect: Effect) -> dict[str, Quantity]:
+    """Of joints whose course comes round: the logs tell frequencies apart that differ by one round in the longest."""
+    longest_s = loop.machine.dt_s * max(map(len, loop.measured))
+    periods = {
+        loop.joints[member.candidate.joint]: float(member.candidate.point[PERIOD])
+        for member in effect.members
+        if PERIOD in member.candidate.point
+    }
+    return {
+        (PERIOD if len(effect.members) == 1 else f"{PERIOD}:{joint}"): quantity(
+            period_s, "s", 0.5 * period_s**2 / longest_s / OF_95_PERCENT
+        )
+        for joint, period_s in periods.items()
+    }
 
 
 def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:

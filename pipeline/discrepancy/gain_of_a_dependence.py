@@ -50,10 +50,12 @@ def doubted_by_what_varies(
         screened: Candidates of the first screen, without anything beside them.
     """
     known = {f.candidate.key for f in passed}
+    # A common change that is borne out elsewhere is known; that a joint has no part in it says nothing of its gain.
+    doubtful = (COURSE,) if any(f.candidate.family == SUPPLY for f in passed) else (COURSE, SUPPLY)
     varying = {
         f.candidate.joint: f.candidate
         for f in found
-        if f.candidate.family in (COURSE, SUPPLY) and f.candidate.key not in known
+        if f.candidate.family in doubtful and f.candidate.key not in known
     }
     result = []
     for effect in passed:

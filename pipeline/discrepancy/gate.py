@@ -26,7 +26,7 @@ class GateConfig:
         worse_margin: Relative rise of a joint's open-loop error that still counts as none, as does one that
             blocks do not bear out.
         smallest_size: Of what joints take from each other's flow, in standard deviations, of which the diagnosis
-            model's misfit is most; not asked where every joint bears it out.
+            model's misfit is most; where every joint that moves enough bears it out, its 95 % interval is asked.
         largest_remainder: Of an effect's signature at a joint's starts and stops, that may be left of it for a name
             without equivalents: a share of the squares which it removes.
         resamples: Of the bootstrap.

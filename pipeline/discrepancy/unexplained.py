@@ -48,13 +48,16 @@ def unexplained(loop: "Loop") -> list[dict]:
             continue
         # What the search came to, though the gate did not, says more than what was best before it looked closer. A
         # name says on what speeds depend where confirmation rows bore it out, and only predictions did not.
-        searched = [
-            f.candidate
-            for f in loop.searched
-            if is_dependence(f.candidate) or loop.judgements[f.candidate.key].is_confirmed
+        searched = [f.candidate for f in loop.searched]
+        borne_out = [c for c in searched if loop.judgements[c.key].is_confirmed]
+        screened = [c for c in loop.search.first if has_wrapper(c)]
+        candidates = [
+            *filter(is_dependence, borne_out),
+            *filter(is_dependence, searched),
+            *borne_out,
+            *filter(is_dependence, screened),
         ]
-        searched += [c for c in loop.search.first if has_wrapper(c) and is_dependence(c)]
-        best = next((c for c in searched if c.joint == joint), None)
+        best = next((c for c in candidates if c.joint == joint), None)
         entries.append(
             {
                 "family": OTHER,

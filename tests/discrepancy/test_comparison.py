@@ -74,7 +74,11 @@ def test_a_dependence_on_what_a_name_depends_on_has_to_explain_clearly_more(comp
     )
     assert not comparison.raises_doubt(own, cushion)
     assert comparison.raises_doubt(elsewhere, cushion)
-    assert comparison.raises_doubt(that_gains("other:position", 340.0), cushion)
+    assert comparison.better_dependence(cushion, [cushion, own]) is None
+    assert comparison.better_dependence(cushion, [cushion, elsewhere]) is elsewhere
+    clearly = that_gains("other:position", 340.0)
+    assert comparison.raises_doubt(clearly, cushion)
+    assert comparison.better_dependence(cushion, [cushion, clearly]) is clearly
 
 
 def test_a_course_in_time_is_a_last_resort(comparison: Comparison) -> None:

@@ -17,10 +17,13 @@ N_ROWS, DT_S, NOISE = 12000, 0.05, 0.1
 TIME_S = DT_S * np.arange(N_ROWS)
 
 
-def logs(change: np.ndarray, noise_width_s: float = 0.0) -> tuple[SimpleNamespace, Rows]:
+def logs(
+    change: np.ndarray, noise_width_s: float = 0.0, seed: int = 0, u: np.ndarray | None = None
+) -> tuple[SimpleNamespace, Rows]:
     """Two joints in moves of a second; the first one's speed is changed by that share, the second keeps its own."""
-    random = np.random.default_rng(0)
-    u = random.integers(-1, 2, size=(N_ROWS // 20, 2)).repeat(20, axis=0)[None].astype(float)
+    random = np.random.default_rng(seed)
+    if u is None:
+        u = random.integers(-1, 2, size=(N_ROWS // 20, 2)).repeat(20, axis=0)[None].astype(float)
     noise = random.standard_normal(u.shape)
     if noise_width_s:
         noise = gaussian_filter1d(noise, noise_width_s / DT_S, axis=1)
@@ -66,6 +69,32 @@ def test_what_is_slower_all_the_time_has_no_course():
     first = course_candidates(simulation, {}, rows)[0]
     assert first.share > 0.5  # it has a mean, which a gain explains as well
     assert chance(simulation, rows, first) > 0.01
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("constant", [-0.2, 0.0])
+def test_what_does_not_vary_does_not_come_round(constant, seed):
+    simulation, rows = logs(np.full(N_ROWS, constant), seed=seed)
+    assert not any("period" in c.point for c in course_candidates(simulation, {}, rows))
+
+
+def test_a_cycle_of_the_clock_is_seen_beside_a_slow_change():
+    simulation, rows = logs(-0.3 * (TIME_S % 45.0 < 22.5) - 0.15 * TIME_S / TIME_S[-1])
+    assert course_candidates(simulation, {}, rows)[0].point["period"] == pytest.approx(45.0, rel=0.02)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.03])
+def test_work_that_comes_round_is_no_clock(jitter):
+    """What depends on where in a round of work the machine is, depends on poses or commands, which come round, too."""
+    random = np.random.default_rng(1)
+    rounds = np.cumsum(20.0 * (1.0 + jitter * random.standard_normal(40)))
+    number = np.searchsorted(rounds, TIME_S)
+    begins, ends = np.append(0.0, rounds)[number], rounds[number]
+    phase = (TIME_S - begins) / (ends - begins)
+    one_round = random.integers(-1, 2, size=(20, 2)).astype(float)
+    u = one_round[np.minimum((20 * phase).astype(int), 19)][None]
+    simulation, rows = logs(-0.3 * (phase < 0.5), u=u)
+    assert not any("period" in c.point for c in course_candidates(simulation, {}, rows))
 
 
 def test_noise_that_is_alike_for_half_a_second_is_no_course():

@@ -86,3 +86,10 @@ def test_a_gain_beside_a_variation_that_is_not_borne_out_is_not_certain(family: 
     doubted = doubted_by_what_varies([one, elsewhere], [one, elsewhere, varying], [course])
     assert [f.equivalents for f in doubted] == [[course], []]
     assert doubted_by_what_varies([one, varying], [one, varying], [course]) == [one, varying]
+
+
+def test_a_common_change_that_is_borne_out_elsewhere_casts_no_doubt() -> None:
+    one, supply = Found(gain()), "supply_variation"
+    here, elsewhere = (Found(bare_candidate(supply, joint, width=3.0)) for joint in (0, 1))
+    passed = [one, elsewhere]
+    assert doubted_by_what_varies(passed, [one, here, elsewhere], []) == passed

@@ -110,6 +110,7 @@ def test_it_depends_on_what_the_search_came_to_though_the_gate_did_not(
         ([Found(bare_candidate(course, 0))], False, ["rest_time:boom"]),
         ([Found(bare_candidate(scale, 1))], True, ["position:boom"]),
         ([Found(bare_candidate(scale, 1))], False, ["rest_time:boom"]),
+        ([Found(bare_candidate(scale, 1)), Found(bare_candidate(course, 1))], True, ["absolute_time"]),
     ):
         (entry,) = entries(ratio, ratio, monkeypatch, screened, found, borne_out)
         assert (entry["depends_on"], entry["certain"]) == (expected, False)
