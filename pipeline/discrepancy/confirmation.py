@@ -12,7 +12,7 @@ from pipeline.discrepancy.candidate import Key
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.course_in_time import beyond_constants
 from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
-from pipeline.discrepancy.gate import GateConfig, lower_bound, pooled, rank_p
+from pipeline.discrepancy.gate import GateConfig, lower_bound, pooled, rank_p, where_it_acts
 from pipeline.discrepancy.placebos import can_be_shifted, explains_other_joints, placebo_p
 from pipeline.discrepancy.scored_rows import Rows, averaged
 from pipeline.discrepancy.simulation import Simulation
@@ -141,6 +141,8 @@ class Confirmation:
         without = known * self._residual(self.held_out, others)[:, joint]
         after = known * with_all[0][:, joint]
         share, bound = self._bounded(without, after)
+        if share > self.config.smallest_improvement >= bound:
+            bound = max(bound, self._bounded_where_it_acts(without, after, len(found)))
         fitted_without = self._residual(self.fitted, others)
         change = fitted_without[:, joint] - with_all[1][:, joint]
         sizes = self._sizes((change, fitted_without[:, joint]), (without - after, without))
@@ -169,6 +171,17 @@ class Confirmation:
     def _bounded(self, before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
         config = self.config
         return lower_bound(before, after, self.held_out, config.resamples, config.confidence, self.seed)
+
+    def _bounded_where_it_acts(self, before: np.ndarray, after: np.ndarray, n_found: int) -> float:
+        """Of what is rarely met: the bound over the blocks that show it, if it beats placebos on these rows, too."""
+        acts = where_it_acts(before, after, self.held_out)
+        p_value = placebo_p(before, before - after, n_found, self.seed)
+        if p_value >= self.config.largest_p:
+            return -np.inf
+        config = self.config
+        return lower_bound(
+            before, after, self.held_out, config.resamples, config.confidence, self.seed, acts
+        )[1]
 
     def _supply(self, found: Sequence[Found], without: WithoutSupply) -> dict[Key, Seen]:
         """A common change of speed, per joint, averaged over the time that the rows for fitting chose."""

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from pipeline.discrepancy.gate import lower_bound, pooled, rank_p
+from pipeline.discrepancy.gate import lower_bound, pooled, rank_p, where_it_acts
+from pipeline.discrepancy.placebos import placebo_p
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.scored_rows import Rows
 from tests.discrepancy.coloured_noise import N, coloured
@@ -25,6 +26,38 @@ def test_lower_bound_lies_below_the_estimate_and_covers_nothing_when_there_is_no
     share, bound = lower_bound(before, coloured(random), ROWS, 300, 0.95, 0)
     assert bound < share
     assert bound < 0.02
+
+
+def rare(random: np.random.Generator) -> np.ndarray:
+    """A change in one block of all, as of a place that is seldom met."""
+    change, first = np.zeros(N), BLOCK * random.integers(N // BLOCK)
+    change[first : first + BLOCK] = 4.0 * np.sin(np.linspace(0.0, np.pi, BLOCK))
+    return change
+
+
+def bounds(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+    acts = where_it_acts(before, after, ROWS)
+    everywhere, there = (lower_bound(before, after, ROWS, 300, 0.9, 0, only)[1] for only in (None, acts))
+    return everywhere, there
+
+
+def test_what_one_block_shows_clearly_is_not_held_against_how_seldom_it_is_met() -> None:
+    random = np.random.default_rng(5)
+    change, noise = rare(random), 0.3 * coloured(random)
+    everywhere, there = bounds(noise + change, noise)
+    assert everywhere <= 0.0 < 0.8 < there
+    assert np.unique(ROWS.folds.block[where_it_acts(noise + change, noise, ROWS)]).size == 1
+
+
+def test_a_rare_change_that_is_none_seldom_passes_both_of_what_is_asked() -> None:
+    random = np.random.default_rng(6)
+    passed = []
+    for _ in range(150):
+        before, change = coloured(random), rare(random)
+        size = max(0.0, float(change @ before) / float(change @ change))  # the most that it could explain
+        p_value = placebo_p(before, size * change, 1, 0)
+        passed.append(bounds(before, before - size * change)[1] > 0.01 and p_value < 0.01)
+    assert np.mean(passed) < 0.05
 
 
 def test_mean_gain_per_block() -> None:
