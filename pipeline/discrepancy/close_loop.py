@@ -355,10 +355,14 @@ class Loop:
         return ClosedLoop(document, self._active(effects), evidence)
 
     def _shows(self, effect: Effect) -> bool:
-        """Whether an effect that removes little of the open-loop error shows in a good part of the speeds' residual."""
+        """Whether an effect that removes little of the open-loop error shows in a good part of the speeds' residual.
+
+        Of what is seldom met, confirmation rows may show but a moment: on the rows that it was found on.
+        """
         if effect.family == SUPPLY:
             return True
-        share = max(self.judgements[member.candidate.key].share for member in effect.members)
+        candidates = [member.candidate for member in effect.members]
+        share = max(max(c.share, self.judgements[c.key].share) for c in candidates)
         return share > self.config.gate.smallest_share or self._rings(effect)
 
     def _rings(self, effect: Effect) -> bool:
