@@ -52,10 +52,6 @@ class ChangeOfSpeed(ABC):
         self.square = known * self.velocity**2 / rows.floor
         self.reference = rows.weight * rows.averaged(residual)
 
-    def shapes(self, joint: int) -> list[dict[str, float]]:
-        """What is tried on a joint: arguments of `of`."""
-        return [{"width": width_s} for width_s in self.widths_s]
-
     @abstractmethod
     def of(self, joint: int, width: float) -> np.ndarray:
         """Estimate z of a joint, (B, T), from everything but what it is tried on, over a width in s."""
@@ -85,12 +81,15 @@ class ChangeOfSpeed(ABC):
         n = len(self.rows.folds.fold)
         best = []
         for joint in range(self.velocity.shape[-1]):
-            options = [self._candidate(joint, shape) for shape in self.shapes(joint)]
-            candidate = max(options, key=lambda option: option.gain)
+            candidate = max(self.options(joint), key=lambda option: option.gain)
             if candidate.key in nominal:
                 candidate = replace(candidate, owed=nominal[candidate.key].most_per_row * n)
             best.append(candidate)
         return best
+
+    def options(self, joint: int) -> list[Candidate]:
+        """What is tried on a joint; the arguments of `of` are each one's `point`."""
+        return [self.candidate(joint, {"width": width_s}) for width_s in self.widths_s]
 
     def evidence(self, joint: int, shape: Mapping[str, float]) -> Evidence:
         """How well the estimate of z of a shape explains the joint's residual."""
@@ -99,6 +98,7 @@ class ChangeOfSpeed(ABC):
         bounds = np.array([0.0]), np.array([MOST_OF_ESTIMATE])
         return evidence(reference, reference, regressor, self.rows.folds, *bounds)
 
-    def _candidate(self, joint: int, shape: Mapping[str, float]) -> Candidate:
+    def candidate(self, joint: int, shape: Mapping[str, float]) -> Candidate:
+        """The candidate of a shape, nothing owed yet."""
         found, floor = self.evidence(joint, shape), self.rows.floor[joint]
         return scored(found, self.reference[:, joint], floor, self.family, joint, None, dict(shape), ())

@@ -168,20 +168,17 @@ class Confirmation:
         blocks = [self.fitted.folds.block, self.held_out.folds.block + self.fitted.folds.n_blocks]
         return sizes_by_log(change, without, np.concatenate(log), np.concatenate(blocks))
 
-    def _bounded(self, before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+    def _bounded(
+        self, before: np.ndarray, after: np.ndarray, only: np.ndarray | None = None
+    ) -> tuple[float, float]:
         config = self.config
-        return lower_bound(before, after, self.held_out, config.resamples, config.confidence, self.seed)
+        return lower_bound(before, after, self.held_out, config.resamples, config.confidence, self.seed, only)
 
     def _bounded_where_it_acts(self, before: np.ndarray, after: np.ndarray, n_found: int) -> float:
         """Of what is rarely met: the bound over the blocks that show it, if it beats placebos on these rows, too."""
-        acts = where_it_acts(before, after, self.held_out)
-        p_value = placebo_p(before, before - after, n_found, self.seed)
-        if p_value >= self.config.largest_p:
+        if placebo_p(before, before - after, n_found, self.seed) >= self.config.largest_p:
             return -np.inf
-        config = self.config
-        return lower_bound(
-            before, after, self.held_out, config.resamples, config.confidence, self.seed, acts
-        )[1]
+        return self._bounded(before, after, where_it_acts(before, after, self.held_out))[1]
 
     def _supply(self, found: Sequence[Found], without: WithoutSupply) -> dict[Key, Seen]:
         """A common change of speed, per joint, averaged over the time that the rows for fitting chose."""

@@ -51,20 +51,20 @@ class _Course(ChangeOfSpeed):
         known = sum(spread(of.weight, of.is_used) for of in (rows, beside) if of is not None)
         super().__init__(simulation, active, rows, np.asarray(known))
 
-    def shapes(self, joint: int) -> list[dict[str, float]]:
+    def options(self, joint: int) -> list[Candidate]:
         """Any course, at the best width; instead of it a cycle, where that explains clearly more of what varies."""
-        smooth = max(super().shapes(joint), key=lambda shape: self._candidate(joint, shape).gain)
+        smooth = max(super().options(joint), key=lambda option: option.gain)
         cycles = [
             {"width": SHARE_OF_PERIOD * period_s, PERIOD: period_s} for period_s in self._periods_s(joint)
         ]
         if not cycles:
             return [smooth]
-        left, *of_cycles = (self.residuals(joint, shape) for shape in (smooth, *cycles))
+        left, *of_cycles = (self.residuals(joint, shape) for shape in (smooth.point, *cycles))
         constant = float(np.sum(left[0] ** 2))
         of_smooth, *varying = (constant - float(np.sum(after**2)) for _, after in (left, *of_cycles))
         best = int(np.argmax(varying))
         is_cycle = varying[best] > max(CYCLE_FACTOR * of_smooth, CYCLE_SHARE * constant)
-        return [cycles[best] if is_cycle else smooth]
+        return [self.candidate(joint, cycles[best]) if is_cycle else smooth]
 
     def of(self, joint: int, width: float, period: float | None = None) -> np.ndarray:
         """By a kernel's means over the seconds around, the nearest left out; of a cycle over all its other rounds."""

@@ -33,10 +33,10 @@ class _Common(ChangeOfSpeed):
     family = FAMILY
     widths_s = WIDTHS_S
 
-    def shapes(self, joint: int) -> list[dict[str, float]]:
+    def options(self, joint: int) -> list[Candidate]:
         """All but the shortest time, unless what it explains is lost over the next one, as of starts and stops."""
-        shortest, *longer = super().shapes(joint)
-        is_lost = self._candidate(joint, longer[0]).gain < KEPT_SHARE * self._candidate(joint, shortest).gain
+        shortest, *longer = super().options(joint)
+        is_lost = longer[0].gain < KEPT_SHARE * shortest.gain
         return [shortest, *longer] if is_lost else longer
 
     def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows) -> None:
