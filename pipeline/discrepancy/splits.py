@@ -49,9 +49,10 @@ CYCLE = (Purpose.fit, Purpose.select, Purpose.confirm)
 # Of a third of the rows, which every purpose gets of whole trajectories, or they are cut: the pieces of a log that
 # gaps cut in two are no trajectories of like length, and a purpose of the small ones has too few rows to tell by.
 SMALLEST_PART = 0.5
-WORTH_IT = (
-    0.5  # of a block: parts are made more even by so much at least, not by what rounding and purging make
-)
+# Of a block: parts are made more even by so much at least, not by what rounding and purging make; and how uneven they
+# may become so, which many logs shorter than a block would add up to.
+WORTH_IT = 0.5
+UNEVEN = 1.0
 
 
 def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tuple[list[np.ndarray], str]:
@@ -83,7 +84,7 @@ def split_rows(lengths: Sequence[int], dt_s: float, config: SplitConfig) -> tupl
         counts = [so_far + _counts([rows]) for rows in begun]
         unevenness = np.array([np.ptp(of) for of in counts]) * dt_s / block_s
         best = int(np.argmin(unevenness))
-        if unevenness[0] - unevenness[best] < WORTH_IT:
+        if unevenness[0] - unevenness[best] < WORTH_IT and unevenness[0] <= UNEVEN:
             best = 0
         purposes.append(begun[best])
         so_far = counts[best]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pipeline.discrepancy.splits import Purpose, SplitConfig, split_rows
@@ -70,6 +70,7 @@ def test_pieces_of_a_log_that_gaps_cut_are_no_trajectories_to_be_dealt() -> None
 
 
 @given(st.lists(st.integers(100, 9000), min_size=6, max_size=20))
+@example([624, 610, 783, 846, 729, 7445, 478, 322, 433, 5791, 1306, 1481])  # short ones add up
 def test_every_purpose_gets_its_part_of_trajectories_of_any_length(lengths: list[int]) -> None:
     purposes, rule = split_rows(lengths, DT_S, CONFIG)
     smallest = counts(purposes).min()
