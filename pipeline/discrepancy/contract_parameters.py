@@ -161,13 +161,19 @@ def describe(
     if family in DEPENDENCES:
         return {}
     if family == "lag":
-        # The mean of starts and stops: what the response is late by in the mean.
+        # A valve that closes within its overlap stops sooner than it starts, with one and the same time constant of its
+        # pilot: how far starts and stops bear that one out, speeds do not say. It is somewhere between what starts
+        # show and the mean of both, each as likely.
+        starting = point["added_time_constant"]
         mean_share = 0.5 * (1.0 + point["fall_share"])
+        between = 0.5 * (1.0 + mean_share)
+        deviation, widest = spread.get("added_time_constant", UNKNOWN)
+        unknown = abs(1.0 - mean_share) * abs(starting) / np.sqrt(12.0)
         return {
-            "added_time_constant": of(
-                mean_share * point["added_time_constant"], "s", "added_time_constant", mean_share
+            "added_time_constant": quantity(
+                between * starting, "s", float(np.hypot(between * deviation, unknown)), between * widest
             ),
-            "added_time_constant_starting": of(point["added_time_constant"], "s", "added_time_constant"),
+            "added_time_constant_starting": of(starting, "s", "added_time_constant"),
             "fall_share": of(point["fall_share"], "1", "fall_share"),
         }
     units = {

@@ -10,11 +10,12 @@ from pipeline.discrepancy.contract_parameters import OF_95_PERCENT
 from pipeline.discrepancy.plausibility import BACKLASH, DELAY, FLOW_COUPLING, LAG, LEAKAGE, STICTION
 from pipeline.discrepancy.shared_flow import LOSS
 
-# By the first that is there: of a stiction told by when joints start, the wrapper's own value stands beside.
+# By the first that is there: of a stiction told by when joints start, the wrapper's own value stands beside; of a lag
+# the wrapper's own is as wide as the logs leave it, and not also as wide as what it means for a valve.
 SIZES = {
     BACKLASH: ("width",),
     DELAY: ("added_delay",),
-    LAG: ("added_time_constant",),
+    LAG: ("added_time_constant_starting", "added_time_constant"),
     LEAKAGE: ("sag_rate",),
     STICTION: ("mean_extra_time_of_command", "mean_extra_time"),
     FLOW_COUPLING: (LOSS,),

@@ -22,8 +22,11 @@ from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.scored_rows import Rows, averaged
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
+from pipeline.effects.lag import Lag
+from tests.discrepancy.bare_candidate import bare_candidate
 
 N_ROWS, DT_S = 600, 0.05
+ONE_JOINT = Setting(DT_S, np.array([-1.0]), np.array([1.0]), np.array([1.0]))
 
 
 def test_joints_that_agree_are_weighted_by_precision() -> None:
@@ -85,7 +88,7 @@ def test_parameters_that_not_all_joints_have_keep_their_joints() -> None:
 @pytest.mark.parametrize("n_joint", [1, 3])
 def test_a_deviation_ends_where_nothing_is_plausible_however_many_joints_know_nothing(n_joint) -> None:
     both = (("ratio_positive", None), ("ratio_negative", None))
-    effect = Gain(Setting(DT_S, np.array([-1.0]), np.array([1.0]), np.array([1.0])))
+    effect = Gain(ONE_JOINT)
     coordinate = Coordinate(0, None, 0, -0.3, 0.3)
     candidate = Candidate("gain", 0, None, {}, (both,), np.array([0.1]), 0.0, 0.0, np.zeros(1))
 
@@ -102,10 +105,27 @@ def test_a_deviation_ends_where_nothing_is_plausible_however_many_joints_know_no
     assert np.isclose(deviation(uniform**2), (2.0 / uniform**2) ** -0.5)  # precisions add
 
 
+def told_lag(fall_share: float):
+    lag = bare_candidate("lag", 0, added_time_constant=0.2, fall_share=fall_share)
+    spread = {"added_time_constant": Spread(0.01, 1.0)}
+    return describe(lag, Lag(ONE_JOINT), spread, ("swing",), "rad")["added_time_constant"]
+
+
+def test_a_lag_alike_at_starts_and_stops_has_one_time_constant() -> None:
+    told = told_lag(1.0)
+    assert told["value"] == pytest.approx(0.2)
+    assert told["ci95"] == pytest.approx([0.2 - 1.96 * 0.01, 0.2 + 1.96 * 0.01])
+
+
+def test_of_a_lag_that_stops_sooner_the_interval_holds_both_readings() -> None:
+    lower, upper = told_lag(0.2)["ci95"]
+    assert lower < 0.5 * (0.2 + 0.2 * 0.2) and upper > 0.2  # the mean of starts and stops; starts
+
+
 def gain_of_one_joint(ratio: float):
     """A machine whose nominal velocity is known, and measured logs of it with another speed in each third."""
     u = np.sin(0.21 * np.arange(N_ROWS))[None, :, None]
-    effect = Gain(Setting(DT_S, np.array([-1.0]), np.array([1.0]), np.array([1.0])))
+    effect = Gain(ONE_JOINT)
     thirds = np.repeat([1.0 + ratio, 1.0, 1.0 - ratio], N_ROWS // 3)[None, :, None]
     is_used = np.ones((1, N_ROWS), bool)
     n = N_ROWS // 2
