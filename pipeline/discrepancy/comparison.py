@@ -22,6 +22,7 @@ from pipeline.discrepancy.search_thresholds import SearchConfig
 
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
 REPRODUCED_SHARE = 0.2
+MOST_OWED = 0.5  # of a dependence's gain, to what the diagnosis model is off by
 # Of what the best explains, for a candidate to be as good: in general, and for a name beside a better name, which has
 # no more freedom.
 LEAST_OF_BEST, LEAST_OF_BEST_NAME = 0.5, 0.7
@@ -58,6 +59,8 @@ class Comparison:
             is_further: Whether something was found before, of which it may be what is left over.
         """
         squares = candidate.gain / candidate.share if candidate.share > 0 else np.inf
+        if is_dependence(candidate) and candidate.owed > MOST_OWED * candidate.gain:
+            return False  # where the model is off on nominal logs, too, of whatever form that is
         smallest_t = self.config.second_t if is_further else self.config.smallest_t
         return (
             candidate.share > self.config.smallest_share

@@ -16,6 +16,7 @@ from pipeline.discrepancy.decide_again import decide_again
 from pipeline.discrepancy.encoder_error import encoder_errors, is_refuted_by_stops
 from pipeline.discrepancy.found import Found, onsets_of, values_of
 from pipeline.discrepancy.gain_of_a_dependence import with_its_gain
+from pipeline.discrepancy.gain_over_poses import is_a_gain_over_poses
 from pipeline.discrepancy.late_channel import late_channel, set_in_together, shortened
 from pipeline.discrepancy.onset import since, with_onsets
 from pipeline.discrepancy.plausibility import (
@@ -268,6 +269,7 @@ class Search:
                 and c.family != COURSE
                 and c.key not in {f.candidate.key for f in self.found}
                 and self.passes(c)
+                and not self._is_a_gain(c, first)
             ]
             better = max(rivals, key=self.comparison.net, default=None)
             if (
@@ -307,7 +309,8 @@ class Search:
         as_good = self.comparison.as_good_as(best, rivals)
         chosen = self.comparison.simplest(as_good)
         equivalents = self.comparison.equivalents(chosen, as_good, rivals, at_bound)
-        better = self.comparison.better_dependence(chosen, as_good)
+        others = [c for c in as_good if not self._is_a_gain(c, chosen)]
+        better = self.comparison.better_dependence(chosen, others)
         if better is not None:  # a wrong name is worse than none, but not a name that explains as much
             named = self.comparison.names_instead(better, as_good)
             better = self.comparison.simplest(named) if named else better
@@ -336,6 +339,11 @@ class Search:
         if chosen.family == DELAY and TIMING not in self.excluded:
             found += [Found(c) for c in self._late_elsewhere(chosen, candidates)]
         return found
+
+    def _is_a_gain(self, dependence: Candidate, name: Candidate) -> bool:
+        """Whether a dependence is the name's own gain, which loads make larger here than there."""
+        beside = [f for f in self.found if f.candidate is not name]
+        return is_a_gain_over_poses(self.simulation, self.rows, beside, dependence, name)
 
     def _cold_oil(
         self, best: Candidate, common: Sequence[Candidate], candidates: Sequence[Candidate]
