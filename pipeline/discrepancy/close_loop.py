@@ -19,7 +19,7 @@ from pipeline.discrepancy.document import document_of, parameters_of
 from pipeline.discrepancy.found import Found, onsets_of, residual_of, values_of
 from pipeline.discrepancy.gain_of_a_dependence import doubted_by_what_varies
 from pipeline.discrepancy.gathering import evidence_of
-from pipeline.discrepancy.grouping import Effect, effects_of
+from pipeline.discrepancy.grouping import Effect, effects_of, without_lags_of_one_cause
 from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
 from pipeline.discrepancy.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.open_loop_gate import OpenLoopGate
@@ -262,7 +262,7 @@ class Loop:
             # The misfit of more joints at once than before has shown on one or two joints, not on all of them.
             is_of_all = len(effect.joints) >= FEWEST_OF_ALL and set(effect.joints) >= set(self.excited)
             smallest = OF_95_PERCENT if is_of_all else self.config.gate.smallest_size
-            why = why_it_is_none(effect.family, told, smallest)
+            why = why_it_is_none(effect.family, told, smallest, effect.joints)
             if why is not None:
                 small.append(effect)
                 self.say(
@@ -326,7 +326,7 @@ class Loop:
             config=self.config.gate,
             say=self.say,
         )
-        effects = self.open_loop.passing(effects, self._shows)
+        effects = without_lags_of_one_cause(self.open_loop.passing(effects, self._shows))
         after = self.predictor(effects)
         errors = {
             horizon: (of_before[horizon], self.errors(after, horizon) if effects else of_before[horizon])

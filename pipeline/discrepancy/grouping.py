@@ -7,7 +7,7 @@ from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.found import Found
 from pipeline.discrepancy.late_channel import late_channel
-from pipeline.discrepancy.plausibility import DELAY, FLOW_COUPLING, LOAD, TIMING, is_dependence
+from pipeline.discrepancy.plausibility import DELAY, FLOW_COUPLING, LAG, LOAD, TIMING, is_dependence
 from pipeline.discrepancy.shared_flow import coefficients_by_source
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.whole_machine import OF_ONE_CAUSE
@@ -17,6 +17,7 @@ from pipeline.effects.dependence import DEPENDENCES
 
 OTHER = "other"
 SMALLEST_LOSS = 0.02  # by a joint's demand, for a speed to be said to depend on it
+FEWEST_LAGS = 3  # joints
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,23 @@ def effects_of(found: Sequence[Found], excited: Collection[int], allow_timing: b
             left = [f for f in left if f not in members]
     effects += [Effect(contract_family(f.candidate), [f]) for f in left]
     return sorted(effects, key=lambda effect: -effect.gain)
+
+
+def without_lags_of_one_cause(effects: Sequence[Effect]) -> list[Effect]:
+    """Lags of so many joints at once are no wear of theirs but one cause, which the catalogue does not name: `other`.
+
+    Oil that makes all joints late would have been told as such. A joint counts whose effect may be a lag just as well.
+
+    Args:
+        effects: Of the verdict.
+    """
+    lags = [e for e in effects if LAG in (e.family, *(c.family for c in e.equivalents))]
+    named = [e for e in lags if e.family == LAG]
+    if not named or len({joint for e in lags for joint in e.joints}) < FEWEST_LAGS:
+        return list(effects)
+    one = Effect(OTHER, [member for e in named for member in e.members])
+    place = effects.index(named[0])
+    return [one if i == place else e for i, e in enumerate(effects) if i == place or e not in named]
 
 
 def contract_family(candidate: Candidate) -> str:

@@ -196,11 +196,11 @@ class Search:
         return [Found(c) for c in further]
 
     def _may_stand_alone(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
-        """Whether it is plausible on its joint, and oil that warms up shows on another joint, too."""
-        if candidate.family == THERMAL_DRIFT:
-            showing = [c for c in candidates if c.family == THERMAL_DRIFT and self.comparison.shows(c)]
+        """Whether it is plausible on its joint, and shows on another joint, too, where all have the same oil."""
+        if candidate.family in (THERMAL_DRIFT, SUPPLY):
+            showing = [c for c in candidates if c.family == candidate.family and self.comparison.shows(c)]
             return len(showing) > 1 and is_plausible(candidate.family, [candidate])
-        is_judged = candidate.family in (GAIN, SUPPLY, *ON_SEVERAL_JOINTS)
+        is_judged = candidate.family in (GAIN, *ON_SEVERAL_JOINTS)
         return not is_judged or is_plausible(candidate.family, [candidate])
 
     def _candidates(self) -> list[Candidate]:

@@ -3,12 +3,14 @@
 A small change that many rows show is beyond chance, and beyond every placebo, where it is but the model's own misfit.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pipeline.discrepancy.contract_parameters import OF_95_PERCENT
 from pipeline.discrepancy.plausibility import BACKLASH, DELAY, FLOW_COUPLING, LAG, LEAKAGE, STICTION
 from pipeline.discrepancy.shared_flow import LOSS
+from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.supply_variation import FIRST_LAG_S
 
 # By the first that is there: of a stiction told by when joints start, the wrapper's own value stands beside; of a lag
 # the wrapper's own is as wide as the logs leave it, and not also as wide as what it means for a valve.
@@ -19,21 +21,33 @@ SIZES = {
     LEAKAGE: ("sag_rate",),
     STICTION: ("mean_extra_time_of_command", "mean_extra_time"),
     FLOW_COUPLING: (LOSS,),
+    SUPPLY: ("correlation_time",),
 }
 
 
-def why_it_is_none(family: str, parameters: Mapping[str, Any], smallest_deviations: float) -> str | None:
+def why_it_is_none(
+    family: str, parameters: Mapping[str, Any], smallest_deviations: float, joints: Sequence[int]
+) -> str | None:
     """A clause on a size that is within what the diagnosis model is off by on nominal logs; None: it is beyond.
 
     What joints take from each other's flow has to be some standard deviations: with more joints at once than nominal
-    logs show, what the diagnosis model makes of them beats every placebo.
+    logs show, what the diagnosis model makes of them beats every placebo. A supply changes the speed of every joint,
+    and for longer than the model is off alike where joints start and stop together.
 
     Args:
         family: Of the effect, one of `SIZES`.
         parameters: As in `closed_loop.json`.
         smallest_deviations: Of a shared flow's loss.
+        joints: That have it.
     """
     name = next(name for name in SIZES[family] if name in parameters)
+    if family == SUPPLY:
+        if len(joints) < 2:
+            return "what all joints have in common and one alone shows is"
+        time = parameters[name]
+        if time["value"] >= FIRST_LAG_S:
+            return None
+        return f"a {name} of {time['value']:.2g} {time['unit']}, as joints start and stop, is"
     if family == FLOW_COUPLING:
         loss = parameters[LOSS]
         deviation = (loss["ci95"][1] - loss["value"]) / OF_95_PERCENT

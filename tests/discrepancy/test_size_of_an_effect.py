@@ -26,4 +26,13 @@ def told(value: float, lower: float, upper: float, unit: str = "s") -> dict:
     ],
 )
 def test_a_size_whose_interval_holds_none_is_none(family: str, parameters: dict, is_none: bool) -> None:
-    assert (why_it_is_none(family, parameters, 3.0) is not None) == is_none
+    assert (why_it_is_none(family, parameters, 3.0, [0]) is not None) == is_none
+
+
+@pytest.mark.parametrize(
+    ("time_s", "joints", "is_none"),
+    [(3.0, [0, 1], False), (3.0, [0], True), (0.5, [0, 1, 2, 3], True)],
+)
+def test_a_supply_is_of_several_joints_and_slower_than_they_start(time_s, joints, is_none) -> None:
+    parameters = {"std_log_speed": told(0.1, 0.05, 0.15, "1"), "correlation_time": told(time_s, 0.4, 6.0)}
+    assert (why_it_is_none("supply_variation", parameters, 3.0, joints) is not None) == is_none

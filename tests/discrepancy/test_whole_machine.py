@@ -1,12 +1,13 @@
 """Which effects on several joints are one cause."""
 
+import functools
 from dataclasses import replace
 
 import pytest
 
 from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.found import Found
-from pipeline.discrepancy.grouping import effects_of
+from pipeline.discrepancy.grouping import OTHER, effects_of, without_lags_of_one_cause
 from pipeline.discrepancy.late_channel import are_equal_delays, late_channel, set_in_together, shortened
 from pipeline.discrepancy.whole_machine import of_one_cause
 
@@ -80,3 +81,17 @@ def test_a_joint_that_hardly_moves_neither_makes_a_channel_nor_refutes_it():
         ("timing", (0, 1)),
         ("delay", (2,)),
     }
+
+
+def test_lags_of_three_joints_are_one_cause_that_has_no_name():
+    lag, gain, stiction = (
+        functools.partial(bare_candidate, family) for family in ("lag", "gain", "stiction")
+    )
+    two = [Found(gain(0)), Found(lag(1)), Found(lag(2))]
+    named = effects_of(two, range(4))
+    assert without_lags_of_one_cause(named) == named
+    (of_gain, other, of_stiction) = without_lags_of_one_cause(
+        effects_of([*two, Found(stiction(3), [lag(3)])], range(4))
+    )
+    assert (of_gain.family, of_stiction.family) == ("gain", "stiction")
+    assert (other.family, other.joints, other.card) == (OTHER, [1, 2], "lag")
