@@ -3,7 +3,9 @@
 Causes that make a joint late differ in how it starts and stops, by less than most of their signature. The best of them
 therefore passes every comparison with nothing and with chance, also where the catalogue lacks the cause. What it cannot
 do is leave nothing behind: after a wrong one the residual still follows the joint's own starts and stops. It is
-regressed on these, whatever its form, and counted on rows that the regression did not see.
+regressed on these, whatever its form, and counted on rows that the regression did not see. Starts that reverse a joint
+count apart from those that go on: play shows after the first alone, a spool that sticks after both. Play also moves the
+stops as the link's encoder reads them, so that an encoder which stops accuse is asked the same.
 """
 
 from collections.abc import Sequence
@@ -13,7 +15,7 @@ import numpy as np
 
 from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.found import Found, residual_of
-from pipeline.discrepancy.plausibility import BACKLASH, DELAY, LAG, OSCILLATION, STICTION
+from pipeline.discrepancy.plausibility import BACKLASH, DELAY, LAG, OSCILLATION, SENSOR_BIAS, STICTION
 from pipeline.discrepancy.scored_rows import ROWS_AVERAGED, Rows
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.effects.catalogue import KNOWN
@@ -36,7 +38,7 @@ def doubted_by_what_is_left(
     largest: float,
     dt_s: float,
 ) -> list[Found]:
-    """Effects of which the signature is still there have others of starts and stops among their equivalents.
+    """Effects after which a signature of starts and stops is still there have others among their equivalents.
 
     Args:
         simulation: On the measured logs.
@@ -50,7 +52,7 @@ def doubted_by_what_is_left(
     doubted = []
     for effect in found:
         candidate = effect.candidate
-        if candidate.family in OF_STARTS_AND_STOPS:
+        if candidate.family in (*OF_STARTS_AND_STOPS, SENSOR_BIAS):
             joint = candidate.joint
             without = residual_of(simulation, rows, [f for f in found if f is not effect])[:, joint]
             is_of_late_joint = candidate.point.get("damping_ratio", 0.0) > RINGING
@@ -106,7 +108,9 @@ def remaining_share(without: np.ndarray, after: np.ndarray, columns: np.ndarray,
 
 
 def starts_and_stops(simulation: Simulation, rows: Rows, candidate: Candidate, dt_s: float) -> np.ndarray:
-    """(N, k) how long ago the joint's command began or ceased to be of either sign, one column per kind and moment.
+    """(N, k) how long ago the joint's command began, to reverse it or to go on, or ceased to be of either sign.
+
+    One column per kind and moment.
 
     Args:
         simulation: On the measured logs.
@@ -116,17 +120,26 @@ def starts_and_stops(simulation: Simulation, rows: Rows, candidate: Candidate, d
     """
     command = np.sign(simulation.sequences.command[..., candidate.joint])
     before = np.pad(command, ((0, 0), (1, 0)))[:, :-1]
+    last = _last_motion(before)
     acts = np.ones(command.shape)
     if candidate.onset is not None:
         since = candidate.onset if candidate.onset_between is None else candidate.onset_between[1]
         acts = simulation.sequences.stamp_ns >= since
+    events = []
+    for sign in (-1.0, 1.0):
+        start = (command == sign) & (before != sign)
+        events += [start & (last == sign), start & (last != sign), (before == sign) & (command != sign)]
     columns = []
-    for now, then in ((command, before), (before, command)):
-        for sign in (-1.0, 1.0):
-            event = (now == sign) & (then != sign)
-            for first in range(0, round(AFTER_S / dt_s), ROWS_AVERAGED):
-                during = np.zeros(command.shape)
-                for lag in range(first, first + ROWS_AVERAGED):
-                    during[:, lag:] += event[:, : command.shape[1] - lag]
-                columns.append(rows.averaged(acts * during))
+    for event in events:
+        for first in range(0, round(AFTER_S / dt_s), ROWS_AVERAGED):
+            during = np.zeros(command.shape)
+            for lag in range(first, first + ROWS_AVERAGED):
+                during[:, lag:] += event[:, : command.shape[1] - lag]
+            columns.append(rows.averaged(acts * during))
     return np.stack(columns, axis=1) * rows.weight[:, [candidate.joint]]
+
+
+def _last_motion(command: np.ndarray) -> np.ndarray:
+    """(B, T) the command itself, at rest the one before the rest; 0 until there is one."""
+    row = np.where(command != 0.0, np.arange(command.shape[1]), 0)
+    return np.take_along_axis(command, np.maximum.accumulate(row, axis=1), axis=1)

@@ -13,7 +13,7 @@ class SensorBias(SensorEffect):
         equation="q_measured = k q + o",
         source="encoder mounting and coupling errors",
         signature="stops and all other effects of position move; a scale also changes measured speeds, both ways alike",
-        confounded_with=("gain", "end_cushion", "load"),
+        confounded_with=("gain", "end_cushion", "load", "backlash"),
         excitation="both stops of the joint",
         depends_on=("position:{joint}",),
         scope=Scope.joint,

@@ -83,6 +83,27 @@ def test_share_is_what_is_left_in_units_of_what_was_removed() -> None:
         assert share == pytest.approx(expected, rel=0.03)
 
 
+def test_late_after_reversals_and_early_after_other_starts_is_a_signature_though_starts_are_right_in_the_mean() -> (
+    None
+):
+    pulse, last = np.zeros(N_ROWS), 0.0
+    reversing, going_on = [], []
+    for row in range(1, N_ROWS - 10):
+        before, now = COMMAND[0, row - 1 : row + 1, JOINT]
+        last = before or last
+        if now not in (0.0, before):
+            (going_on if now == last else reversing).append(row)
+    assert min(len(reversing), len(going_on)) > 20
+    for starts in (reversing, going_on):
+        for row in starts:
+            sign = COMMAND[0, row, JOINT] * (-1.0 if starts is reversing else 1.0)
+            pulse[row : row + 6] = sign * min(len(reversing), len(going_on)) / len(starts)
+    noise = mean(0.05 * NOISE)
+    without = 3.0 * mean(pulse) + noise
+    assert remaining_share(without, mean(pulse) + noise, columns(), FOLD) > 2 * LARGEST
+    assert remaining_share(without, noise, columns(), FOLD) < 0.002
+
+
 def test_a_small_part_of_what_is_left_is_no_signature() -> None:
     signature = mean(lagging(0.3) - COMMAND[0, :, JOINT])
     for noise, is_told in ((0.05, True), (2.0, False)):
@@ -133,7 +154,7 @@ def doubted(
 SCREENED = [
     replace(bare_candidate(family, joint), gain=1.0)
     for joint in (0, JOINT)
-    for family in ("gain", "lag", "delay", "stiction", "oscillation", "leakage")
+    for family in ("gain", "lag", "delay", "stiction", "oscillation", "leakage", "backlash")
 ]
 
 
@@ -142,8 +163,9 @@ def test_what_its_card_is_confounded_with_on_its_joint_stands_beside_it(
 ) -> None:
     delay = bare_candidate("delay", JOINT)
     assert doubted(delay, 0.05, monkeypatch, SCREENED) == []
-    assert doubted(delay, 0.4, monkeypatch, SCREENED) == ["lag", "stiction"]
+    assert doubted(delay, 0.4, monkeypatch, SCREENED) == ["lag", "stiction", "backlash"]
     assert doubted(bare_candidate("gain", JOINT), 0.4, monkeypatch, SCREENED) == []
+    assert doubted(bare_candidate("sensor_bias", JOINT), 0.4, monkeypatch, SCREENED) == ["gain", "backlash"]
 
 
 def test_a_resonance_that_does_not_ring_is_a_lag_by_another_name(monkeypatch: pytest.MonkeyPatch) -> None:
