@@ -265,12 +265,11 @@ class Loop:
             why = why_it_is_none(effect.family, told, smallest, effect.joints)
             if why is not None:
                 small.append(effect)
-                self.say(
-                    f"{effect.family} is dropped: {why} within what the diagnosis model is off by on nominal logs."
-                )
+                self.say(f"{effect.family} is dropped: {why}.")
         if not small:
             return effects
-        return self._refitted([member for e in effects if e not in small for member in e.members])
+        kept = [member for e in effects if e not in small for member in e.members]
+        return self._refitted(doubted_by_what_varies(kept, self.searched, self.search.first))
 
     def _grouped(self, found: Sequence[Found]) -> list[Effect]:
         return effects_of(found, self.excited, TIMING not in self.config.exclude)

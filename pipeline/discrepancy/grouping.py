@@ -6,8 +6,16 @@ from dataclasses import dataclass
 from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.found import Found
-from pipeline.discrepancy.late_channel import late_channel
-from pipeline.discrepancy.plausibility import DELAY, FLOW_COUPLING, LAG, LOAD, TIMING, is_dependence
+from pipeline.discrepancy.late_channel import late_channel, set_in_together
+from pipeline.discrepancy.plausibility import (
+    DELAY,
+    FLOW_COUPLING,
+    LAG,
+    LOAD,
+    THERMAL_DRIFT,
+    TIMING,
+    is_dependence,
+)
 from pipeline.discrepancy.shared_flow import coefficients_by_source
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.whole_machine import OF_ONE_CAUSE
@@ -97,20 +105,30 @@ def effects_of(found: Sequence[Found], excited: Collection[int], allow_timing: b
 
 
 def without_lags_of_one_cause(effects: Sequence[Effect]) -> list[Effect]:
-    """Lags of so many joints at once are no wear of theirs but one cause, which the catalogue does not name: `other`.
+    """Lags of three joints at once are no wear of each but one cause: `other`, where they may not be called cold oil.
 
-    Oil that makes all joints late would have been told as such. A joint counts whose effect may be a lag just as well.
+    A joint counts whose effect may be a lag just as well.
 
     Args:
-        effects: Of the verdict.
+        effects: Of the verdict, strongest first.
     """
-    lags = [e for e in effects if LAG in (e.family, *(c.family for c in e.equivalents))]
-    named = [e for e in lags if e.family == LAG]
-    if not named or len({joint for e in lags for joint in e.joints}) < FEWEST_LAGS:
+    named = [e for e in effects if e.family == LAG]
+    lagging = {
+        member.candidate.joint
+        for effect in effects
+        if effect.family not in OF_ONE_CAUSE
+        for member in effect.members
+        if LAG in (member.candidate.family, *(c.family for c in member.equivalents))
+    }
+    if len(named) < 2 or len(lagging) < FEWEST_LAGS:
         return list(effects)
-    one = Effect(OTHER, [member for e in named for member in e.members])
-    place = effects.index(named[0])
-    return [one if i == place else e for i, e in enumerate(effects) if i == place or e not in named]
+    lags = [member for e in named for member in e.members]
+    is_oil = any(c.family == THERMAL_DRIFT for lag in lags for c in lag.equivalents)
+    if is_oil or not all(set_in_together(lags[0].candidate, lag.candidate) for lag in lags):
+        return list(effects)
+    return sorted(
+        [Effect(OTHER, lags), *(e for e in effects if e.family != LAG)], key=lambda effect: -effect.gain
+    )
 
 
 def contract_family(candidate: Candidate) -> str:

@@ -19,6 +19,7 @@ from pipeline.discrepancy.plausibility import BACKLASH, DELAY, LAG, OSCILLATION,
 from pipeline.discrepancy.scored_rows import ROWS_AVERAGED, Rows
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.effect import SMALLEST_COMMAND
 
 OF_STARTS_AND_STOPS = (BACKLASH, DELAY, LAG, OSCILLATION, STICTION)
 AFTER_S = 1.5  # a start or stop
@@ -68,9 +69,10 @@ def doubted_by_what_is_left(
 
 
 def _others(effect: Found, screened: Sequence[Candidate]) -> list[Candidate]:
-    """What its card is confounded with, of those on its joint that are not told yet."""
+    """What its card is confounded with, of an encoder what starts and stops show, on its joint and not told yet."""
     candidate, told = effect.candidate, {c.family for c in effect.equivalents}
-    confounded = KNOWN[candidate.family].card.confounded_with
+    is_encoder = candidate.family == SENSOR_BIAS
+    confounded = OF_STARTS_AND_STOPS if is_encoder else KNOWN[candidate.family].card.confounded_with
     return [
         c
         for c in screened
@@ -118,7 +120,8 @@ def starts_and_stops(simulation: Simulation, rows: Rows, candidate: Candidate, d
         candidate: Its joint's command; nothing counts until it surely has set in.
         dt_s: Length of a time step.
     """
-    command = np.sign(simulation.sequences.command[..., candidate.joint])
+    command = simulation.sequences.command[..., candidate.joint]
+    command = np.sign(command) * (np.abs(command) >= SMALLEST_COMMAND)
     before = np.pad(command, ((0, 0), (1, 0)))[:, :-1]
     last = _last_motion(before)
     acts = np.ones(command.shape)
@@ -128,7 +131,8 @@ def starts_and_stops(simulation: Simulation, rows: Rows, candidate: Candidate, d
     events = []
     for sign in (-1.0, 1.0):
         start = (command == sign) & (before != sign)
-        events += [start & (last == sign), start & (last != sign), (before == sign) & (command != sign)]
+        stop = (before == sign) & (command != sign)
+        events += [start & (last == sign), start & (last == -sign), stop]  # a log's first start may be either
     columns = []
     for event in events:
         for first in range(0, round(AFTER_S / dt_s), ROWS_AVERAGED):

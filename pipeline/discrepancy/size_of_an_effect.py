@@ -1,6 +1,7 @@
 """Sizes that are none: what the interval of an effect's size, misfit included, cannot tell from no effect at all.
 
 A small change that many rows show is beyond chance, and beyond every placebo, where it is but the model's own misfit.
+Of a supply it is not its size that tells, but on how many joints and for how long its change of speed is the same.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,8 +11,9 @@ from pipeline.discrepancy.contract_parameters import OF_95_PERCENT
 from pipeline.discrepancy.plausibility import BACKLASH, DELAY, FLOW_COUPLING, LAG, LEAKAGE, STICTION
 from pipeline.discrepancy.shared_flow import LOSS
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
-from pipeline.discrepancy.supply_variation import FIRST_LAG_S
+from pipeline.discrepancy.supply_variation import SHORTEST_S
 
+WITHIN = "within what the diagnosis model is off by on nominal logs"
 # By the first that is there: of a stiction told by when joints start, the wrapper's own value stands beside; of a lag
 # the wrapper's own is as wide as the logs leave it, and not also as wide as what it means for a valve.
 SIZES = {
@@ -28,7 +30,7 @@ SIZES = {
 def why_it_is_none(
     family: str, parameters: Mapping[str, Any], smallest_deviations: float, joints: Sequence[int]
 ) -> str | None:
-    """A clause on a size that is within what the diagnosis model is off by on nominal logs; None: it is beyond.
+    """Why it may be but what the diagnosis model is off by on nominal logs, in a clause; None: it is beyond that.
 
     What joints take from each other's flow has to be some standard deviations: with more joints at once than nominal
     logs show, what the diagnosis model makes of them beats every placebo. A supply changes the speed of every joint,
@@ -43,18 +45,21 @@ def why_it_is_none(
     name = next(name for name in SIZES[family] if name in parameters)
     if family == SUPPLY:
         if len(joints) < 2:
-            return "what all joints have in common and one alone shows is"
+            return "all joints have a supply in common, and one alone shows this"
         time = parameters[name]
-        if time["value"] >= FIRST_LAG_S:
+        if time["value"] >= SHORTEST_S:
             return None
-        return f"a {name} of {time['value']:.2g} {time['unit']}, as joints start and stop, is"
+        return (
+            f"a {name} of {time['value']:.2g} {time['unit']} is that of joints which start and stop together"
+        )
     if family == FLOW_COUPLING:
         loss = parameters[LOSS]
         deviation = (loss["ci95"][1] - loss["value"]) / OF_95_PERCENT
         if loss["value"] >= smallest_deviations * deviation:
             return None
-        return f"a loss of {loss['value']:.0%} ± {deviation:.0%} is"
+        return f"a loss of {loss['value']:.0%} ± {deviation:.0%} is {WITHIN}"
     lower, upper = parameters[name]["ci95"]
     if not lower <= 0.0 <= upper:
         return None
-    return f"{name} of {parameters[name]['value']:.2g} ({lower:.2g} to {upper:.2g}) {parameters[name]['unit']} is"
+    told = f"{parameters[name]['value']:.2g} ({lower:.2g} to {upper:.2g}) {parameters[name]['unit']}"
+    return f"{name} of {told} is {WITHIN}"

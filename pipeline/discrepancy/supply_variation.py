@@ -25,7 +25,7 @@ WIDTHS_S = (0.7, 1.5, 3.0, 6.0, 12.0)  # the first is no longer than motions are
 # correlation time of 1.5 s 0.8.
 KEPT_SHARE = 0.7
 STEP_S, LAGS = 0.5, np.arange(2, 41)  # of the covariance: 1 to 20 s
-FIRST_LAG_S = STEP_S * float(LAGS[0])
+SHORTEST_S = STEP_S * float(LAGS[0])  # correlation time that the covariance can tell
 
 
 class _Common(ChangeOfSpeed):

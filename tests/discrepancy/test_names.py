@@ -288,3 +288,19 @@ def test_no_actuator_is_slower_one_way_and_faster_the_other(coefficients: tuple,
     both_ways = ((("ratio_positive", None),), (("ratio_negative", None),))
     found = candidate("gain", 0, 1.0, coefficients, freed=both_ways)
     assert is_plausible("gain", [found]) is expected
+
+
+@pytest.mark.parametrize("family", ["supply_variation", "thermal_drift"])
+def test_what_all_joints_have_in_common_shows_on_more_than_one(family: str) -> None:
+    n_blocks = 40
+    block = np.repeat(np.arange(n_blocks), 10)
+    one = search(Folds(np.arange(400) % 2, block, n_blocks))
+
+    def shows(joint: int, gain: float) -> Candidate:
+        point, freed = {"width": 3.0, "time_constant": 60.0}, (("cold_speed_loss", None),)
+        found = candidate(family, joint, gain, (0.2,), point, (freed,))
+        return replace(found, share=0.5, gain_by_block=np.full(n_blocks, gain / n_blocks))
+
+    here, there, nowhere = shows(0, 50.0), shows(1, 40.0), shows(1, -1.0)
+    assert one._may_stand_alone(here, [here, there])
+    assert not one._may_stand_alone(here, [here, nowhere])

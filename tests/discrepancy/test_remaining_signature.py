@@ -139,6 +139,13 @@ def test_commands_of_any_size_start_and_stop_as_whole_ones_do() -> None:
     np.testing.assert_array_equal(seen, columns())
 
 
+def test_a_stick_that_trembles_at_rest_starts_nothing() -> None:
+    trembling = np.where(COMMAND == 0.0, 1e-4 * np.random.default_rng(3).normal(size=COMMAND.shape), COMMAND)
+    at_rest = SimpleNamespace(sequences=SimpleNamespace(command=trembling, stamp_ns=None))
+    seen = starts_and_stops(at_rest, ROWS, bare_candidate("lag", JOINT), DT_S)
+    np.testing.assert_array_equal(seen, columns())
+
+
 def doubted(
     effect: Candidate, left: float, monkeypatch: pytest.MonkeyPatch, screened: list[Candidate]
 ) -> list[str]:
@@ -165,7 +172,9 @@ def test_what_its_card_is_confounded_with_on_its_joint_stands_beside_it(
     assert doubted(delay, 0.05, monkeypatch, SCREENED) == []
     assert doubted(delay, 0.4, monkeypatch, SCREENED) == ["lag", "stiction", "backlash"]
     assert doubted(bare_candidate("gain", JOINT), 0.4, monkeypatch, SCREENED) == []
-    assert doubted(bare_candidate("sensor_bias", JOINT), 0.4, monkeypatch, SCREENED) == ["gain", "backlash"]
+    assert doubted(bare_candidate("sensor_bias", JOINT), 0.4, monkeypatch, SCREENED) == [
+        *("lag", "delay", "stiction", "oscillation", "backlash")
+    ]
 
 
 def test_a_resonance_that_does_not_ring_is_a_lag_by_another_name(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,5 @@
 """Which effects on several joints are one cause."""
 
-import functools
 from dataclasses import replace
 
 import pytest
@@ -83,15 +82,35 @@ def test_a_joint_that_hardly_moves_neither_makes_a_channel_nor_refutes_it():
     }
 
 
+def lag(joint: int, gain: float = 1.0, onset: int | None = None) -> Candidate:
+    return replace(bare_candidate("lag", joint), gain=gain, onset=onset)
+
+
+def named(*found: Found) -> list[tuple[str, tuple[int, ...]]]:
+    effects = without_lags_of_one_cause(effects_of(list(found), range(4)))
+    return [(effect.family, tuple(effect.joints)) for effect in effects]
+
+
 def test_lags_of_three_joints_are_one_cause_that_has_no_name():
-    lag, gain, stiction = (
-        functools.partial(bare_candidate, family) for family in ("lag", "gain", "stiction")
-    )
-    two = [Found(gain(0)), Found(lag(1)), Found(lag(2))]
-    named = effects_of(two, range(4))
-    assert without_lags_of_one_cause(named) == named
-    (of_gain, other, of_stiction) = without_lags_of_one_cause(
-        effects_of([*two, Found(stiction(3), [lag(3)])], range(4))
-    )
-    assert (of_gain.family, of_stiction.family) == ("gain", "stiction")
-    assert (other.family, other.joints, other.card) == (OTHER, [1, 2], "lag")
+    gain = Found(replace(bare_candidate("gain", 0), gain=4.0))
+    two = [Found(lag(1, 3.0)), Found(lag(2, 2.0))]
+    assert named(gain, *two) == [("gain", (0,)), ("lag", (1,)), ("lag", (2,))]
+    assert named(gain, *two, Found(lag(3))) == [("other", (1, 2, 3)), ("gain", (0,))]
+    (effect,) = without_lags_of_one_cause(effects_of([*two, Found(lag(3))], range(4)))
+    assert (effect.family, effect.card) == (OTHER, "lag")
+
+
+def test_a_joint_that_may_lag_as_well_counts_among_those_that_do():
+    stiction = bare_candidate("stiction", 3)
+    two = [Found(lag(1, 3.0)), Found(lag(2, 2.0))]
+    assert named(*two, Found(stiction, [lag(3)])) == [("other", (1, 2)), ("stiction", (3,))]
+    assert named(*two, Found(stiction)) == [("lag", (1,)), ("lag", (2,)), ("stiction", (3,))]
+    late = [Found(replace(stiction, joint=joint), [lag(joint)]) for joint in (2, 3)]
+    assert named(two[0], *late)[0] == ("lag", (1,))  # one lag alone is no cause of several joints
+
+
+def test_lags_that_may_be_oil_or_that_set_in_one_after_the_other_stay_what_they_are():
+    oil = Found(lag(1, 3.0), [bare_candidate("thermal_drift", 1)])
+    assert [family for family, _ in named(oil, Found(lag(2)), Found(lag(3)))] == ["lag"] * 3
+    later = Found(lag(1, 3.0, onset=5))
+    assert [family for family, _ in named(later, Found(lag(2)), Found(lag(3)))] == ["lag"] * 3
