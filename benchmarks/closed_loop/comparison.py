@@ -7,7 +7,12 @@ from typing import Any
 
 from benchmarks.closed_loop import kinds
 from benchmarks.closed_loop.dependence import Dependence, judge_dependence
-from benchmarks.closed_loop.parameter_errors import ParameterError, parameter_errors, sign_is_right
+from benchmarks.closed_loop.parameter_errors import (
+    ParameterError,
+    numbers_of,
+    parameter_errors,
+    sign_is_right,
+)
 from benchmarks.closed_loop.truth import TrueEffect, Truth
 
 OTHER = "other"
@@ -37,14 +42,15 @@ class Outcome:
         detected: As reported; a run that failed detected nothing.
         named: Labels of the reported effects, strongest first.
         first: Label of what was named first, or the verdict where nothing was.
-        hits: True effects named first (of pairs: as one of the first two).
+        hits: True effects named first (of pairs: as one of the first two), on one of their joints at least.
         half_hits: Those that stand among equivalent explanations instead.
-        wrong_name: Whether a family that is not true was named with certainty.
+        wrong_name: Whether a family that is not true, or true of other joints alone, was named with certainty.
         dependence: Of cases outside the catalogue for which `other` was reported.
         joints: True positives, false positives, false negatives.
         parameters: Of effects whose family was found.
+        n_not_told: How many numbers the truth states of effects whose family was not found.
         signs: Whether direction or side is right, of effects that have one.
-        onset_error_s: Of a change point in the right trajectory; infinite in the wrong one.
+        onset_error_s: Of a change point in the right trajectory; infinite in the wrong one, and where none was told.
         before: 4 s error on the exam logs, RMS over the affected joints, rad.
         after: The same with the effects found.
         reduction: Mean over the affected joints of 1 - after / before.
@@ -65,6 +71,7 @@ class Outcome:
     dependence: Dependence | None
     joints: tuple[int, int, int]
     parameters: tuple[ParameterError, ...]
+    n_not_told: int
     signs: tuple[bool, ...]
     onset_error_s: float | None
     before: float | None
@@ -100,10 +107,10 @@ def compare(case: str, truth: Truth, solution: Solution, floor: Mapping[str, flo
     verdict = str(answer["verdict"])
     labels = [reported_label(effect) for effect in reported]
     dependence = _dependence(truth, reported)
-    hit, half = _hits(truth, answer, labels, dependence)
+    hit, half = _hits(truth, answer, reported, dependence)
     true_joints = {joint for effect in truth.effects for joint in effect.joints}
     told_joints = {joint for effect in reported for joint in effect.get("joints", ())}
-    parameters, signs, onset_error_s = _numbers(truth, reported, labels)
+    parameters, n_not_told, signs, onset_error_s = _numbers(truth, reported, labels)
     before, after, reduction = _exam(solution.exam, true_joints)
     floors = floor or _at(answer, "baselines", "nominal_floor", "open_loop_rmse_80")
     return Outcome(
@@ -123,6 +130,7 @@ def compare(case: str, truth: Truth, solution: Solution, floor: Mapping[str, flo
             len(true_joints - told_joints),
         ),
         parameters=tuple(parameters),
+        n_not_told=n_not_told,
         signs=tuple(signs),
         onset_error_s=onset_error_s,
         before=before,
@@ -134,32 +142,44 @@ def compare(case: str, truth: Truth, solution: Solution, floor: Mapping[str, flo
     )
 
 
+def _is_of(reported: Mapping[str, Any], effect: TrueEffect) -> bool:
+    """Whether a reported effect is the true one: of its family, on one of its joints at least."""
+    joints = reported.get("joints")
+    meets = joints is None or bool(set(joints) & set(effect.joints))
+    return meets and reported_label(reported) == true_label(effect)
+
+
 def _hits(
-    truth: Truth, answer: Mapping[str, Any], labels: Sequence[str], dependence: Dependence | None
+    truth: Truth,
+    answer: Mapping[str, Any],
+    reported: Sequence[Mapping[str, Any]],
+    dependence: Dependence | None,
 ) -> tuple[int, int]:
     """True effects that were named first, and those that stand among equivalent explanations."""
-    first = list(labels[: len(truth.effects)])
+    first = list(reported[: len(truth.effects)])
     equivalent = [
-        reported_label(alternative)
-        for alternative in answer.get("alternatives") or []
-        if alternative.get("equivalent")
+        alternative for alternative in answer.get("alternatives") or [] if alternative.get("equivalent")
     ]
     if answer["verdict"] == AMBIGUOUS and first:
         equivalent.append(first.pop(0))
     hit = half = 0
     for effect in truth.effects:
-        label = true_label(effect)
-        if label in first and (label != OTHER or dependence == Dependence.right):
+        is_right = effect.family != OTHER or dependence == Dependence.right
+        if is_right and any(_is_of(told, effect) for told in first):
             hit += 1
-        elif answer["verdict"] == AMBIGUOUS and label in equivalent:
+        elif answer["verdict"] == AMBIGUOUS and any(_is_of(told, effect) for told in equivalent):
             half += 1
     return hit, half
 
 
 def _is_wrong_name(truth: Truth, reported: Sequence[Mapping[str, Any]]) -> bool:
     """Whether a family other than the true ones was named with certainty. `other` names none."""
-    allowed = {true_label(effect) for effect in truth.effects} | {OTHER}
-    return any(effect.get("certain") is True and reported_label(effect) not in allowed for effect in reported)
+    return any(
+        told.get("certain") is True
+        and told["family"] != OTHER
+        and not any(_is_of(told, effect) for effect in truth.effects)
+        for told in reported
+    )
 
 
 def _dependence(truth: Truth, reported: Sequence[Mapping[str, Any]]) -> Dependence | None:
@@ -177,13 +197,16 @@ def _dependence(truth: Truth, reported: Sequence[Mapping[str, Any]]) -> Dependen
 
 def _numbers(
     truth: Truth, reported: Sequence[Mapping[str, Any]], labels: Sequence[str]
-) -> tuple[list[ParameterError], list[bool], float | None]:
-    """Parameters, signs and onset of the true effects that were reported."""
+) -> tuple[list[ParameterError], int, list[bool], float | None]:
+    """Parameters, how many are of effects that were not reported, signs, and onset."""
     errors: list[ParameterError] = []
+    n_not_told = 0
     signs: list[bool] = []
     onset_error_s = None
     for effect in truth.effects:
         if true_label(effect) not in labels:
+            n_not_told += len(numbers_of(effect.of or effect.family, effect.parameters))
+            onset_error_s = math.inf if effect.onset is not None else onset_error_s
             continue
         found = reported[labels.index(true_label(effect))]
         arguments = (effect.of or effect.family, effect.parameters, found.get("parameters") or {})
@@ -194,7 +217,7 @@ def _numbers(
             told = found.get("onset") or {}
             same = told.get("trajectory") == effect.onset.trajectory
             onset_error_s = abs(float(told["t"]) - effect.onset.t) if same else math.inf
-    return errors, signs, onset_error_s
+    return errors, n_not_told, signs, onset_error_s
 
 
 def _exam(
@@ -230,8 +253,9 @@ def _beats(answer: Mapping[str, Any], joints: set[str]) -> dict[str, bool]:
     result: dict[str, bool] = {}
     for name in ("blackbox_residual", "finetune"):
         baseline = _at(answer, "baselines", name, "open_loop_rmse_80")
-        if after and baseline and joints:
-            result[name] = sum(math.log(after[joint] / baseline[joint]) for joint in joints) < 0.0
+        if joints:  # a run without an answer has lost
+            is_told = bool(after and baseline)
+            result[name] = is_told and sum(math.log(after[j] / baseline[j]) for j in joints) < 0.0
     return result
 
 

@@ -1,6 +1,6 @@
 """Reported parameters against true ones."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,12 +58,32 @@ class ParameterError:
     covered: bool
 
 
+def numbers_of(family: str, truth: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Names of the family's numbers that the truth states, signs left out."""
+    return [name for name in NAMES.get(family, ()) if name not in SIGNS and name in truth]
+
+
 def parameter_errors(
     family: str, truth: Mapping[str, Mapping[str, Any]], reported: Mapping[str, Mapping[str, Any]]
 ) -> list[ParameterError]:
-    """Errors of the family's numbers that the truth states, signs left out."""
-    names = [name for name in NAMES.get(family, ()) if name not in SIGNS and name in truth]
-    return [_error(name, float(truth[name]["value"]), reported.get(name) or {}) for name in names]
+    """Errors of the family's numbers that the truth states, signs left out.
+
+    What is neutral and was told to be so without an interval is no estimate: of an encoder, that it is shifted and not
+    scaled.
+    """
+    errors = [
+        (
+            _error(name, float(truth[name]["value"]), reported.get(name) or {}),
+            (reported.get(name) or {}).get("ci95"),
+        )
+        for name in numbers_of(family, truth)
+    ]
+    return [e for e, interval in errors if e.of_change is not None or not _is_fixed(e, interval)]
+
+
+def _is_fixed(error: ParameterError, interval: Sequence[float] | None) -> bool:
+    """Whether a number was told as it is without the effect, and as certain."""
+    return bool(interval) and error.relative == 0.0 and interval[0] == interval[1]
 
 
 def sign_is_right(

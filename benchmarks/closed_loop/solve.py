@@ -82,7 +82,7 @@ def run(task: Task, seals: Path, timeout_s: float, module: str = CLOSE_LOOP) -> 
     task.solution.mkdir(parents=True)
     command = [sys.executable, str(Path(blind.__file__).resolve()), str(seals)]
     command += [sys.executable, "-m", module, *task.arguments]
-    begin = time.monotonic()
+    code, begin = fingerprint(), time.monotonic()
     with (
         tempfile.TemporaryDirectory(prefix="close_loop_") as working,
         (task.solution / LOG_FILE).open("w") as log,
@@ -104,7 +104,7 @@ def run(task: Task, seals: Path, timeout_s: float, module: str = CLOSE_LOOP) -> 
             process.wait()
     if status == blind.STILL_READABLE:
         raise SystemExit((task.solution / LOG_FILE).read_text())
-    result = {"status": status, "seconds": round(time.monotonic() - begin, 1), "code": fingerprint()}
+    result = {"status": status, "seconds": round(time.monotonic() - begin, 1), "code": code}
     write_whole(task.solution / RUN_FILE, (json.dumps(result) + "\n").encode())
 
 

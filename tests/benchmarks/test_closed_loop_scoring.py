@@ -83,7 +83,7 @@ def test_a_right_answer_counts_as_such_with_its_numbers():
     assert parameter.covered
     assert outcome.reduction == pytest.approx(0.6)
     assert outcome.avoided == pytest.approx((0.05**2 - 0.02**2) / (0.05**2 - 0.01**2))
-    assert outcome.beats == {"blackbox_residual": True}  # on swing; arm is not affected
+    assert outcome.beats == {"blackbox_residual": True, "finetune": False}  # on swing; one is not told
 
 
 def test_a_certain_wrong_family_is_a_wrong_name_an_uncertain_one_and_other_are_not():
@@ -95,6 +95,16 @@ def test_a_certain_wrong_family_is_a_wrong_name_an_uncertain_one_and_other_are_n
     right_and_more = scored(DELAY, answer(reported("delay", ["swing"]), reported("gain", ["arm"])))
     assert right_and_more.wrong_name
     assert right_and_more.hits == 1
+
+
+def test_the_right_family_on_another_joint_is_no_hit_and_a_wrong_name():
+    elsewhere = scored(DELAY, answer(reported("delay", ["arm"])))
+    assert (elsewhere.hits, elsewhere.wrong_name) == (0, True)
+    also = scored(DELAY, answer(reported("delay", ["swing", "arm"])))
+    assert (also.hits, also.wrong_name) == (1, False)
+    twin = {"family": "delay", "joints": ["arm"], "equivalent": True}
+    unsure = answer(reported("lag", ["swing"], certain=False), verdict="ambiguous", alternatives=[twin])
+    assert scored(DELAY, unsure).half_hits == 0
 
 
 def test_the_truth_among_equivalent_explanations_is_half_right():
@@ -138,6 +148,7 @@ def test_a_change_point_needs_its_family_and_gives_the_error_of_its_moment():
     assert not outcome.parameters[0].covered
     elsewhere = right | {"onset": {"trajectory": "another", "t": 100.0}}
     assert scored(truth, answer(elsewhere)).onset_error_s == math.inf
+    assert scored(truth, answer()).onset_error_s == math.inf
     assert scored(truth, answer(right | {"of": "lag"})).wrong_name
     assert scored(truth, answer(reported("delay", ["swing"]))).wrong_name
 
@@ -178,6 +189,11 @@ def test_neutral_truths_are_compared_on_an_absolute_scale_and_signs_apart():
     assert scale.relative == pytest.approx(0.05)
     assert scale.of_change == pytest.approx(0.55)
     assert not scale.covered
+    fixed = told | {"offset": {"value": 0.0, "ci95": [0.0, 0.0]}}
+    assert [error.name for error in parameter_errors("sensor_bias", truth, fixed)] == ["scale"]
+    wrong = {"offset": {"value": 0.05}, "scale": {"value": 1.0}}
+    [missed] = parameter_errors("sensor_bias", wrong, {name: fixed["offset"] for name in ("offset",)})[:1]
+    assert (missed.name, missed.relative, missed.covered) == ("offset", 1.0, False)
     gain = {"speed_ratio": {"value": 0.8}, "direction": {"value": -1}}
     assert [error.name for error in parameter_errors("gain", gain, {})] == ["speed_ratio"]
     assert sign_is_right("gain", gain, {"direction": {"value": -1.0}})
@@ -208,10 +224,15 @@ def test_goals_are_reckoned_over_the_right_cases():
     assert (found["false alarms"].value, found["false alarms"].n) == (0.5, 2)
     assert found["right family named first (pairs count twice)"].value == pytest.approx(1 / 3)
     assert found["right joints (F1)"].value == pytest.approx(2 * 1 / (2 * 1 + 0 + 2))
+    assert found["– of effects on some of the joints"].value == found["right joints (F1)"].value
     assert found["parameters: median relative error"].value == pytest.approx(0.1)
+    assert found["– with those of effects not found as infinite"].value == math.inf  # two of three
+    assert found["lower held-out error than the black-box residual"].n == 3  # who does not answer has lost
+    assert found["lower held-out error than the black-box residual"].value == 0.0
     assert found["parameters: 95 % intervals that cover"].value == 1.0
     assert found["half size: detection"].value == 0.0
     assert found["true card deleted: `other` or abstention"].value == 0.75
+    assert found["– of these ambiguous"].value == found["– of these `none`"].value == 0.25
     assert found["true card deleted: wrong name"].value == 0.25
     assert [abstained(o) for o in left_out] == [False, True, True, True]
 
