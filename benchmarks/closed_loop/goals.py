@@ -18,7 +18,6 @@ REACHED = 0.95  # of 1.3: a case counts as of the stated size from here on
 LEAST_RATIO, LEAST_HALF_RATIO = 1.3, 1.15
 TIME_LIMIT_S = 180.0
 LEAST_F1 = 0.97
-N_JOINT = len(load_machine(MACHINE).joint_names)
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,8 @@ def figures(outcomes: Sequence[Outcome], left_out: Sequence[Outcome]) -> list[Fi
     half = [o for o in outcomes if o.truth.kind == kinds.HALF]
     full = [o for o in outcomes if o.truth.kind not in (kinds.NULL, kinds.HALF)]
     outside = [o for o in full if o.truth.kind in OUTSIDE]
+    n_joint = len(load_machine(MACHINE).joint_names)
+    on_some = [o for o in full if sum(o.joints[::2]) < n_joint]
     return [
         _share("detection", "≥ 98 %", [o.detected is True for o in full], lambda x: x >= 0.98),
         _share("false alarms", "≤ 5 %", [o.detected is True for o in null], lambda x: x <= 0.05),
@@ -66,7 +67,7 @@ def figures(outcomes: Sequence[Outcome], left_out: Sequence[Outcome]) -> list[Fi
             "wrong family named with certainty", "≤ 2 %", [o.wrong_name for o in full], lambda x: x <= 0.02
         ),
         _f1("right joints (F1)", "≥ 0.97", full),
-        _f1("– of effects on some of the joints", "", [o for o in full if sum(o.joints[::2]) < N_JOINT]),
+        _f1("– of effects on some of the joints", "", on_some),
         *_parameters(full),
         *_errors(full),
         _share(
@@ -103,7 +104,7 @@ def abstained(outcome: Outcome) -> bool:
     """Whether no catalogue family was named: `other`, several equivalent ones, none, or unexcited."""
     if outcome.verdict == "named":
         return outcome.first == OTHER
-    return outcome.verdict in ("outside_catalogue", "ambiguous", "unexcited", "none")
+    return outcome.verdict in ("outside_catalogue", AMBIGUOUS, "unexcited", "none")
 
 
 def _families(full: Sequence[Outcome]) -> list[Figure]:

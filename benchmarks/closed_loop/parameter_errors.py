@@ -71,19 +71,18 @@ def parameter_errors(
     What is neutral and was told to be so without an interval is no estimate: of an encoder, that it is shifted and not
     scaled.
     """
-    errors = [
-        (
-            _error(name, float(truth[name]["value"]), reported.get(name) or {}),
-            (reported.get(name) or {}).get("ci95"),
-        )
-        for name in numbers_of(family, truth)
-    ]
-    return [e for e, interval in errors if e.of_change is not None or not _is_fixed(e, interval)]
+    errors = []
+    for name in numbers_of(family, truth):
+        told = reported.get(name) or {}
+        error = _error(name, float(truth[name]["value"]), told)
+        is_neutral = error.of_change is None and error.relative == 0.0
+        if not (is_neutral and _has_no_width(told.get("ci95"))):
+            errors.append(error)
+    return errors
 
 
-def _is_fixed(error: ParameterError, interval: Sequence[float] | None) -> bool:
-    """Whether a number was told as it is without the effect, and as certain."""
-    return bool(interval) and error.relative == 0.0 and interval[0] == interval[1]
+def _has_no_width(interval: Sequence[float] | None) -> bool:
+    return bool(interval) and interval[0] == interval[1]
 
 
 def sign_is_right(

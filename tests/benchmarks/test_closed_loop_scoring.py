@@ -192,7 +192,7 @@ def test_neutral_truths_are_compared_on_an_absolute_scale_and_signs_apart():
     fixed = told | {"offset": {"value": 0.0, "ci95": [0.0, 0.0]}}
     assert [error.name for error in parameter_errors("sensor_bias", truth, fixed)] == ["scale"]
     wrong = {"offset": {"value": 0.05}, "scale": {"value": 1.0}}
-    [missed] = parameter_errors("sensor_bias", wrong, {name: fixed["offset"] for name in ("offset",)})[:1]
+    missed, _ = parameter_errors("sensor_bias", wrong, {"offset": fixed["offset"]})
     assert (missed.name, missed.relative, missed.covered) == ("offset", 1.0, False)
     gain = {"speed_ratio": {"value": 0.8}, "direction": {"value": -1}}
     assert [error.name for error in parameter_errors("gain", gain, {})] == ["speed_ratio"]
