@@ -25,7 +25,7 @@ from benchmarks.closed_loop.truth import Truth, from_content, from_json
 from pipeline.errors import InputError
 from pipeline.logs.trajectories import load_trajectories
 
-LEDGER = Path(__file__).parents[2] / "artifacts/closed_loop_benchmark/ledger.jsonl"
+LEDGERS = Path(__file__).parents[2] / "artifacts/closed_loop_benchmark/ledger"
 
 
 @pytest.fixture
@@ -187,7 +187,8 @@ def test_a_seal_names_its_simulator_unless_it_is_the_plant():
 
 def test_ledgers_from_before_are_of_the_plant_and_lose_nothing(tmp_path):
     path = tmp_path / "ledger.jsonl"
-    rows = [json.loads(line) for line in LEDGER.read_text(encoding="utf-8").splitlines()]
+    ledgers = [file.read_text(encoding="utf-8") for file in LEDGERS.glob("*.jsonl")]
+    rows = [json.loads(line) for text in ledgers for line in text.splitlines()]
     before = [row for row in rows if row["truth"].pop("simulator", "plant") == "plant"]
     assert before
     path.write_text("".join(json.dumps(row) + "\n" for row in before), encoding="utf-8")
