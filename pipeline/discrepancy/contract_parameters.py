@@ -21,6 +21,7 @@ NOT_NEGATIVE = {
     "damping_ratio",
     "fall_share",
     "frequency",
+    "lag_time_ratio",
     "latency",
     "loss_alone_negative",
     "loss_alone_positive",
@@ -132,8 +133,9 @@ def describe(
         }
         if lag is not None:
             result["cold_lag"] = of(float(coefficients[lag]), "s", f"coefficient:{lag}")
-        if "fall_share" in point:
-            result["fall_share"] = of(point["fall_share"], "1", "fall_share")
+        for name in ("fall_share", "lag_time_ratio"):
+            if name in point:
+                result[name] = of(point[name], "1", name)
         return result
     if family == "leakage":
         result = {"sag_rate": of(float(coefficients[0]), f"{unit}/s", "coefficient:0")}

@@ -19,18 +19,22 @@ from pipeline.effects.effect import (
 )
 
 EQUALLY_LATE = 1.0  # at stops as at starts
+EQUALLY_LONG = 1.0  # as the loss of speed
+# A line and the spool that it moves: nothing happens at first. Of a single stage, which begins at once, a late start
+# would be told as a longer lag and a higher speed.
+N_STAGES = 2
 
 
 class ThermalDrift(VelocityEffect):
     """Slow when cold, and slow to respond, on all joints with one time constant."""
 
     place = Place.speed
-    of_the_machine = ("time_constant", "fall_share")
+    of_the_machine = ("time_constant", "fall_share", "lag_time_ratio")
     parsimony = 0.015  # at most 0.011 is lost between two time constants of the grid
     card = Card(
         family="thermal_drift",
-        equation="v = w (1 + g − c e^{−t/T}) with l e^{−t/T} ẇ = u − w, σ l instead of l while slowing down, "
-        "discretised backwards; t since the start of the log; g: the nominal logs' own mean loss",
+        equation="v = w₂ (1 + g − c e^{−t/T}) with ½ l e^{−t/κT} ẇ₁ = u − w₁ and ½ l e^{−t/κT} ẇ₂ = w₁ − w₂, σ l "
+        "instead of l while slowing down, discretised backwards; t since the log began; g: the nominal logs' mean loss",
         source="Newton's law of cooling; viscosity by Walther's equation (ASTM D341), which thins the flow and makes "
         "pressures build up later",
         signature="residual proportional to speed that decays within minutes of every start, on all joints",
@@ -48,6 +52,8 @@ class ThermalDrift(VelocityEffect):
             Parameter("cold_lag", "s", 0.0, 0.0, 2.0),
             # Springs empty a pilot line faster than its pump fills it: stops are less late than starts.
             Parameter("fall_share", "1", 1.0, 0.15, 2.0),
+            # Speed is lost to what is left of the pressure, and lag is in proportion to viscosity: it lasts longer.
+            Parameter("lag_time_ratio", "1", 1.0, 1.0, 6.0, natural_bounds=True),
             Parameter(
                 "time_constant",
                 "s",
@@ -73,36 +79,43 @@ class ThermalDrift(VelocityEffect):
         return ((("cold_speed_loss", None),), (("cold_lag", None),))
 
     def fitted_later(self) -> dict[str, float]:
-        """How late stops are beside starts, which the screen cannot tell before it knows of any lag."""
-        return {"fall_share": EQUALLY_LATE}
+        """How late stops are beside starts, and how long, which the screen cannot tell before it knows of any lag."""
+        return {"fall_share": EQUALLY_LATE, "lag_time_ratio": EQUALLY_LONG}
 
     def freed_beside_nominal(self) -> Variant:
         """The mean loss of the nominal logs, which the frozen model has."""
         return ((("warm_gain", None),),)
 
     def initial(self, batch: tuple[int, ...]) -> State:
-        """At rest: w, (..., n_joint)."""
-        return self._zeros(batch)
+        """At rest: w₁ and w₂, (..., n_joint) each."""
+        return (self._zeros(batch),) * N_STAGES
 
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """Late, and slower."""
         ratio, lag_steps = self._at(values, signals)
-        lag_steps = self._when(values, lag_steps, u, state)
-        # As a change of u, so that neutral values are exactly the identity.
-        w = u - lag_steps / (1.0 + lag_steps) * (u - state)
-        return w, ratio * w
+        w, stages = u, []
+        for since in state:
+            lag = self._when(values, lag_steps, w, since)
+            # As a change of u, so that neutral values are exactly the identity.
+            w = w - lag / (1.0 + lag) * (w - since)
+            stages.append(w)
+        return tuple(stages), ratio * w
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """A lag's inverse is a lead."""
         ratio, lag_steps = self._at(values, signals)
-        w = v / jnp.maximum(ratio, SMALLEST_RATIO)
-        return w, w + self._when(values, lag_steps, w, state) * (w - state)
+        w, stages = v / jnp.maximum(ratio, SMALLEST_RATIO), []
+        for since in reversed(state):
+            stages.append(w)
+            w = w + self._when(values, lag_steps, w, since) * (w - since)
+        return tuple(reversed(stages)), w
 
     def _at(self, values: Values, signals: Signals) -> tuple[jax.Array, jax.Array]:
-        """Ratio of speeds and lag at starts, in steps, at the time since start."""
-        decay = jnp.exp(-signals.time_s[..., None] / values["time_constant"])
-        ratio = 1.0 + values["warm_gain"] - values["cold_speed_loss"] * decay
-        return ratio, values["cold_lag"] / self.setting.dt_s * decay
+        """Ratio of speeds and lag of either stage at starts, in steps, at the time since start."""
+        times = signals.time_s[..., None] / values["time_constant"]
+        ratio = 1.0 + values["warm_gain"] - values["cold_speed_loss"] * jnp.exp(-times)
+        lag_steps = values["cold_lag"] / (N_STAGES * self.setting.dt_s)
+        return ratio, lag_steps * jnp.exp(-times / values["lag_time_ratio"])
 
     @staticmethod
     def _when(values: Values, lag_steps: jax.Array, to: jax.Array, since: jax.Array) -> jax.Array:

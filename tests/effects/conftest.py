@@ -37,6 +37,7 @@ VALUES = {
         "warm_gain": [0.1, 0.05],
         "cold_lag": [0.08, 0.12],
         "fall_share": [0.5, 0.5],
+        "lag_time_ratio": [2.0, 2.0],
         "time_constant": [40.0, 40.0],
     },
     "leakage": {
