@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.discrepancy.regression import Evidence
+from pipeline.discrepancy.regression import Evidence, t_statistic
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 from pipeline.effects.effect import Variant
 
@@ -59,6 +59,12 @@ class Candidate:
     def n_parameters(self) -> int:
         """How many values it has that can be chosen."""
         return len(self.point) + len(self.coefficients)
+
+    @property
+    def t(self) -> float:
+        """Of its gain, by blocks: of what sets in, by those that it acts in, as there is nothing to gain before."""
+        by_block = self.gain_by_block
+        return t_statistic(by_block if self.onset is None else by_block[by_block != 0.0])
 
     def index_of(self, name: str) -> int | None:
         """Where among the coefficients the first is that this parameter has; None: it was not freed."""

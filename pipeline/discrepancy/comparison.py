@@ -66,7 +66,7 @@ class Comparison:
             candidate.share > self.config.smallest_share
             and self.net(candidate)
             > max(self.config.smallest_share * squares, self._smallest_gain(candidate))
-            and (t_statistic(candidate.gain_by_block) > smallest_t or self._is_reproduced(candidate))
+            and (_t(candidate) > smallest_t or self._is_reproduced(candidate))
         )
 
     def _smallest_gain(self, candidate: Candidate) -> float:
@@ -80,7 +80,7 @@ class Comparison:
         return (
             self.net(candidate) > 0.0
             and candidate.share > 0.5 * self.config.smallest_share
-            and t_statistic(candidate.gain_by_block) > SHOWS_T
+            and _t(candidate) > SHOWS_T
         )
 
     def _is_reproduced(self, candidate: Candidate) -> bool:
@@ -205,6 +205,11 @@ class Comparison:
     def names_instead(self, dependence: Candidate, as_good: Sequence[Candidate]) -> list[Candidate]:
         """Names that explain no less than a dependence does, if with more freedom than the simplest name."""
         return [c for c in as_good if not is_dependence(c) and self.net(c) >= self.net(dependence)]
+
+
+def _t(candidate: Candidate) -> float:
+    """Of its gain by blocks; a dependence is so flexible that it follows whatever the few after a moment hold."""
+    return t_statistic(candidate.gain_by_block) if is_dependence(candidate) else candidate.t
 
 
 def why_not(rival: Candidate, chosen: Candidate, best: Candidate) -> str:

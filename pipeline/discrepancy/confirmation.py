@@ -13,6 +13,7 @@ from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.course_in_time import beyond_constants
 from pipeline.discrepancy.found import Found, onsets_in, residual_of, values_of
 from pipeline.discrepancy.gate import GateConfig, lower_bound, pooled, rank_p, where_it_acts
+from pipeline.discrepancy.onset import rows_since
 from pipeline.discrepancy.placebos import can_be_shifted, explains_other_joints, placebo_p
 from pipeline.discrepancy.scored_rows import Rows, averaged
 from pipeline.discrepancy.simulation import Simulation
@@ -21,8 +22,9 @@ from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.supply_variation import supply_p, without_common_change
 from pipeline.discrepancy.whole_machine import of_one_cause
 
-WithoutSupply = Mapping[int, tuple[np.ndarray, np.ndarray]]
-"""Per joint (N,) residuals on confirmation rows with a common change of speed, and with it taken off."""
+WithoutSupply = Mapping[int, tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Per joint (N,) residuals on confirmation rows with a common change of speed, with it taken off, and which rows count:
+those after it has set in."""
 
 ENCODER_LOSS = 0.02  # of the squares, that an encoder's error seen at the stops may cost the speeds
 
@@ -186,7 +188,8 @@ class Confirmation:
             return {}
         active, widths_s = values_of(self.simulation, found), _widths_s(found)
         with onsets_in(self.simulation, found):
-            p_value = supply_p(self.simulation, active, self.fitted, widths_s, self.seed)
+            parts = [self._since(found, rows)[0] for rows in (self.fitted, self.held_out)]
+            p_value = supply_p(self.simulation, active, parts, widths_s, self.seed)
         corrected, largest_p = min(p_value * self.n_hypotheses, 1.0), self.config.largest_p
         return {
             (SUPPLY, joint, None): Seen(*self._bounded(*of_joint), corrected, largest_p)
@@ -199,8 +202,22 @@ class Confirmation:
         if not widths_s:
             return {}
         active = values_of(self.simulation, found)
+        since, kept = self._since(found, self.held_out)
         with onsets_in(self.simulation, found):
-            return without_common_change(self.simulation, active, self.held_out, widths_s)
+            by_joint = without_common_change(self.simulation, active, since, widths_s)
+        result = {}
+        for joint, of_joint in by_joint.items():
+            before, after = np.zeros((2, len(kept)))
+            before[kept], after[kept] = of_joint
+            result[joint] = before, after, kept
+        return result
+
+    def _since(self, found: Sequence[Found], rows: Rows) -> tuple[Rows, np.ndarray]:
+        """The rows in which a common change of speed acts, and which of all rows they are, (N,)."""
+        onset = next((f.candidate.onset for f in found if f.candidate.family == SUPPLY), None)
+        if onset is None:
+            return rows, np.ones(len(rows.folds.fold), bool)
+        return rows_since(self.simulation, rows, onset)
 
     def _courses(self, found: Sequence[Found]) -> dict[Key, Seen]:
         """Joints' own courses in time, of which the rows for fitting tell between others, too."""
@@ -238,18 +255,25 @@ class Confirmation:
                 without, after = (
                     np.stack([without_supply[joint][part] for joint in joints], axis=1) for part in (0, 1)
                 )
+                only = without_supply[joints[0]][2]
             else:
+                only = None
                 without = self._residual(self.held_out, [f for f in found if f not in members])[:, joints]
                 after = everything[:, joints]
             known = ~np.any([self._may_set_in(member) for member in members], axis=0)
-            bounds[family] = self._bounded_together(known[:, None] * without, known[:, None] * after, joints)
+            bounds[family] = self._bounded_together(
+                known[:, None] * without, known[:, None] * after, joints, only
+            )
         return bounds
 
-    def _bounded_together(self, before: np.ndarray, after: np.ndarray, joints: Sequence[int]) -> float:
+    def _bounded_together(
+        self, before: np.ndarray, after: np.ndarray, joints: Sequence[int], only: np.ndarray | None
+    ) -> float:
         """The bound for several joints' residuals (N, k), each in units of what it is before, or of its floor."""
-        scale = np.maximum(np.mean(before**2, axis=0), self.held_out.floor[list(joints)])
+        counted = before if only is None else before[only]
+        scale = np.maximum(np.mean(counted**2, axis=0), self.held_out.floor[list(joints)])
         every = range(len(joints))
-        return self._bounded(pooled(before, every, scale), pooled(after, every, scale))[1]
+        return self._bounded(pooled(before, every, scale), pooled(after, every, scale), only)[1]
 
 
 def _index_of_log(is_used: np.ndarray) -> np.ndarray:

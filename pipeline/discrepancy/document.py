@@ -24,6 +24,7 @@ from pipeline.discrepancy.held_out_errors import WindowErrors
 from pipeline.discrepancy.late_starts import LateStarts, late_starts
 from pipeline.discrepancy.load_over_poses import mean_speed_ratios
 from pipeline.discrepancy.next_experiment import next_experiment
+from pipeline.discrepancy.onset import rows_since
 from pipeline.discrepancy.plausibility import LEAKAGE, LOAD, OSCILLATION, STICTION, TIMING
 from pipeline.discrepancy.ring_down import ring_down
 from pipeline.discrepancy.splits import Purpose
@@ -146,7 +147,8 @@ def parameters_of(loop: "Loop", effect: Effect) -> dict:
     """The contract's parameters of an effect found, each with unit and interval."""
     found = loop.search.found
     if effect.family == SUPPLY:
-        measured, nominal = (loop.simulation, loop.rows), (loop.usual.simulation, loop.usual.rows)
+        rows = loop.rows if effect.onset is None else rows_since(loop.simulation, loop.rows, effect.onset)[0]
+        measured, nominal = (loop.simulation, rows), (loop.usual.simulation, loop.usual.rows)
         with onsets_in(loop.simulation, found):
             values = supply_parameters(measured, nominal, values_of(loop.simulation, found))
         return plausible(

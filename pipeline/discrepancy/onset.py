@@ -10,10 +10,13 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.discrepancy.candidate import Candidate, Nominal, with_candidate
+from pipeline.discrepancy.found import Found, residual_of
+from pipeline.discrepancy.refine import refine
 from pipeline.discrepancy.regression import Folds, t_statistic
 from pipeline.discrepancy.scored_rows import Rows, averaged
 from pipeline.discrepancy.screen import screen
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
+from pipeline.discrepancy.wrapperless import has_wrapper
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 
@@ -74,10 +77,9 @@ def since(
         excluded: Families that are not tried.
         nominal: What explains something of nominal logs.
     """
-    is_after = simulation.sequences.stamp_ns >= first.onset
-    kept = averaged(is_after.astype(float), rows.is_used) > WHOLE
-    folds = Folds(rows.folds.block[kept] % 2, rows.folds.block[kept], rows.folds.n_blocks)
-    after = Rows(rows.is_used & is_after, folds, rows.floor, rows.weight[kept])
+    if first.onset is None:
+        return []
+    after, _ = rows_since(simulation, rows, first.onset)
     squares = _squares(simulation, active, rows)
     return [
         replace(
@@ -89,6 +91,58 @@ def since(
         for c in screen(simulation, active, after, excluded, nominal=nominal)
         if _can_set_in(c) or c.family in DEPENDENCES
     ]
+
+
+def rows_since(simulation: Simulation, rows: Rows, moment: int) -> tuple[Rows, np.ndarray]:
+    """The rows from a moment on, in the same blocks and in folds of their own.
+
+    Args:
+        simulation: On the logs.
+        rows: Rows in use.
+        moment: Absolute stamp, ns.
+
+    Returns:
+        Those rows; and which of all rows in use they are, (N,).
+    """
+    is_after = simulation.sequences.stamp_ns >= moment
+    kept = averaged(is_after.astype(float), rows.is_used) > WHOLE
+    folds = Folds(rows.folds.block[kept] % 2, rows.folds.block[kept], rows.folds.n_blocks)
+    return Rows(rows.is_used & is_after, folds, rows.floor, rows.weight[kept]), kept
+
+
+def of_one_moment(
+    simulation: Simulation, rows: Rows, found: Sequence[Found], families: Sequence[str]
+) -> list[Found]:
+    """Effects of which those of one cause, on several joints, all set in at the moment that suits them best.
+
+    On a joint on which little of it shows, its moment does not.
+
+    Args:
+        simulation: On the logs.
+        rows: Rows in use.
+        found: Effects, fitted.
+        families: Whose effects on several joints are one cause.
+    """
+    found = list(found)
+    for family in families:
+        members = [
+            i for i, f in enumerate(found) if f.candidate.family == family and has_wrapper(f.candidate)
+        ]
+        moments = {found[i].candidate.onset: found[i].candidate.onset_between for i in members}
+        if len(moments) < 2:
+            continue
+        joints = [found[i].candidate.joint for i in members]
+        trials = []
+        for onset, between in moments.items():
+            trial = list(found)
+            for i in members:
+                candidate = replace(found[i].candidate, onset=onset, onset_between=between)
+                trial[i] = replace(found[i], candidate=candidate)
+            trial = refine(simulation, rows, trial)
+            left = residual_of(simulation, rows, trial)[:, joints]
+            trials.append((float(np.sum(left**2 / rows.floor[joints])), trial))
+        found = min(trials, key=lambda trial: trial[0])[1]
+    return found
 
 
 def _can_set_in(candidate: Candidate) -> bool:

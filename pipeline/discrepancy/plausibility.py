@@ -21,6 +21,7 @@ SENSOR_BIAS, BACKLASH, DELAY = "sensor_bias", "backlash", "delay"
 STICTION, OSCILLATION, LAG, LEAKAGE = "stiction", "oscillation", "lag", "leakage"
 # Of the larger change: a load speeds up one direction by as much of what it takes from the other, a gain does not.
 OPPOSED = 0.3
+MEAN_SQUARE_OF_THE_RANGE = 1.0 / 3.0  # of positions in [-1, 1], all alike
 LATE_S = 0.1  # two steps: a cold lag that loses travel, whatever the speeds do
 AT_BOUND = 0.01  # of the range between the bounds
 
@@ -80,9 +81,15 @@ def _is_worse_when_cold(candidate: Candidate) -> bool:
 
 
 def _is_opposed(candidate: Candidate) -> bool:
-    """Whether a joint is slower one way and faster the other, by coefficients that begin with those of both ways."""
-    both_ways = candidate.coefficients[:2]
-    return bool(np.ptp(both_ways) > (1.0 + OPPOSED) * np.abs(both_ways).max())
+    """Whether a joint is slower one way and faster the other, in the mean square over the range of all joints.
+
+    Coefficients begin with those of both ways in the middle of the range; slopes with the pose, as a load has, are of
+    opposite sign by its equation.
+    """
+    both_ways, slopes = candidate.coefficients[:2], candidate.coefficients[2:]
+    alike = abs(float(both_ways.sum())) / 2.0
+    opposed = np.sqrt((np.ptp(both_ways) / 2.0) ** 2 + np.sum(slopes**2) * MEAN_SQUARE_OF_THE_RANGE)
+    return bool(2.0 * opposed > (1.0 + OPPOSED) * (alike + opposed))
 
 
 def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:

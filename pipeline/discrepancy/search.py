@@ -18,7 +18,7 @@ from pipeline.discrepancy.found import Found, onsets_of, values_of
 from pipeline.discrepancy.gain_of_a_dependence import with_its_gain
 from pipeline.discrepancy.gain_over_poses import is_a_gain_over_poses
 from pipeline.discrepancy.late_channel import late_channel, set_in_together, shortened
-from pipeline.discrepancy.onset import since, with_onsets
+from pipeline.discrepancy.onset import of_one_moment, since, with_onsets
 from pipeline.discrepancy.plausibility import (
     DEAD_BAND,
     DELAY,
@@ -37,6 +37,7 @@ from pipeline.discrepancy.screen import screen
 from pipeline.discrepancy.search_thresholds import SearchConfig
 from pipeline.discrepancy.simulation import Simulation
 from pipeline.discrepancy.stops import Encoder
+from pipeline.discrepancy.supply_onset import supply_onset, supply_since
 from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.whole_machine import (
     COMMON_CAUSES,
@@ -135,7 +136,13 @@ class Search:
                 break
             self.found = with_its_gain([*self.found, *self._choose(passing, candidates)])
             self._refit()
+            self._let_set_in()
             self._split_common_delay()
+
+    def _let_set_in(self) -> None:
+        """One cause sets in once, on all its joints."""
+        self.found = of_one_moment(self.simulation, self.rows, self.found, OF_ONE_CAUSE)
+        self.simulation.onsets = onsets_of(self.found)
 
     def _split_common_delay(self) -> None:
         """Where all joints are late alike and one is later still, the channel is late, and that joint has more.
@@ -217,6 +224,7 @@ class Search:
         candidates = self._since_its_onset(
             active, with_onsets(self.simulation, active, self.rows, candidates, moments)
         )
+        candidates = self._supply_since_its_onset(active, candidates)
         if not self.first:
             self.first = sorted(candidates, key=self.comparison.net, reverse=True)
         return candidates
@@ -224,13 +232,23 @@ class Search:
     def _since_its_onset(self, active: dict, candidates: list[Candidate]) -> list[Candidate]:
         """All candidates from the same moment on, where what explains most sets in at some moment."""
         best = max(filter(has_wrapper, candidates), key=self.comparison.net)
-        if best.onset is None or t_statistic(best.gain_by_block) < ONSET_T:
+        if best.onset is None or best.t < ONSET_T:
             return candidates
         known = {c.key: c for c in candidates}
         for candidate in since(self.simulation, active, self.rows, best, self.excluded, self.nominal):
             if candidate.key in known and candidate.gain > ONSET_FACTOR * known[candidate.key].gain:
                 known[candidate.key] = candidate
         return list(known.values())
+
+    def _supply_since_its_onset(self, active: dict, candidates: list[Candidate]) -> list[Candidate]:
+        """Candidates, the change that joints have in common from the moment on at which it sets in, where it does."""
+        members = [c for c in candidates if c.family == SUPPLY]
+        showing = [c for c in members if self.comparison.shows(c)]
+        moment = supply_onset(self.simulation, active, self.rows, showing) if len(showing) > 1 else None
+        if moment is None:
+            return candidates
+        since_then = supply_since(self.simulation, active, self.rows, moment, members)
+        return [c for c in candidates if c.family != SUPPLY] + since_then
 
     def _is_refuted_by_stops(self, candidate: Candidate) -> bool:
         return is_refuted_by_stops(candidate, self.encoders, self.found, self.excluded)

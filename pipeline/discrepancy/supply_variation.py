@@ -7,8 +7,9 @@ Equation: v_j = u_j e^{z(t)}, z an Ornstein-Uhlenbeck process; source: Gelb (197
 chapter 3.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -25,6 +26,7 @@ WIDTHS_S = (0.7, 1.5, 3.0, 6.0, 12.0)  # the first is no longer than motions are
 # correlation time of 1.5 s 0.8.
 KEPT_SHARE = 0.7
 STEP_S, LAGS = 0.5, np.arange(2, 41)  # of the covariance: 1 to 20 s
+MOST_ALIKE = 0.999  # a correlation whose transform is finite
 SHORTEST_S = STEP_S * float(LAGS[0])  # correlation time that the covariance can tell
 
 
@@ -65,33 +67,43 @@ def supply_candidates(
 
 
 def supply_p(
-    simulation: Simulation, active: Hypothesis, rows: Rows, widths_s: Mapping[int, float], seed: int
+    simulation: Simulation,
+    active: Hypothesis,
+    parts: Sequence[Rows],
+    widths_s: Mapping[int, float],
+    seed: int,
 ) -> float:
-    """How probable it is that a change which joints do not have in common explains as much of all of them.
+    """How probable it is that changes which joints do not have in common are as much alike.
 
-    Placebos are the others' common change shifted in time; their distribution is taken for normal beyond what can be
-    counted.
+    Placebos are the others' common change shifted in time. What is compared is the mean over joints of its correlation
+    with the joint's residual, by Fisher's transformation, which is normal beyond what can be counted even where a slow
+    supply leaves few independent values.
+    Source: Fisher (1921), On the probable error of a coefficient of correlation, Metron 1.
 
     Args:
         simulation: On the logs.
         active: Effects beside it.
-        rows: The rows.
+        parts: Rows, all of which count alike: the slower the supply, the more of them it takes.
         widths_s: Width of the moving average for each joint that has the effect.
         seed: Of the shifts.
     """
-    common = _Common(simulation, active, rows)
-    z = {joint: common.of(joint, width_s) for joint, width_s in widths_s.items()}
+    common = [_Common(simulation, active, rows) for rows in parts]
+    z = [{joint: of.of(joint, width_s) for joint, width_s in widths_s.items()} for of in common]
 
-    def root_gain(shift: int) -> float:
-        total = 0.0
-        for joint, of_others in z.items():
-            change = common.regressor(joint, np.roll(of_others, shift, axis=1))
-            total += float(change @ common.reference[:, joint]) / np.sqrt(
-                max(float(change @ change), 1e-12) * rows.floor[joint]
-            )
-        return total
+    def likeness(shift: int) -> float:
+        correlations = []
+        for joint in widths_s:
+            changes = [
+                of.regressor(joint, np.roll(z_of[joint], shift, axis=1))
+                for of, z_of in zip(common, z, strict=True)
+            ]
+            change = np.concatenate(changes)
+            residual = np.concatenate([of.reference[:, joint] for of in common])
+            square = float(change @ change) * float(residual @ residual)
+            correlations.append(float(change @ residual) / np.sqrt(max(square, 1e-24)))
+        return float(np.arctanh(np.clip(np.mean(correlations), -MOST_ALIKE, MOST_ALIKE)))
 
-    return shifted_p(root_gain, rows.is_used.shape[1], seed)
+    return shifted_p(likeness, parts[0].is_used.shape[1], seed)
 
 
 def without_common_change(
@@ -118,15 +130,48 @@ def supply_parameters(
         nominal: The same of nominal logs, by members that did not see them.
         active: Effects beside it on the measured logs, whose part in the residual is not the supply's.
     """
-    value = _covariance(*measured, active) - _covariance(*nominal, {})
+    variance, time_s = _process(_covariance(*measured, active) - _covariance(*nominal, {}))
+    return {"std_log_speed": float(np.sqrt(variance)), "correlation_time": time_s}
+
+
+def _process(covariance: np.ndarray) -> tuple[float, float]:
+    """Variance and correlation time, s, of the Ornstein-Uhlenbeck process nearest to the covariance at `LAGS`."""
     best = (np.inf, 0.0, 1.0)
     for time_s in np.geomspace(0.5, 60.0, 60):
         shape = np.exp(-LAGS * STEP_S / time_s)
-        variance = max(float(shape @ value / (shape @ shape)), 0.0)
-        loss = float(np.sum((value - variance * shape) ** 2))
+        variance = max(float(shape @ covariance / (shape @ shape)), 0.0)
+        loss = float(np.sum((covariance - variance * shape) ** 2))
         if loss < best[0]:
             best = (loss, variance, float(time_s))
-    return {"std_log_speed": float(np.sqrt(best[1])), "correlation_time": best[2]}
+    return best[1:]
+
+
+class Course(NamedTuple):
+    """How much of all joints' squares their common change explains, row by row.
+
+    Attributes:
+        gain: (N,) in units of the noise floor.
+        motion: (N,) squared velocities, in the same units: what a steady supply's gains are in proportion to.
+        correlation_time_s: Of the supply.
+    """
+
+    gain: np.ndarray
+    motion: np.ndarray
+    correlation_time_s: float
+
+
+def course_of_the_supply(
+    simulation: Simulation, active: Hypothesis, rows: Rows, widths_s: Mapping[int, float]
+) -> Course:
+    """What it explains when; as `supply_p`."""
+    common = _Common(simulation, active, rows)
+    gain, motion = np.zeros((2, len(rows.folds.fold)))
+    for joint, width_s in widths_s.items():
+        before, after = common.reference[:, joint], common.evidence(joint, {"width": width_s}).after
+        velocity = rows.weight[:, joint] * rows.averaged(common.velocity[..., joint])
+        gain += (before**2 - after**2) / rows.floor[joint]
+        motion += velocity**2 / rows.floor[joint]
+    return Course(gain, motion, _process(_covariance(simulation, rows, active))[1])
 
 
 def _covariance(simulation: Simulation, rows: Rows, active: Hypothesis) -> np.ndarray:

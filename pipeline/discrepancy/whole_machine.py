@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 
 from pipeline.discrepancy.candidate import Candidate
+from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.late_channel import late_channel
 from pipeline.discrepancy.plausibility import (
     ACTIVITY,
@@ -25,6 +26,9 @@ COMMON_FACTOR = 1.3  # times what the best effect on one joint explains
 DOUBTED_FACTOR = 1.0  # the same, for it to take the certainty from a name on that joint
 MOST_ON_ONE = 0.4  # of that, at least, on one of the joints
 RIVAL_SHARE = 0.7  # of what the best explains on its joint
+BESIDE_A_COURSE = (
+    0.5  # the same where that is a course in time, which follows a joint whether it is alone or not
+)
 # A cause with an equation comes before a dependence, and both before one that nobody can observe. A payload's slopes
 # over all positions fit something of any slow change: it has to explain clearly more than other causes in common.
 COMMON_PENALTY = {ACTIVITY: 1.1, LOAD: 1.2, SUPPLY: 1.25}
@@ -70,7 +74,8 @@ def common_cause(
             continue
         here = next((c for c in candidates if c.family == family and c.joint == best.joint), None)
         joints = {c.joint for c in showing}
-        is_rival = here is None or here.joint not in joints or here.gain > RIVAL_SHARE * best.gain
+        least = BESIDE_A_COURSE if best.family == COURSE else RIVAL_SHARE
+        is_rival = here is None or here.joint not in joints or here.gain > least * best.gain
         total = sum(net(c) for c in showing)
         if is_rival and total > factor * net(best) and max(map(net, showing)) > MOST_ON_ONE * net(best):
             options.append((total / COMMON_PENALTY.get(family, 1.0), showing))

@@ -72,12 +72,22 @@ def test_a_dependence_on_activity_has_to_explain_more_than_a_cause_with_an_equat
     assert {family for family, _ in chosen(*coupled, *active)} == {"other:activity"}
 
 
+@pytest.mark.parametrize(("family", "expected"), [("other:absolute_time", True), ("gain", False)])
+def test_a_course_in_time_follows_a_joint_whether_it_is_alone_or_not(family, expected) -> None:
+    """So what joints have in common need not explain as much on the one as where a name competes."""
+    supply = [candidate("supply_variation", joint, 52.0, point={"width": 6.0}) for joint in range(3)]
+    best = candidate(family, 0, 95.0, (-0.2,) if family == "gain" else ())
+    assert bool(chosen(*supply, best)) is expected
+
+
 @pytest.mark.parametrize(
     ("family", "coefficients", "expected"),
     [
         ("load", (-0.2, 0.1), True),  # slower up, faster down
         ("load", (-0.2, 0.0), False),  # a gain, in one direction
         ("load", (-0.2, -0.19), False),  # slower both ways
+        ("load", (-0.02, 0.07, 0.01, 0.15, 0.18), True),  # opposed in most poses, if not in the middle
+        ("load", (-0.2, -0.19, 0.01, 0.05, 0.06), False),
         ("gain", (-0.5,), True),
     ],
 )

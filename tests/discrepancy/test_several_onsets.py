@@ -11,8 +11,9 @@ from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.close_loop import Loop
 from pipeline.discrepancy.found import Found, onsets_of, values_of, velocity_of
 from pipeline.discrepancy.grouping import Effect
+from pipeline.discrepancy.onset import of_one_moment
 from pipeline.discrepancy.refine import refine
-from pipeline.discrepancy.scored_rows import rows_in_blocks
+from pipeline.discrepancy.scored_rows import Rows, rows_in_blocks
 from pipeline.discrepancy.simulation import Simulation
 
 from .bare_candidate import bare_candidate
@@ -53,6 +54,12 @@ def measured(joint: int, slow_from: int, sags_from: int = N_ROWS) -> np.ndarray:
     return speed + np.where((row >= sags_from) & (command == 0.0), SAG, 0.0)
 
 
+def rows_of_all() -> Rows:
+    is_used = np.ones((1, N_ROWS), bool)
+    is_known = np.ones((1, N_ROWS, N_JOINT), bool)
+    return rows_in_blocks(is_used, is_used * 0, is_known, np.full(N_JOINT, 1e-4), 100)
+
+
 def simulation() -> Simulation:
     return simulation_of(["gain", "leakage"], COMMAND, SPEED * COMMAND)
 
@@ -78,13 +85,32 @@ def test_each_is_fitted_on_the_rows_that_it_acts_on() -> None:
     machine = simulation_of(
         ["gain", "leakage"], COMMAND, np.stack([measured(0, EARLY, LATE), measured(1, 0)], axis=1)
     )
-    is_used = np.ones((1, N_ROWS), bool)
-    rows = rows_in_blocks(
-        is_used, is_used * 0, np.ones((1, N_ROWS, N_JOINT), bool), np.full(N_JOINT, 1e-4), 100
-    )
     start = [Found(gain(0, EARLY, 0.9)), Found(leakage(0, LATE)), Found(gain(1, None, 0.9))]
-    fitted = [of.candidate.coefficients for of in refine(machine, rows, start)]
+    fitted = [of.candidate.coefficients for of in refine(machine, rows_of_all(), start)]
     np.testing.assert_allclose(np.concatenate(fitted), [RATIO - 1.0, SAG, RATIO - 1.0], atol=1e-3)
+
+
+@pytest.mark.parametrize("true", [EARLY, None])
+@pytest.mark.parametrize("joint", [0, 1])
+def test_one_cause_sets_in_on_all_its_joints_at_the_moment_that_suits_them_best(
+    true: int | None, joint: int
+) -> None:
+    """The search saw the moment on one joint alone."""
+    machine = simulation_of(
+        ["gain", "leakage"], COMMAND, np.stack([measured(0, true or 0), measured(1, true or 0)], axis=1)
+    )
+    told = [Found(gain(0, EARLY)), Found(gain(1, None))][:: 1 - 2 * joint]
+    beside = Found(leakage(1, LATE))  # of one joint alone: it keeps its own
+    found = of_one_moment(machine, rows_of_all(), [*told, beside], ["gain", "leakage"])
+    assert [f.candidate.onset for f in found] == [at(true), at(true), at(LATE)]
+    np.testing.assert_allclose([f.candidate.coefficients[0] for f in found[:2]], RATIO - 1.0, atol=1e-3)
+
+
+def test_what_sets_in_is_not_blamed_for_having_nothing_to_gain_before() -> None:
+    by_block = np.array([0.0, 0.0, 0.0, 0.0, 3.0, 4.0, 5.0])
+    always = replace(gain(0, None), gain_by_block=by_block)
+    assert replace(always, onset=at(EARLY)).t == pytest.approx(12.0 / (1.0 * np.sqrt(3.0)))
+    assert always.t < 3.0
 
 
 def test_what_has_set_in_is_not_taken_back_from_velocities_that_are_known() -> None:

@@ -8,39 +8,54 @@ import pytest
 from pipeline.discrepancy.plausibility import is_plausible
 from pipeline.discrepancy.regression import Folds
 from pipeline.discrepancy.scored_rows import Rows
+from pipeline.discrepancy.supply_onset import supply_onset, supply_since
 from pipeline.discrepancy.supply_variation import (
     FAMILY,
     supply_candidates,
+    supply_p,
     supply_parameters,
     without_common_change,
 )
 
 N_ROWS, N_JOINT, DT_S = 40_000, 3, 0.05
-STD, TIME_S, RATIO, NOISE = 0.12, 4.0, 0.6, 0.01
+STD, TIME_S, SLOW_S, RATIO, NOISE = 0.12, 4.0, 17.0, 0.6, 0.01
+STEP_NS = 50_000_000
 
 
-def machine(seed: int, std: float, ratio: float, time_s: float = TIME_S):
-    """Joints that move at random, all of them by e^z as fast, the first by `ratio` as well; with encoder noise."""
+def machine(
+    seed: int,
+    std: float,
+    ratio: float,
+    time_s: float = TIME_S,
+    n_rows: int = N_ROWS,
+    onset_row: int = 0,
+    is_common: bool = True,
+):
+    """Joints that move at random, all of them by e^z as fast, the first by `ratio` as well; with encoder noise.
+
+    From a row on; or each by a z of its own.
+    """
     draw = np.random.default_rng(seed)
-    commands = np.repeat(draw.integers(-1, 2, size=(N_ROWS // 20, N_JOINT)), 20, axis=0)[None].astype(float)
-    z, decay = np.zeros(N_ROWS), np.exp(-DT_S / time_s)
-    noise = draw.normal(size=N_ROWS)
-    for row in range(1, N_ROWS):
+    commands = np.repeat(draw.integers(-1, 2, size=(n_rows // 20, N_JOINT)), 20, axis=0)[None].astype(float)
+    z, decay = np.zeros((n_rows, 1 if is_common else N_JOINT)), np.exp(-DT_S / time_s)
+    noise = draw.normal(size=z.shape)
+    for row in range(1, n_rows):
         z[row] = decay * z[row - 1] + std * np.sqrt(1.0 - decay**2) * noise[row]
+    z[:onset_row] = 0.0
     ratios = np.array([ratio, 1.0, 1.0])
-    measured = commands * ratios * np.exp(z)[:, None] + NOISE * draw.normal(size=commands.shape)
+    measured = commands * ratios * np.exp(z) + NOISE * draw.normal(size=commands.shape)
 
     def velocities(hypotheses):
         return np.stack([commands * (ratios if "gain" in h else 1.0) for h in hypotheses])
 
     simulation = SimpleNamespace(
         velocities=velocities,
-        sequences=SimpleNamespace(velocity=measured),
+        sequences=SimpleNamespace(velocity=measured, stamp_ns=STEP_NS * np.arange(n_rows)[None]),
         setting=SimpleNamespace(dt_s=DT_S),
     )
-    n = N_ROWS // 2
+    n = n_rows // 2
     folds = Folds((np.arange(n) // 600) % 2, np.arange(n) // 200, n // 200)
-    rows = Rows(np.ones((1, N_ROWS), bool), folds, np.full(N_JOINT, NOISE**2), np.ones((n, N_JOINT)))
+    rows = Rows(np.ones((1, n_rows), bool), folds, np.full(N_JOINT, NOISE**2), np.ones((n, N_JOINT)))
     return simulation, rows
 
 
@@ -85,3 +100,43 @@ def test_what_is_off_alike_at_starts_is_no_supply(lasting_s) -> None:
     candidates = supply_candidates(simulation, {}, rows)
     assert min(c.share for c in candidates) > 0.1
     assert not is_plausible(FAMILY, candidates)
+
+
+def test_a_slow_supply_beats_changes_that_joints_do_not_have_in_common() -> None:
+    """Of 17 s in ten minutes: some thirty independent values, whose correlation no count of placebos reaches."""
+    for seed in range(3):
+        common = p_of(machine(seed, STD, 1.0, SLOW_S, n_rows=12_000))
+        assert common < 1e-7
+    apart = [p_of(machine(seed, STD, 1.0, SLOW_S, n_rows=12_000, is_common=False)) for seed in range(20)]
+    assert np.mean(np.array(apart) < 0.05) < 0.3
+    assert min(apart) > 1e-5
+
+
+def p_of(logs) -> float:
+    simulation, rows = logs
+    widths_s = {c.joint: c.point["width"] for c in supply_candidates(simulation, {}, rows)}
+    return supply_p(simulation, {}, [rows], widths_s, seed=0)
+
+
+@pytest.mark.parametrize("time_s", [2.0, 5.0])
+def test_the_moment_at_which_a_supply_begins_to_vary_is_found(time_s) -> None:
+    onset_row = 4000
+    simulation, rows = machine(0, STD, 1.0, time_s, n_rows=12_000, onset_row=onset_row)
+    members = supply_candidates(simulation, {}, rows)
+    moment = supply_onset(simulation, {}, rows, members)
+    assert moment is not None
+    assert moment[0] / STEP_NS == pytest.approx(onset_row, abs=5.0 / DT_S)
+    since = supply_since(simulation, {}, rows, moment, members)
+    for always, later in zip(members, since, strict=True):
+        assert later.onset == moment[0]
+        # where there is nothing to gain, little is lost
+        assert later.gain == pytest.approx(always.gain, rel=0.05)
+        assert later.gain_by_block[: onset_row // 400].sum() == 0.0
+        assert later.t > always.t
+
+
+@pytest.mark.parametrize("time_s", [2.0, 5.0, SLOW_S])
+def test_a_supply_that_always_varied_does_not_set_in(time_s) -> None:
+    for seed in range(6):
+        simulation, rows = machine(seed, STD, 1.0, time_s, n_rows=12_000)
+        assert supply_onset(simulation, {}, rows, supply_candidates(simulation, {}, rows)) is None
