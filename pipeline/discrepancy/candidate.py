@@ -64,7 +64,8 @@ class Candidate:
     def t(self) -> float:
         """Of its gain, by blocks: of what sets in, by those that it acts in, as there is nothing to gain before."""
         by_block = self.gain_by_block
-        return t_statistic(by_block if self.onset is None else by_block[by_block != 0.0])
+        acting = by_block if self.onset is None else by_block[by_block != 0.0]
+        return t_statistic(acting if len(acting) > 1 else by_block)
 
     def index_of(self, name: str) -> int | None:
         """Where among the coefficients the first is that this parameter has; None: it was not freed."""

@@ -213,11 +213,13 @@ class Confirmation:
         return result
 
     def _since(self, found: Sequence[Found], rows: Rows) -> tuple[Rows, np.ndarray]:
-        """The rows in which a common change of speed acts, and which of all rows they are, (N,)."""
+        """The rows in which a common change of speed acts, all if there are none; and which they are, (N,)."""
         onset = next((f.candidate.onset for f in found if f.candidate.family == SUPPLY), None)
-        if onset is None:
-            return rows, np.ones(len(rows.folds.fold), bool)
-        return rows_since(self.simulation, rows, onset)
+        if onset is not None:
+            since, kept = rows_since(self.simulation, rows, onset)
+            if kept.any():
+                return since, kept
+        return rows, np.ones(len(rows.folds.fold), bool)
 
     def _courses(self, found: Sequence[Found]) -> dict[Key, Seen]:
         """Joints' own courses in time, of which the rows for fitting tell between others, too."""
