@@ -10,6 +10,7 @@ from pipeline.discrepancy.regression import Evidence, t_statistic
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 from pipeline.effects.effect import Variant
 
+FEWEST_ACTING = 4  # blocks
 Key = tuple[str, int, int | None]
 """Family, joint and source."""
 
@@ -62,10 +63,13 @@ class Candidate:
 
     @property
     def t(self) -> float:
-        """Of its gain, by blocks: of what sets in, by those that it acts in, as there is nothing to gain before."""
+        """Of its gain, by blocks: of what sets in, by those that it acts in, as there is nothing to gain before.
+
+        By all of them where those are too few to tell their scatter.
+        """
         by_block = self.gain_by_block
         acting = by_block if self.onset is None else by_block[by_block != 0.0]
-        return t_statistic(acting if len(acting) > 1 else by_block)
+        return t_statistic(acting if len(acting) >= FEWEST_ACTING else by_block)
 
     def index_of(self, name: str) -> int | None:
         """Where among the coefficients the first is that this parameter has; None: it was not freed."""

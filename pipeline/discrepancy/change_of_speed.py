@@ -64,9 +64,13 @@ class ChangeOfSpeed(ABC):
             square: Of the velocity, likewise.
             total: The same as a sum.
         """
+        return product / np.maximum(square, 1e-9) * self.shrinkage(total)
+
+    def shrinkage(self, total: np.ndarray) -> np.ndarray:
+        """How far an estimate of z is believed, by the sum of squared velocities over its rows."""
         # The floor's correlation leaves about one independent value per second.
         information = np.maximum(total, 0.0) * self.dt_s
-        return product / np.maximum(square, 1e-9) * information / (information + 1.0 / PRIOR_STD**2)
+        return information / (information + 1.0 / PRIOR_STD**2)
 
     def regressor(self, joint: int, z: np.ndarray) -> np.ndarray:
         """(N,) change of the joint's velocity."""

@@ -24,7 +24,7 @@ from pipeline.discrepancy.whole_machine import of_one_cause
 
 WithoutSupply = Mapping[int, tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Per joint (N,) residuals on confirmation rows with a common change of speed, with it taken off, and which rows count:
-those after it has set in."""
+those after it has surely set in."""
 
 ENCODER_LOSS = 0.02  # of the squares, that an encoder's error seen at the stops may cost the speeds
 
@@ -205,11 +205,12 @@ class Confirmation:
         since, kept = self._since(found, self.held_out)
         with onsets_in(self.simulation, found):
             by_joint = without_common_change(self.simulation, active, since, widths_s)
-        result = {}
+        result, supply = {}, next(f for f in found if f.candidate.family == SUPPLY)
+        counting = kept & ~self._may_set_in(supply)
         for joint, of_joint in by_joint.items():
             before, after = np.zeros((2, len(kept)))
             before[kept], after[kept] = of_joint
-            result[joint] = before, after, kept
+            result[joint] = before, after, counting
         return result
 
     def _since(self, found: Sequence[Found], rows: Rows) -> tuple[Rows, np.ndarray]:

@@ -80,13 +80,15 @@ def lower_bound(
         resamples: Of the bootstrap.
         confidence: Of the bound.
         seed: Of the resampling.
-        only: (N,) which of the rows, whole blocks of them; None: all.
+        only: (N,) which of the rows, in whole blocks but where an effect sets in; None: all.
     """
     n, block = rows.folds.n_blocks, rows.folds.block
     if only is not None:
         before, after = before[only], after[only]
         blocks, block = np.unique(block[only], return_inverse=True)
         n = len(blocks)
+    if not np.any(before):
+        return 0.0, -np.inf  # nothing to remove is no evidence
     squares = [np.bincount(block, residual**2, minlength=n) for residual in (before, after)]
     drawn = np.random.default_rng(seed).integers(n, size=(resamples, n))
     share = 1.0 - squares[1][drawn].sum(axis=1) / np.maximum(squares[0][drawn].sum(axis=1), 1e-12)

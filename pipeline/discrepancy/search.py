@@ -125,6 +125,7 @@ class Search:
             if second := self._second_cause(candidates) or self._further_valves(candidates):
                 self.found += second
                 self._refit()
+                self._let_set_in()
                 continue
             passing = [candidate for candidate in candidates if self.passes(candidate)]
             if any(f.candidate.family in COMMON_CAUSES for f in self.found):

@@ -14,9 +14,10 @@ from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.onset import AS_GOOD, SMALLEST_PART, rows_since
 from pipeline.discrepancy.scored_rows import ROWS_AVERAGED, Rows, averaged
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
-from pipeline.discrepancy.supply_variation import course_of_the_supply
+from pipeline.discrepancy.supply_variation import SHORTEST_S, course_of_the_supply
 
 LARGEST_P = 1e-5  # of so little for so long by chance, at any of the moments that are tried
+FEWEST_VALUES = 1e-3  # for their distribution to be one
 LEAST_SHARE = 0.1  # of what it explains later, per motion, that is told from nothing
 
 
@@ -48,7 +49,14 @@ def supply_onset(
     place = int(inside[np.argmax(total[inside])])
     later = total[place] / max(moved[-1] - moved[place], 1e-12)
     earlier = gained[place] / max(moved[place], 1e-12)
-    n_values = place * ROWS_AVERAGED * simulation.setting.dt_s / time_s
+    # A moving average, too, has few independent squares; nothing is told while joints do not move together.
+    apart_s = max(time_s, np.sqrt(2.0 * np.pi) * max(widths_s.values()), SHORTEST_S)
+    told_s = (
+        ROWS_AVERAGED
+        * simulation.setting.dt_s
+        * np.sum((motion > LEAST_SHARE * motion.mean())[order[:place]])
+    )
+    n_values = max(float(told_s / apart_s), FEWEST_VALUES)
     if later <= 0.0 or _so_little_by_chance(earlier / later, n_values) > LARGEST_P:
         return None
     as_good = inside[total[inside] > total[place] - AS_GOOD]
@@ -94,7 +102,7 @@ def supply_since(
                 onset_between=between,
                 gain=float(gain.sum()),
                 gain_by_block=np.bincount(block, gain, minlength=n_blocks),
-                share=member.share * float(gain.sum()) / max(member.gain, 1e-12),
+                share=member.share * float(gain.sum()) / member.gain if member.gain else 0.0,
                 owed=member.owed * float(is_after.mean()),
             )
         )

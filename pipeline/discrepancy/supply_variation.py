@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
+from scipy.special import ndtr, ndtri
 
 from pipeline.discrepancy.candidate import Candidate, Nominal
 from pipeline.discrepancy.change_of_speed import ChangeOfSpeed
@@ -44,6 +45,13 @@ class _Common(ChangeOfSpeed):
 
     def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows) -> None:
         super().__init__(simulation, active, rows, rows.is_used[..., None])
+
+    def known_share(self, joint: int, width: float) -> np.ndarray:
+        """(B, T) in [0, 1]: how far the other joints' motion tells of a common change at all."""
+        others = [other for other in range(self.square.shape[-1]) if other != joint]
+        of_others = self.square[..., others].sum(axis=-1)
+        rows = width / self.dt_s
+        return self.shrinkage(rows * gaussian_filter1d(of_others, rows, axis=1, mode="constant"))
 
     def of(self, joint: int, width: float) -> np.ndarray:
         """By all joints but one: a moving average of their residuals per velocity."""
@@ -89,12 +97,13 @@ def supply_p(
     """
     common = [_Common(simulation, active, rows) for rows in parts]
     z = [{joint: of.of(joint, width_s) for joint, width_s in widths_s.items()} for of in common]
+    n_rows = max(int(rows.is_used.sum()) for rows in parts)
 
     def likeness(shift: int) -> float:
         correlations = []
         for joint in widths_s:
             changes = [
-                of.regressor(joint, np.roll(z_of[joint], shift, axis=1))
+                of.regressor(joint, _rolled(z_of[joint], of.rows.is_used, shift / n_rows))
                 for of, z_of in zip(common, z, strict=True)
             ]
             change = np.concatenate(changes)
@@ -103,7 +112,16 @@ def supply_p(
             correlations.append(float(change @ residual) / np.sqrt(max(square, 1e-24)))
         return float(np.arctanh(np.clip(np.mean(correlations), -MOST_ALIKE, MOST_ALIKE)))
 
-    return shifted_p(likeness, parts[0].is_used.shape[1], seed)
+    # Not shifted, what one joint says of another is what that says of it; shifted, it is another value. The mean over
+    # joints scatters by up to the root of two more than the placebos do.
+    return float(ndtr(ndtri(shifted_p(likeness, n_rows, seed)) / np.sqrt(2.0)))
+
+
+def _rolled(z: np.ndarray, is_used: np.ndarray, share: float) -> np.ndarray:
+    """(B, T) values shifted cyclically by a share of the rows in use, from row to row of these."""
+    rolled = np.zeros_like(z)
+    rolled[is_used] = np.roll(z[is_used], round(share * int(is_used.sum())))
+    return rolled
 
 
 def without_common_change(
@@ -151,8 +169,9 @@ class Course(NamedTuple):
 
     Attributes:
         gain: (N,) in units of the noise floor.
-        motion: (N,) squared velocities, in the same units: what a steady supply's gains are in proportion to.
-        correlation_time_s: Of the supply.
+        motion: (N,) squared velocities, in the same units, so far as other joints move as well: what a steady supply's
+            gains are in proportion to.
+        correlation_time_s: Of the supply; infinite where it shows none.
     """
 
     gain: np.ndarray
@@ -163,15 +182,17 @@ class Course(NamedTuple):
 def course_of_the_supply(
     simulation: Simulation, active: Hypothesis, rows: Rows, widths_s: Mapping[int, float]
 ) -> Course:
-    """What it explains when; as `supply_p`."""
+    """What it explains when; arguments as of `supply_candidates`, and the width of each joint that has it."""
     common = _Common(simulation, active, rows)
     gain, motion = np.zeros((2, len(rows.folds.fold)))
     for joint, width_s in widths_s.items():
         before, after = common.reference[:, joint], common.evidence(joint, {"width": width_s}).after
         velocity = rows.weight[:, joint] * rows.averaged(common.velocity[..., joint])
+        told = rows.averaged(common.known_share(joint, width_s))
         gain += (before**2 - after**2) / rows.floor[joint]
-        motion += velocity**2 / rows.floor[joint]
-    return Course(gain, motion, _process(_covariance(simulation, rows, active))[1])
+        motion += told * velocity**2 / rows.floor[joint]
+    variance, time_s = _process(_covariance(simulation, rows, active))
+    return Course(gain, motion, time_s if variance > 0.0 else np.inf)
 
 
 def _covariance(simulation: Simulation, rows: Rows, active: Hypothesis) -> np.ndarray:

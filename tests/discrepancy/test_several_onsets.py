@@ -107,10 +107,12 @@ def test_one_cause_sets_in_on_all_its_joints_at_the_moment_that_suits_them_best(
 
 
 def test_what_sets_in_is_not_blamed_for_having_nothing_to_gain_before() -> None:
-    by_block = np.array([0.0, 0.0, 0.0, 0.0, 3.0, 4.0, 5.0])
+    by_block = np.array([0.0, 0.0, 0.0, 0.0, 3.0, 5.0, 3.0, 5.0])
     always = replace(gain(0, None), gain_by_block=by_block)
-    assert replace(always, onset=at(EARLY)).t == pytest.approx(12.0 / (1.0 * np.sqrt(3.0)))
+    assert replace(always, onset=at(EARLY)).t == pytest.approx(16.0 / (2.0 * np.sqrt(4.0 / 3.0)))
     assert always.t < 3.0
+    few = replace(always, gain_by_block=by_block[:-1])
+    assert replace(few, onset=at(EARLY)).t == few.t  # three blocks do not tell their scatter
 
 
 def test_what_has_set_in_is_not_taken_back_from_velocities_that_are_known() -> None:
