@@ -16,7 +16,7 @@ from pipeline.discrepancy.scored_rows import ROWS_AVERAGED, Rows, averaged
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.supply_variation import SHORTEST_S, course_of_the_supply
 
-LARGEST_P = 1e-5  # of so little for so long by chance, at any of the moments that are tried
+LARGEST_P = 1e-3  # of so little for so long by chance, at any of the moments that are tried
 FEWEST_VALUES = 1e-3  # for their distribution to be one
 LEAST_SHARE = 0.1  # of what it explains later, per motion, that is told from nothing
 
