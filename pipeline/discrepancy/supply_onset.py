@@ -14,7 +14,7 @@ from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.onset import AS_GOOD, SMALLEST_PART, rows_since
 from pipeline.discrepancy.scored_rows import ROWS_AVERAGED, Rows, averaged
 from pipeline.discrepancy.simulation import Hypothesis, Simulation
-from pipeline.discrepancy.supply_variation import SHORTEST_S, course_of_the_supply
+from pipeline.discrepancy.supply_variation import SHORTEST_S, course_of_the_supply, gains_of_the_supply
 
 LARGEST_P = 1e-3  # of so little for so long by chance, at any of the moments that are tried
 FEWEST_VALUES = 1e-3  # for their distribution to be one
@@ -35,7 +35,7 @@ def supply_onset(
         rows: Rows in use.
         members: It, on each joint that shows it.
     """
-    widths_s = {c.joint: float(c.point["width"]) for c in members}
+    widths_s = _widths_s(members)
     gain, motion, time_s = course_of_the_supply(simulation, active, rows, widths_s)
     first = simulation.sequences.stamp_ns.min()
     stamps = averaged(simulation.sequences.stamp_ns - first, rows.is_used)
@@ -65,6 +65,10 @@ def supply_onset(
     return (begin + end) // 2, (begin, end)
 
 
+def _widths_s(members: Sequence[Candidate]) -> dict[int, float]:
+    return {c.joint: float(c.point["width"]) for c in members}
+
+
 def _so_little_by_chance(share: float, n_values: float) -> float:
     """How probable it is that the mean square of independent normal values is no larger than this share of its own."""
     return float(gammainc(0.5 * n_values, 0.5 * n_values * max(share, LEAST_SHARE)))
@@ -92,9 +96,9 @@ def supply_since(
     _, is_after = rows_since(simulation, rows, onset)
     block, n_blocks = rows.folds.block, rows.folds.n_blocks
     since = []
+    gains = gains_of_the_supply(simulation, active, rows, _widths_s(members))
     for member in members:
-        widths_s = {member.joint: float(member.point["width"])}
-        gain = is_after * course_of_the_supply(simulation, active, rows, widths_s).gain
+        gain = is_after * gains[member.joint]
         since.append(
             replace(
                 member,

@@ -48,23 +48,25 @@ class _Common(ChangeOfSpeed):
 
     def known_share(self, joint: int, width: float) -> np.ndarray:
         """(B, T) in [0, 1]: how far the other joints' motion tells of a common change at all."""
-        others = [other for other in range(self.square.shape[-1]) if other != joint]
-        of_others = self.square[..., others].sum(axis=-1)
-        rows = width / self.dt_s
-        return self.shrinkage(rows * gaussian_filter1d(of_others, rows, axis=1, mode="constant"))
+        return self.shrinkage(self._by_others(self.square, joint, width) * width / self.dt_s)
 
     def of(self, joint: int, width: float) -> np.ndarray:
         """By all joints but one: a moving average of their residuals per velocity."""
-        rows = width / self.dt_s
-        others = [other for other in range(self.square.shape[-1]) if other != joint]
-        product, square = (
-            gaussian_filter1d(of[..., others].sum(axis=-1), rows, axis=1, mode="constant")
-            for of in (self.product, self.square)
-        )
-        z = self.ratio(product, square, square * rows)
+        product, square = (self._by_others(of, joint, width) for of in (self.product, self.square))
+        z = self.ratio(product, square, square * width / self.dt_s)
         # What stays the same all the time is a gain of every joint, not a variation.
         motion = self.square[..., joint]
         return z - np.sum(z * motion) / max(np.sum(motion), 1e-12)
+
+    def _by_others(self, of: np.ndarray, joint: int, width: float) -> np.ndarray:
+        """(B, T) moving average of a quantity (B, T, n_joint) of all joints but one."""
+        others = [other for other in range(of.shape[-1]) if other != joint]
+        return gaussian_filter1d(of[..., others].sum(axis=-1), width / self.dt_s, axis=1, mode="constant")
+
+    def gain(self, joint: int, width: float) -> np.ndarray:
+        """(N,) squares of the joint that the others' common change explains, by row, in units of the noise floor."""
+        before, after = self.reference[:, joint], self.evidence(joint, {"width": width}).after
+        return (before**2 - after**2) / self.rows.floor[joint]
 
 
 def supply_candidates(
@@ -148,7 +150,10 @@ def supply_parameters(
         nominal: The same of nominal logs, by members that did not see them.
         active: Effects beside it on the measured logs, whose part in the residual is not the supply's.
     """
-    variance, time_s = _process(_covariance(*measured, active) - _covariance(*nominal, {}))
+    (simulation, rows), (usual, usual_rows) = measured, nominal
+    variance, time_s = _process(
+        _covariance(_Common(simulation, active, rows)) - _covariance(_Common(usual, {}, usual_rows))
+    )
     return {"std_log_speed": float(np.sqrt(variance)), "correlation_time": time_s}
 
 
@@ -186,20 +191,26 @@ def course_of_the_supply(
     common = _Common(simulation, active, rows)
     gain, motion = np.zeros((2, len(rows.folds.fold)))
     for joint, width_s in widths_s.items():
-        before, after = common.reference[:, joint], common.evidence(joint, {"width": width_s}).after
         velocity = rows.weight[:, joint] * rows.averaged(common.velocity[..., joint])
         told = rows.averaged(common.known_share(joint, width_s))
-        gain += (before**2 - after**2) / rows.floor[joint]
+        gain += common.gain(joint, width_s)
         motion += told * velocity**2 / rows.floor[joint]
-    variance, time_s = _process(_covariance(simulation, rows, active))
+    variance, time_s = _process(_covariance(common))
     return Course(gain, motion, time_s if variance > 0.0 else np.inf)
 
 
-def _covariance(simulation: Simulation, rows: Rows, active: Hypothesis) -> np.ndarray:
-    """Of the common change of speed, at `LAGS`."""
+def gains_of_the_supply(
+    simulation: Simulation, active: Hypothesis, rows: Rows, widths_s: Mapping[int, float]
+) -> dict[int, np.ndarray]:
+    """Per joint (N,) what it explains when, in units of the noise floor; arguments as of `course_of_the_supply`."""
     common = _Common(simulation, active, rows)
+    return {joint: common.gain(joint, width_s) for joint, width_s in widths_s.items()}
+
+
+def _covariance(common: _Common) -> np.ndarray:
+    """Of the common change of speed, at `LAGS`."""
     numerator, denominator = common.product.sum(axis=-1), common.square.sum(axis=-1)
-    step = round(STEP_S / simulation.setting.dt_s)
+    step = round(STEP_S / common.dt_s)
     n = numerator.shape[1] // step * step
     numerator, denominator = (
         x[:, :n].reshape(len(x), -1, step).sum(axis=-1) for x in (numerator, denominator)

@@ -26,9 +26,7 @@ COMMON_FACTOR = 1.3  # times what the best effect on one joint explains
 DOUBTED_FACTOR = 1.0  # the same, for it to take the certainty from a name on that joint
 MOST_ON_ONE = 0.4  # of that, at least, on one of the joints
 RIVAL_SHARE = 0.7  # of what the best explains on its joint
-BESIDE_A_COURSE = (
-    0.5  # the same where that is a course in time, which follows a joint whether it is alone or not
-)
+BESIDE_A_COURSE = 0.5  # the same of a course in time, which follows a joint whether it is alone or not
 # A cause with an equation comes before a dependence, and both before one that nobody can observe. A payload's slopes
 # over all positions fit something of any slow change: it has to explain clearly more than other causes in common.
 COMMON_PENALTY = {ACTIVITY: 1.1, LOAD: 1.2, SUPPLY: 1.25}
