@@ -137,8 +137,8 @@ class Search:
                 break
             self.found = with_its_gain([*self.found, *self._choose(passing, candidates)])
             self._refit()
-            self._let_set_in()
             self._split_common_delay()
+            self._let_set_in()
 
     def _let_set_in(self) -> None:
         """One cause sets in once, on all its joints."""
