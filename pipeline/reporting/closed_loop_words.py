@@ -118,8 +118,10 @@ def short_family_name(family: str) -> str:
 
 
 def parameter_name(name: str) -> str:
-    """The parameter's name in words."""
-    return PARAMETER_NAMES.get(name, name.replace("_", " "))
+    """The parameter's name in words, with the joint where it is of one of several: `parameter:joint`."""
+    parameter, _, joint = name.partition(":")
+    words = PARAMETER_NAMES.get(parameter, parameter.replace("_", " "))
+    return f"{words}, {joint}" if joint else words
 
 
 def dependence(entry: str) -> str:

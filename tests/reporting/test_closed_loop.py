@@ -407,6 +407,15 @@ def test_names_are_escaped():
         assert raw not in page
 
 
+def test_a_joint_of_several_has_its_parameter_named_in_words():
+    document = copy.deepcopy(documents()["named"])
+    parameters = document["effects"][0]["parameters"]
+    parameters["mean_speed_ratio_up:arm"] = {"value": 0.89, "unit": "1", "ci95": [0.86, 0.92]}
+    page = closed_loop_page(document, evidence_of(document), "machine", "a", "b")
+    assert "mean speed ratio going up, arm" in page
+    assert "mean_speed_ratio_up:arm" in page  # as it stands in the document
+
+
 def test_many_long_logs_stay_light():
     document = documents()["named"]
     evidence = evidence_of(document, 3600)
