@@ -21,19 +21,30 @@ GATE = load_section("close_loop", CloseLoopConfig, "paper").gate
 EFFECTS = {"flow_coupling": FlowCoupling(Setting(0.05, -np.ones(2), np.ones(2), np.ones(2)))}
 
 
-def confirmation(true_loss: tuple[float, float], scale: tuple[float, float] = (1.0, 1.0)) -> Confirmation:
-    """Two joints that move at random and lose these shares of their speed, the second half of the rows held out."""
+def confirmation(
+    true_loss: tuple[float, float],
+    scale: tuple[float, float] = (1.0, 1.0),
+    since: int = 0,
+    part_rows: int = N_ROWS // 2,
+) -> Confirmation:
+    """Two joints that move at random and lose these shares of their speed from a row on; every second part held out."""
     random = np.random.default_rng(0)
     u = random.standard_normal((1, N_ROWS, 2)) * scale
-    velocity = u * (1.0 - np.array(true_loss)) + NOISE * np.array(scale) * random.standard_normal(u.shape)
+    stamps = np.arange(N_ROWS)[None]
+    acts = (stamps >= since)[..., None]
+    velocity = u * (1.0 - acts * np.array(true_loss)) + NOISE * np.array(scale) * random.standard_normal(
+        u.shape
+    )
 
     def velocities(hypotheses: list[dict]) -> np.ndarray:
         loss = [h["flow_coupling"]["loss_fraction"].sum(axis=1) if h else np.zeros(2) for h in hypotheses]
-        return np.stack([u * (1.0 - of) for of in loss])
+        onsets = [simulation.onsets.get(("flow_coupling", joint), 0) for joint in (0, 1)]
+        acting = stamps[..., None] >= np.array(onsets)
+        return np.stack([u * (1.0 - acting * of) for of in loss])
 
-    sequences = SimpleNamespace(velocity=velocity, stamp_ns=np.arange(N_ROWS)[None])
+    sequences = SimpleNamespace(velocity=velocity, stamp_ns=stamps)
     simulation = SimpleNamespace(sequences=sequences, velocities=velocities, effects=EFFECTS, onsets={})
-    late = np.arange(N_ROWS)[None] >= N_ROWS // 2
+    late = stamps // part_rows % 2 == 1
     return Confirmation(simulation, rows(~late), rows(late), {}, GATE, 100, (0, 1), 2, 0)
 
 
@@ -82,6 +93,30 @@ def test_once_a_cause_has_passed_joints_are_asked_whether_they_have_part_in_it_n
     _, together = judging.judge([first, second])
     assert together.is_pooled and together.is_confirmed
     assert together.p_value == pytest.approx(2.0 * weak, rel=0.2)  # of two joints
+
+
+def setting_in(loss: float, onset: int | None, between: tuple[int, int] | None = None) -> Found:
+    found = coupled(0, loss)
+    return replace(found, candidate=replace(found.candidate, onset=onset, onset_between=between))
+
+
+def test_what_sets_in_is_judged_from_its_moment_on() -> None:
+    judging = confirmation((0.3, 0.0), since=2500, part_rows=200)
+    right, always = (judging.judge([setting_in(0.3, onset)])[0] for onset in (2500, None))
+    assert right.is_confirmed
+    assert always.share < 0.0 and not always.is_confirmed
+
+
+def test_rows_that_may_lie_on_either_side_of_an_onset_count_for_nothing() -> None:
+    between = (2000, 3000)
+    early, late = (
+        confirmation((0.3, 0.0), since=since, part_rows=200).judge([setting_in(0.3, 2400, between)])[0]
+        for since in between
+    )
+    exact = confirmation((0.3, 0.0), since=2400, part_rows=200).judge([setting_in(0.3, 2400)])[0]
+    assert early.is_confirmed and late.is_confirmed
+    assert early.share == pytest.approx(late.share, abs=1e-12)
+    assert early.share == pytest.approx(exact.share, abs=0.03)
 
 
 def test_a_bound_of_more_confidence_is_lower() -> None:
