@@ -31,7 +31,7 @@ from pipeline.logs.raw_log import Note, NoteKind
 from tests.logs.conftest import REPOSITORY
 from tests.logs.damage.case import REFUSED, DamageCase, Damaged, Where
 
-DEADLINE_S = 15
+DEADLINE_S = 60  # of what hangs, on a machine that does other things too
 FUSE_BYTES = 4 << 30  # of memory that is the process's own; files may be mapped beyond it
 FULL_DISK_FILE_BYTES = 4096
 PR_CAPBSET_DROP, CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH = 24, 1, 2
@@ -51,20 +51,20 @@ class Outcome:
         recovered: Joint samples and commands that were read.
         lines: What the user is told, without what every undamaged log is told too.
         status: The exit status that it leads to; 1 for a traceback.
-        seconds: How long it took.
+        processor_s: Processor time that it took, of all threads: what else the machine does must not count.
         grown_bytes: By how much the process grew over what it needed before.
     """
 
     recovered: int
     lines: list[str]
     status: int
-    seconds: float
+    processor_s: float
     grown_bytes: int
 
 
 def outcome_of(path: Path, output: Path, only_read: bool = False) -> Outcome:
     """Run the ingest on a log, as the stage does, or its reading alone."""
-    before, started = _peak_bytes(), time.monotonic()
+    before, started = _peak_bytes(), time.process_time()
     recovered, lines, status = 0, [], 0
     try:
         with deadline(DEADLINE_S):
@@ -81,7 +81,7 @@ def outcome_of(path: Path, output: Path, only_read: bool = False) -> Outcome:
             [f"traceback: {type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"],
             1,
         )
-    return Outcome(recovered, lines, status, time.monotonic() - started, _peak_bytes() - before)
+    return Outcome(recovered, lines, status, time.process_time() - started, _peak_bytes() - before)
 
 
 def _ingest(path: Path, output: Path) -> tuple[int, list[Note], list[str]]:

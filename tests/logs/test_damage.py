@@ -44,7 +44,7 @@ from tests.logs.whole_logs import (
 
 slow = settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
-MAXIMUM_SECONDS = 10  # of a machine that does other things too; the slowest case takes some two seconds
+MAXIMUM_PROCESSOR_S = 20.0  # the slowest case takes five on a slow machine; without a bound, minutes
 MAXIMUM_GROWTH_BYTES = 300 << 20  # of which compiling takes 120 MB; the bombs would take 360 MB and more
 MAXIMUM_LINE = 1000
 ELSEWHERE = (Where.fused, Where.unprivileged)
@@ -100,7 +100,7 @@ def test_damage(case, tmp_path, run_elsewhere):
         assert re.search(said, told), told
     for line in outcome.lines:
         assert line.isprintable() and len(line) < MAXIMUM_LINE, line
-    assert outcome.seconds < MAXIMUM_SECONDS
+    assert outcome.processor_s < MAXIMUM_PROCESSOR_S
     if case.where in ELSEWHERE:
         assert outcome.grown_bytes < MAXIMUM_GROWTH_BYTES
     elif damaged.status == 0:
