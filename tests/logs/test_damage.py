@@ -44,7 +44,7 @@ from tests.logs.whole_logs import (
 
 slow = settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
-MAXIMUM_PROCESSOR_S = 20.0  # the slowest case takes five on a slow machine; without a bound, minutes
+MAXIMUM_PROCESSOR_S = 10.0  # the slowest case takes five on a slow machine; without a bound, minutes
 MAXIMUM_GROWTH_BYTES = 300 << 20  # of which compiling takes 120 MB; the bombs would take 360 MB and more
 MAXIMUM_LINE = 1000
 ELSEWHERE = (Where.fused, Where.unprivileged)
