@@ -109,16 +109,15 @@ def respond(effect, values, u, signals=None, step="apply") -> np.ndarray:
     """Outputs along rows (T, ..., n_joint) from rest, one call of the wrapper per row."""
     state, outputs = effect.initial(np.shape(u)[1:-1]), []
     one_row = jax.jit(getattr(effect, step))
-    for t, row in enumerate(jnp.asarray(u)):
+    resting = signals_at()
+    for t, row in enumerate(np.asarray(u)):
         if isinstance(effect, CommandEffect):
             state, output = one_row(values, state, row)
         else:
-            present = (
-                signals_at() if signals is None else jax.tree.map(lambda a, t=t: jnp.asarray(a[t]), signals)
-            )
+            present = resting if signals is None else Signals(*(np.asarray(column)[t] for column in signals))
             state, output = one_row(values, state, row, present)
         outputs.append(output)
-    return np.asarray(jnp.stack(outputs))
+    return np.stack(outputs)
 
 
 def make_model(

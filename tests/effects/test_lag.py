@@ -38,8 +38,10 @@ def test_a_continuous_lag_is_read_as_long_as_it_is():
     measured = np.diff(positions, prepend=0.0) / DT_S
     commanded = u[::fine, None] * [1.0, 1.0]
     taus = np.linspace(0.1, 0.2, 101)
-    responses = [respond(Lag(SETTING), with_time_constant(np.full(2, t)), commanded)[:, 0] for t in taus]
-    misfit = [np.sum((response - measured) ** 2) for response in responses]
+    # One candidate to a place in the batch: all are tried at once.
+    candidates = with_time_constant(np.repeat(taus[:, None], 2, axis=1))
+    responses = respond(Lag(SETTING), candidates, np.repeat(commanded[:, None], len(taus), axis=1))
+    misfit = np.sum((responses[..., 0] - measured[:, None]) ** 2, axis=0)
     assert taus[int(np.argmin(misfit))] == pytest.approx(tau, abs=0.005)
 
 
