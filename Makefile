@@ -63,7 +63,7 @@ ablation: env ## train PPO with terms of the reward left out (the paper's append
 	$(BIN)/python -m pipeline.stages.reward_ablation $(ABLATION)
 
 .PHONY: test
-test: env ## check style, types and layers, and run the tests (some 19 minutes on two cores)
+test: env ## check style, types and layers, and run the tests (19 to 33 minutes on two cores)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
