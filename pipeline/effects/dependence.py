@@ -60,11 +60,14 @@ class Dependence(RatioEffect):
     def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """One plus the dependence."""
         state, basis = self.basis(state, u, signals)
+        return state, 1.0 + jnp.clip(self.change(values, basis, u), -0.95, 3.0)
+
+    def change(self, values: Values, basis: jax.Array, u: jax.Array) -> jax.Array:
+        """Sum of the basis functions in the direction of motion, (..., n_joint)."""
         equation = "...jdsk,...sk->...jd" if self.per_source else "...jdsk,...jk->...jd"
         by_direction = jnp.einsum(equation, values["coefficients"], basis)
         positive, negative = direction_weights(u)
-        change = by_direction[..., 0] * negative + by_direction[..., 1] * positive
-        return state, 1.0 + jnp.clip(change, -0.95, 3.0)
+        return by_direction[..., 0] * negative + by_direction[..., 1] * positive
 
 
 def _card(
@@ -94,21 +97,36 @@ def _card(
 
 
 class OnCommand(Dependence):
-    """On whether another joint is commanded one way or the other."""
+    """On whether another joint is commanded one way or the other while this one is.
+
+    A joint whose command has ended runs out as fast as it was going: what others are commanded from then on takes
+    nothing from a closed valve.
+    """
 
     variable, n_basis, per_source = "command", 2, True
     card = _card(
         "command",
-        "φ = 1[a_s < 0], 1[a_s > 0], s ≠ j",
+        "φ = 1[a_s < 0], 1[a_s > 0], s ≠ j, while a_j ≠ 0, and after it as at its end",
         "residual only while another joint is commanded one way",
         Abscissa.command,
     )
+
+    def initial(self, batch: tuple[int, ...]) -> State:
+        """The change that the joint was last driven with."""
+        return self._zeros(batch)
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """Indicators, softened for proportional commands."""
         return state, jnp.stack(
             [jnp.maximum(-signals.command, 0.0), jnp.maximum(signals.command, 0.0)], axis=-1
         )
+
+    def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """One plus the dependence, which is kept while the joint runs out."""
+        _, basis = self.basis(state, u, signals)
+        is_driven = jnp.abs(signals.command) >= SMALLEST_COMMAND
+        state = jnp.where(is_driven, self.change(values, basis, u), state)
+        return state, 1.0 + jnp.clip(state, -0.95, 3.0)
 
 
 class OnPosition(Dependence):
