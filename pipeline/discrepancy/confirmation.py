@@ -41,6 +41,7 @@ class Judgement:
         is_confirmed: Whether it passes the gate.
         is_pooled: Whether it is its joints together whose bound that is.
         sizes: Of the fitted one, in the logs that show it, where it is asked that they agree.
+        is_local: Whether it is the bound where the effect acts, which it seldom does.
     """
 
     share: float
@@ -49,6 +50,7 @@ class Judgement:
     is_confirmed: bool
     is_pooled: bool
     sizes: Sequence[Size] = ()
+    is_local: bool = False
 
 
 class Seen(NamedTuple):
@@ -60,6 +62,7 @@ class Seen(NamedTuple):
         p_value: After correction.
         largest_p: That is allowed.
         sizes: In single logs; of what has no wrapper, nothing is asked.
+        is_local: Whether the bound is that of the rows where it acts.
     """
 
     share: float
@@ -67,6 +70,7 @@ class Seen(NamedTuple):
     p_value: float
     largest_p: float
     sizes: Sequence[Size] = ()
+    is_local: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,7 @@ class Confirmation:
         self, effect: Found, seen: Seen, together: Mapping[str, float], smallest_p: Mapping[str, float]
     ) -> Judgement:
         candidate = effect.candidate
-        share, bound, p_value, largest_p, sizes = seen
+        share, bound, p_value, largest_p, sizes, is_local = seen
         is_confirmed = bound > self.config.smallest_improvement
         is_pooled = together.get(candidate.family, -np.inf) > bound
         if is_pooled:
@@ -132,7 +136,7 @@ class Confirmation:
             p_value = float(min(1.0, ndtr(-self.encoders[candidate.joint].z) * self.n_joint))
             is_confirmed, sizes = share > -ENCODER_LOSS, ()
         is_confirmed = is_confirmed and p_value < largest_p and agree(sizes, self.config.largest_disagreement)
-        return Judgement(share, bound, p_value, is_confirmed, is_pooled, sizes)
+        return Judgement(share, bound, p_value, is_confirmed, is_pooled, sizes, is_local and not is_pooled)
 
     def _beside_others(
         self, effect: Found, found: Sequence[Found], with_all: tuple[np.ndarray, np.ndarray]
@@ -143,22 +147,24 @@ class Confirmation:
         without = known * self._residual(self.held_out, others)[:, joint]
         after = known * with_all[0][:, joint]
         share, bound = self._bounded(without, after)
+        is_local = False
         if share > self.config.smallest_improvement >= bound:
-            bound = max(bound, self._bounded_where_it_acts(without, after, len(found)))
+            there = self._bounded_where_it_acts(without, after, len(found))
+            bound, is_local = max(bound, there), there > bound
         fitted_without = self._residual(self.fitted, others)
         change = fitted_without[:, joint] - with_all[1][:, joint]
         sizes = self._sizes((change, fitted_without[:, joint]), (without - after, without))
         scale = np.sqrt(self.fitted.floor)
         if explains_other_joints(change, fitted_without / scale, with_all[1] / scale, joint):
-            return Seen(share, bound, 1.0, self.config.largest_p, sizes)
+            return Seen(share, bound, 1.0, self.config.largest_p, sizes, is_local)
         acting = np.flatnonzero(change)  # what sets in mid-way is compared with itself, not with nothing
         since = acting[0] if len(acting) else 0
         if can_be_shifted(change[since:]):
             p_value = placebo_p(fitted_without[since:, joint], change[since:], self.n_hypotheses, self.seed)
-            return Seen(share, bound, p_value, self.config.largest_p, sizes)
+            return Seen(share, bound, p_value, self.config.largest_p, sizes, is_local)
         folds = self.held_out.folds
         by_block = np.bincount(folds.block, without**2 - after**2, minlength=folds.n_blocks)
-        return Seen(share, bound, rank_p(by_block, len(found)), self.config.largest_rank_p, sizes)
+        return Seen(share, bound, rank_p(by_block, len(found)), self.config.largest_rank_p, sizes, is_local)
 
     def _sizes(
         self, on_fitted: tuple[np.ndarray, np.ndarray], on_held_out: tuple[np.ndarray, np.ndarray]
@@ -295,11 +301,10 @@ def _widths_s(found: Sequence[Found]) -> dict[int, float]:
 
 def in_words(effect: Found, judgement: Judgement, joint: str) -> str:
     """The judgement as a sentence."""
-    least = (
-        f"with its other joints at least {judgement.bound:.0%}"
-        if judgement.is_pooled
-        else f"at least {judgement.bound:.0%}"
+    of_what = (
+        "with its other joints " if judgement.is_pooled else "where it acts " if judgement.is_local else ""
     )
+    least = f"{of_what}at least {judgement.bound:.0%}"
     in_logs = ", ".join(f"{size.value:.0%}" for size in judgement.sizes)
     return (
         f"{effect.candidate.family} on {joint} is {'' if judgement.is_confirmed else 'not '}confirmed: on confirmation "

@@ -134,6 +134,10 @@ def test_the_sentence_says_whose_bound_it_is() -> None:
     pooled = replace(judgement, is_pooled=True, is_confirmed=False)
     assert "not confirmed" in in_words(coupled(0, 0.1), pooled, "lift")
     assert "(with its other joints at least 20%)" in in_words(coupled(0, 0.1), pooled, "lift")
+    local = replace(judgement, bound=0.9, is_local=True)
+    assert "it removes 30% (where it acts at least 90%) of the squares" in in_words(
+        coupled(0, 0.1), local, "lift"
+    )
 
 
 @pytest.mark.parametrize(("loss_by_turns", "is_confirmed"), [((0.0, 0.4), True), ((0.2, 0.2), False)])
