@@ -1,7 +1,7 @@
 """Oil that stays cold makes joints late as much as slow: one cause, where each joint by itself has a sluggish valve."""
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,16 +9,22 @@ import numpy as np
 from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.comparison import DOUBT_FACTOR, Comparison
 from pipeline.discrepancy.found import Found, residual_of
+from pipeline.discrepancy.late_channel import late_channel
 from pipeline.discrepancy.plausibility import DELAY, GAIN, LAG, STICTION, THERMAL_DRIFT, is_plausible
-from pipeline.discrepancy.refine import completed, refine, refined_together
+from pipeline.discrepancy.refine import completed, refine, refined_together, the_better
 from pipeline.discrepancy.regression import t_statistic
 from pipeline.discrepancy.scored_rows import Rows
 from pipeline.discrepancy.simulation import Simulation
+from pipeline.effects.effect import Variant
 from pipeline.effects.thermal_drift import EQUALLY_LATE
 
 LATE_ALIKE = (LAG, STICTION)  # delays of all joints are a late channel
-FIRST_LAG_S = 0.1
-BOTH_WAYS = ((("ratio_positive", None), ("ratio_negative", None)),)
+FIRST_LAG_S = FIRST_DELAY_S = 0.1
+BOTH_WAYS: Variant = ((("ratio_positive", None), ("ratio_negative", None)),)
+CONSTANT: dict[str, tuple[Mapping[str, float], Variant]] = {
+    LAG: ({"added_time_constant": FIRST_LAG_S, "fall_share": EQUALLY_LATE}, ()),
+    GAIN: ({}, BOTH_WAYS),
+}
 WARMING_T = 1.5  # of what oil explains beyond causes that do not change
 FEWEST_JOINTS = 3  # valves of two may be sluggish
 # What oil has to explain of what the same joints' own causes do: that every valve became sluggish is less likely
@@ -74,6 +80,41 @@ def cold_oil(
     ]
 
 
+def channel_beside(
+    simulation: Simulation,
+    rows: Rows,
+    found: Sequence[Found],
+    passes: Callable[[Candidate], bool],
+    excited: Collection[int],
+) -> list[Candidate]:
+    """Delays of all joints, which stay as long as they are while the oil that was found warms up: a late channel.
+
+    The screen does not see it. What makes joints late for good is told by then as a lag of the oil that hardly ends;
+    only where both are fitted at once does the oil give it back.
+
+    Args:
+        simulation: On the measured logs.
+        rows: For fitting and selection.
+        found: Effects beside it.
+        passes: Whether a candidate removes enough beside what was found.
+        excited: Joints that move enough to tell.
+
+    Returns:
+        One per joint that moves enough; empty where no oil was found, or where the channel is not late beside it.
+    """
+    oily = {f.candidate.joint for f in found if f.candidate.family == THERMAL_DRIFT}
+    if not oily.issuperset(excited) or any(f.candidate.family == DELAY for f in found):
+        return []
+    first = [_constant(DELAY, {"added_delay": FIRST_DELAY_S}, (), joint) for joint in sorted(excited)]
+    fitted = refine(simulation, rows, [*found, *map(Found, first)])
+    before, after = (residual_of(simulation, rows, of) for of in (found, fitted))
+    delays = [
+        the_better(delay, of.candidate, rows, before[:, delay.joint], after[:, delay.joint])
+        for delay, of in zip(first, fitted[len(found) :], strict=True)
+    ]
+    return late_channel(delays, excited) if all(map(passes, delays)) else []
+
+
 def hardly_warms(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> bool:
     """Whether lags and gains of the same joints, which stay as they are, explain as much as the oil that was found.
 
@@ -90,8 +131,8 @@ def hardly_warms(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> 
         return False
     others = [f for f in found if f.candidate.family != THERMAL_DRIFT]
     had = {f.candidate.key for f in others}
-    tried = [family for family in (LAG, GAIN) if family in simulation.effects]
-    constant = [_constant(family, joint) for family in tried for joint in joints]
+    tried = [family for family in CONSTANT if family in simulation.effects]
+    constant = [_constant(family, *CONSTANT[family], joint) for family in tried for joint in joints]
     instead = refine(simulation, rows, [*others, *(Found(c) for c in constant if c.key not in had)])
     squares = [
         np.sum(residual_of(simulation, rows, of)[:, joints] ** 2 / rows.floor[joints], axis=1)
@@ -101,13 +142,11 @@ def hardly_warms(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> 
     return t_statistic(more) < WARMING_T
 
 
-def _constant(family: str, joint: int) -> Candidate:
-    """A lag, or a gain of both directions, from which a fit can begin."""
-    of_lag = {"added_time_constant": FIRST_LAG_S, "fall_share": EQUALLY_LATE}
-    point, freed = (of_lag, ()) if family == LAG else ({}, BOTH_WAYS)
+def _constant(family: str, point: Mapping[str, float], freed: Variant, joint: int) -> Candidate:
+    """A cause that stays as it is, from which a fit can begin."""
     nothing = np.zeros(len(freed))
     return Candidate(
-        family, joint, None, point, freed, nothing, gain=0.0, share=0.0, gain_by_block=np.zeros(1)
+        family, joint, None, dict(point), freed, nothing, gain=0.0, share=0.0, gain_by_block=np.zeros(1)
     )
 
 

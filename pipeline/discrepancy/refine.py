@@ -126,15 +126,23 @@ def refined_together(
     fitted = refine(simulation, rows, [*found, *map(Found, candidates)])[len(found) :]
     after = residual_of(simulation, rows, [*found, *fitted])
     return [
-        _better(candidate, of.candidate, rows, before[:, candidate.joint], after[:, candidate.joint])
+        the_better(candidate, of.candidate, rows, before[:, candidate.joint], after[:, candidate.joint])
         for candidate, of in zip(candidates, fitted, strict=True)
     ]
 
 
-def _better(
+def the_better(
     candidate: Candidate, refined: Candidate, rows: Rows, before: np.ndarray, after: np.ndarray
 ) -> Candidate:
-    """The refined one with what it explains of the rows it was fitted to; the one of the grid if that explains more."""
+    """The refined one with what it explains of the rows it was fitted to; the one of the grid if that explains more.
+
+    Args:
+        candidate: The one of the grid.
+        refined: The same, moved off it.
+        rows: That it was fitted to.
+        before: (N,) residual of its joint without it.
+        after: (N,) the same with it.
+    """
     floor = rows.floor[candidate.joint]
     by_block = np.bincount(rows.folds.block, before**2 - after**2, minlength=rows.folds.n_blocks) / floor
     gain = float(by_block.sum())

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from pipeline.discrepancy.candidate import Candidate, Nominal
-from pipeline.discrepancy.cold_oil import cold_oil, hardly_warms
+from pipeline.discrepancy.cold_oil import channel_beside, cold_oil, hardly_warms
 from pipeline.discrepancy.comparison import NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.course_in_time import FAMILY as COURSE
 from pipeline.discrepancy.decide_again import decide_again
@@ -173,7 +173,7 @@ class Search:
         self._refit()
 
     def _second_cause(self, candidates: Sequence[Candidate]) -> list[Found]:
-        """A payload or a shared pump, beside what makes the whole machine faster or slower.
+        """A payload, a shared pump or a late channel, beside what makes the whole machine faster or slower.
 
         On single joints little that is left is worth a name then: no wrapper fits every joint so well. What joints
         bear each other out on is.
@@ -181,6 +181,8 @@ class Search:
         whole = sum(f.candidate.gain for f in self.found if f.candidate.family in COMMON_CAUSES)
         if not whole:
             return []
+        if channel := self._channel_beside_oil():
+            return channel
         for family in ON_SEVERAL_JOINTS:
             showing = [c for c in candidates if c.family == family and self.comparison.shows(c)]
             if (
@@ -192,6 +194,15 @@ class Search:
                 self._say(f"{family} on {len(showing)} joints is there besides")
                 return [Found(c) for c in showing]
         return []
+
+    def _channel_beside_oil(self) -> list[Found]:
+        """A late channel, where the oil's lag had stood for it."""
+        if {DELAY, TIMING} & set(self.excluded):
+            return []
+        late = channel_beside(self.simulation, self.rows, self.found, self.passes, self.excited)
+        if late:
+            self._say("all joints stay late while the oil warms up: the channel is late, too")
+        return [Found(c) for c in late]
 
     def _further_valves(self, candidates: Sequence[Candidate]) -> list[Found]:
         """Dead bands that show on further joints once several have one: one controller drives all valves."""
