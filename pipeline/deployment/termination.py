@@ -19,7 +19,7 @@ class OscillationWatch:
     """Counts reversals of each joint's command within a window of time.
 
     A reversal is a command against the joint's last command that was not zero. The paper's controllers that
-    failed on the machine "rapidly alternate the values of certain action components" (section "Sim2Real").
+    failed on the machine "rapidly alternate the values of certain action components" (section "Sim2Real transfer").
     """
 
     def __init__(self, window_s: float, reversals: int, n_joint: int) -> None:

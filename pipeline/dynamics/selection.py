@@ -1,4 +1,4 @@
-"""Which of the tried models is selected (paper, section "Training and evaluation of dynamic models").
+"""Which of the tried models is selected (paper, section "Training and evaluation of models for the arm dynamics").
 
 "Since the top ranked models only differ by a slight margin with respect to L|eval, we filter those with higher
 lags k and prefer smaller models due to their faster inference time." Written down: of the models within a relative

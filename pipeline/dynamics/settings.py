@@ -64,6 +64,7 @@ class IdentifyConfig:
         checkpoint_every_epochs: How often the training state is saved for resuming.
         legendre_degree: Degree of the KAN's basis.
         velocity_limit_quantile: Quantile of |q̇| in the training rows that the velocity limits are.
+        long_prediction_steps: Length of the open-loop prediction that is plotted.
         arx_ridge: Penalty of the linear ARX that the model is judged beside, on standardised inputs, per row.
         selected: Per `<parameterization>_<target>` what the search selected.
     """
@@ -79,6 +80,7 @@ class IdentifyConfig:
     checkpoint_every_epochs: int
     legendre_degree: int
     velocity_limit_quantile: float
+    long_prediction_steps: int
     arx_ridge: float
     selected: dict[str, TrainingConfig]
 
@@ -90,6 +92,7 @@ class IdentifyConfig:
             "batches_per_epoch",
             "checkpoint_every_epochs",
             "legendre_degree",
+            "long_prediction_steps",
         ):
             value = getattr(self, name)
             if value is not None and value < 1:

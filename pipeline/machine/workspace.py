@@ -39,8 +39,8 @@ def contains(workspace: WorkspaceSpecification, position: jax.Array, yaw: jax.Ar
 
 
 def below_lower_plane(workspace: WorkspaceSpecification, position: jax.Array) -> jax.Array:
-    """Whether positions lie below the lower plane of W+, which the metric OOZ counts (paper, "Evaluation
-    metrics").
+    """Whether positions lie below the lower plane of W+, which the metric OOZ counts (paper, section
+    "Synthesis and evaluation of controllers for reaching").
 
     Args:
         workspace: bounds of W+.

@@ -1,4 +1,6 @@
-"""The scripted operator who paints the restricted workspace W+ (paper, section "Data collection").
+"""The scripted operator who paints the restricted workspace W+.
+
+Source: paper, section "Data collection for system identification".
 
 The operator looks at what has been painted so far, picks a place that has not, and goes there with two
 sticks: discrete commands at the control rate, decided on measured joint angles that are one reaction time

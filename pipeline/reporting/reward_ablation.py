@@ -10,12 +10,14 @@ from pipeline.reporting.differences import Circumstances, difference_sentences
 from pipeline.reporting.evaluation_tables import LEGEND, NONE, PATH_LENGTH, printed_figures
 from pipeline.reporting.page import Points, Section, render_page
 from pipeline.reporting.paper import (
+    KIND_NAMES,
     METRIC_COLUMNS,
     PAPER_EPISODES,
     PAPER_SEEDS,
     PPO_EVALUATED_STEPS,
     REWARD_ABLATION,
     REWARD_SUPERSCRIPTS,
+    Published,
     machine_note,
 )
 from pipeline.reporting.tables import Table
@@ -36,36 +38,52 @@ def reward_symbols(terms: Sequence[str]) -> str:
     return " + ".join(f"r^{mark}" for mark in superscripts(terms).split("+"))
 
 
-def ablation_table(rows: Rows, title: str, origin: str) -> Table:
-    """The paper's table with our figures; rows without a finished seed are empty."""
+def published_rows(kind: str) -> Mapping[str, Mapping[str, Published]]:
+    """The paper's rows by the marks of their terms; it has none of other model kinds than `PAPER_KIND`."""
+    return REWARD_ABLATION if kind == PAPER_KIND else {}
+
+
+def ablation_table(rows: Rows, kind: str, origin: str) -> Table:
+    """The paper's table with our figures; rows without a finished seed are empty.
+
+    Args:
+        rows: What is finished.
+        kind: `<parameterization>_<target>` of the dynamics model.
+        origin: Of the logs that the model is from.
+    """
     columns = ["Reward function", *METRIC_COLUMNS.values()]
     printed = [[reward_symbols(terms), *_figures(cells)] for terms, cells in rows.items()]
     notes = [_counts(rows), RETURNS, LEGEND, PATH_LENGTH, machine_note(origin)]
     return Table(
-        f"Performance of PPO {title} when trained using different reward functions", columns, printed, notes
+        f"Performance of PPO {KIND_NAMES[kind]} when trained using different reward functions",
+        columns,
+        printed,
+        notes,
     )
 
 
-def ablation_beside_paper(rows: Rows, title: str, origin: str) -> Table:
+def ablation_beside_paper(rows: Rows, kind: str, origin: str) -> Table:
     """Ours above the paper's, row by row, with the counts that they are over."""
     printed = []
     for terms, cells in rows.items():
         label = reward_symbols(terms)
         printed.append([label, "ours", *_figures(cells), str(len(cells)), _episodes(cells), _steps(cells)])
-        if (published := REWARD_ABLATION.get(superscripts(terms))) is not None:
+        if (published := published_rows(kind).get(superscripts(terms))) is not None:
             counts = [str(PAPER_SEEDS), str(PAPER_EPISODES), steps_text(PPO_EVALUATED_STEPS[PAPER_KIND])]
             printed.append([label, "paper", *map(str, published.values()), *counts])
     rules = [index for index, row in enumerate(printed) if index and row[1] == "ours"]
     columns = ["Reward function", "Whose", *METRIC_COLUMNS.values(), "Seeds", "Episodes", "Budget"]
     notes = [RETURNS, LEGEND, PATH_LENGTH, machine_note(origin)]
-    return Table(f"Reward ablation of PPO {title}, beside the paper's", columns, printed, notes, 1, rules)
+    return Table(
+        f"Reward ablation of PPO {KIND_NAMES[kind]}, beside the paper's", columns, printed, notes, 1, rules
+    )
 
 
-def ablation_differences(rows: Rows, origin: str) -> list[str]:
+def ablation_differences(rows: Rows, kind: str, origin: str) -> list[str]:
     """A sentence per large difference from the paper's figures."""
     sentences = []
     for terms, cells in rows.items():
-        published = REWARD_ABLATION.get(superscripts(terms))
+        published = published_rows(kind).get(superscripts(terms))
         if not cells or published is None:
             continue
         ours = {metric: [cell.metrics[metric] for cell in cells] for metric in METRIC_COLUMNS}
@@ -91,13 +109,13 @@ def precision_sentence(rows: Rows) -> str:
     )
 
 
-def ablation_page(rows: Rows, title: str, origin: str, provenance: Sequence[tuple[str, str]]) -> str:
+def ablation_page(rows: Rows, kind: str, origin: str, provenance: Sequence[tuple[str, str]]) -> str:
     """A page of its own: the ablation is outside `make repro`."""
-    sentences = ablation_differences(rows, origin)
+    sentences = ablation_differences(rows, kind, origin)
     section = Section(
         "Terms of the reward left out",
         precision_sentence(rows),
-        tables=[ablation_beside_paper(rows, title, origin)],
+        tables=[ablation_beside_paper(rows, kind, origin)],
         points=[Points(f"Where ours differ from the paper's ({len(sentences)})", sentences, folded=True)],
     )
     return render_page("Reward ablation", _counts(rows), [], [section], provenance)

@@ -23,8 +23,6 @@ from pipeline.own_checkpoints import remove_checkpoints
 from pipeline.registry.publish import publish_dynamics_model
 from pipeline.tracking import StageRun, flatten_metrics, progress_bar
 
-LONG_PREDICTION_STEPS = 1000  # paper, Fig. "Open-loop predictions"
-
 
 @dataclass
 class IdentifyStage(PipelineConfiguration):
@@ -85,7 +83,7 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
         "machine": machine.name,
     }
     save_model(output, result.model, result.parameters, lineage, metrics, result.curves)
-    prediction = long_prediction(predictor, rows.judged, FIRST_JUDGED_ROW, LONG_PREDICTION_STEPS)
+    prediction = long_prediction(predictor, rows.judged, FIRST_JUDGED_ROW, settings.long_prediction_steps)
     np.savez(output / "open_loop.npz", **asdict(prediction))
     run.metrics(flatten_metrics(metrics))
     run.artifact(output, "model")

@@ -27,7 +27,7 @@ from pipeline.own_checkpoints import remove_checkpoints
 from pipeline.reaching.episodes import EpisodesConfig
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reporting.cells import read_cells
-from pipeline.reporting.paper import KIND_NAMES, origin_of
+from pipeline.reporting.paper import origin_of
 from pipeline.reporting.report import write_table
 from pipeline.reporting.reward_ablation import ablation_beside_paper, ablation_page, ablation_table
 from pipeline.tracking import StageRun, progress_bar
@@ -88,7 +88,8 @@ def shared(configuration: RewardAblationStage) -> Ablation:
         configuration.episodes,
         configuration.control.action_repeats,
         dataclasses.replace(
-            configuration.ppo,
+            configuration.ppo.for_model(dynamics.specification),
+            model_kinds=configuration.ppo.model_kinds,  # finished cells are known by the section as it stands
             training_steps=settings.training_steps,
             evaluated_at_steps=settings.evaluated_at_steps,
         ),
@@ -106,15 +107,15 @@ def write(configuration: RewardAblationStage, ablation: Ablation) -> None:
     logs = logs_of(configuration)
     rows = finished(output / "cells", configuration.reward_ablation, ablation.identity)
     specification = ablation.dynamics.specification
-    title, origin = KIND_NAMES[f"{specification.parameterization}_{specification.target}"], origin_of(logs)
-    write_table(ablation_table(rows, title, origin), output / "tables", "reward_ablation")
-    write_table(ablation_beside_paper(rows, title, origin), output / "tables", "reward_ablation_beside_paper")
+    kind, origin = f"{specification.parameterization}_{specification.target}", origin_of(logs)
+    write_table(ablation_table(rows, kind, origin), output / "tables", "reward_ablation")
+    write_table(ablation_beside_paper(rows, kind, origin), output / "tables", "reward_ablation_beside_paper")
     provenance = [
         ("profile", configuration.profile),
         ("model", configuration.model),
         ("made by", "make ablation"),
     ]
-    (output / "index.html").write_text(ablation_page(rows, title, origin, provenance), encoding="utf-8")
+    (output / "index.html").write_text(ablation_page(rows, kind, origin, provenance), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from pipeline.errors import InputError
 from pipeline.reaching.reward import RewardTerm
 from pipeline.reporting.paper import METRIC_COLUMNS, REWARD_ABLATION, SIMULATED
 from pipeline.reporting.reward_ablation import (
+    PAPER_KIND,
     ablation_beside_paper,
     ablation_differences,
     ablation_page,
@@ -133,20 +134,22 @@ def test_tables_have_the_papers_rows_and_say_what_is_missing():
     rows = {tuple(terms_of(row)): [] for row in REWARD_ABLATION}
     rows[POSE, BONUS] = [result(0.5), result(0.7)]
     rows[(POSE,)] = [result(0.1)]
-    table = ablation_table(rows, "MLP Δq̇", SIMULATED)
+    table = ablation_table(rows, PAPER_KIND, SIMULATED)
     assert [row[0] for row in table.rows][:3] == ["r^X", "r^q", "r^X + r^ε"]
     assert len(table.rows) == 9 and table.rows[1][1:] == ["–"] * 7
     assert table.rows[2][1:] == ["0.60 ± 0.14"] * 7  # 0.1 sqrt 2
     assert table.notes[0].startswith("0 to 2 seeds per row, 500 episodes each")
-    lines = ablation_beside_paper(rows, "MLP Δq̇", SIMULATED).latex().splitlines()
+    lines = ablation_beside_paper(rows, PAPER_KIND, SIMULATED).latex().splitlines()
     ours = next(i for i, line in enumerate(lines) if r"$r_t^{\mathcal{X}}$ + $r_t^{\epsilon}$" in line)
     assert "842.83" in lines[ours + 1] and " 5 & 500 & 270 M steps" in lines[ours + 1]
     assert json.loads(table.json())["rows"][0]["EEF-PL [m]"] == "0.10"
     assert "60 % of the episodes" in precision_sentence(rows) and "10 %" in precision_sentence(rows)
-    assert any(
-        sentence.startswith("r^X + r^ε, SR(0.02, 0.02)") for sentence in ablation_differences(rows, SIMULATED)
-    )
-    page = ablation_page(rows, "MLP Δq̇", SIMULATED, [])
+    differences = ablation_differences(rows, PAPER_KIND, SIMULATED)
+    assert any(sentence.startswith("r^X + r^ε, SR(0.02, 0.02)") for sentence in differences)
+    of_another_kind = ablation_beside_paper(rows, "kan_dqdot", SIMULATED)
+    assert {row[1] for row in of_another_kind.rows} == {"ours"}  # the paper has no ablation of it
+    assert ablation_differences(rows, "kan_dqdot", SIMULATED) == []
+    page = ablation_page(rows, PAPER_KIND, SIMULATED, [])
     assert "<li>r<sup>X</sup> + r<sup>ε</sup>, SR" in page and "r^" not in page
 
 

@@ -79,6 +79,7 @@ def make_identify(**changes) -> IdentifyConfig:
         "checkpoint_every_epochs": 1,
         "legendre_degree": 3,
         "velocity_limit_quantile": 0.999,
+        "long_prediction_steps": 150,
         "arx_ridge": 1e-6,
         "selected": {},
     }
