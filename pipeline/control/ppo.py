@@ -127,8 +127,7 @@ class PPOConfig:
         Raises:
             InputError: the overrides do not fit the rest of the section.
         """
-        kind = f"{specification.parameterization}_{specification.target}"
-        overrides = self.model_kinds.get(kind, ModelKindOverrides())
+        overrides = self.model_kinds.get(specification.kind, ModelKindOverrides())
         changed = {name: value for name, value in vars(overrides).items() if value is not None}
         return replace(self, model_kinds={}, **changed)
 

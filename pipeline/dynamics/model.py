@@ -90,6 +90,11 @@ class ModelSpecification:
                 raise InputError(f"model: {name} is {getattr(self, name)}; all values must be positive")
 
     @property
+    def kind(self) -> str:
+        """`<parameterization>_<target>`, by which profiles and tables know the model."""
+        return f"{self.parameterization}_{self.target}"
+
+    @property
     def n_joint(self) -> int:
         """Number of joints."""
         return len(self.joints)

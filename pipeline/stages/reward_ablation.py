@@ -106,8 +106,7 @@ def write(configuration: RewardAblationStage, ablation: Ablation) -> None:
     output = Path(configuration.output)
     logs = logs_of(configuration)
     rows = finished(output / "cells", configuration.reward_ablation, ablation.identity)
-    specification = ablation.dynamics.specification
-    kind, origin = f"{specification.parameterization}_{specification.target}", origin_of(logs)
+    kind, origin = ablation.dynamics.specification.kind, origin_of(logs)
     write_table(ablation_table(rows, kind, origin), output / "tables", "reward_ablation")
     write_table(ablation_beside_paper(rows, kind, origin), output / "tables", "reward_ablation_beside_paper")
     provenance = [

@@ -150,12 +150,8 @@ def learning_part(configuration: SearchStage) -> list[Trajectory]:
 def define(configuration: SearchStage, trajectories: Sequence[Trajectory]) -> dict[str, Any]:
     """All that a trial's result follows from. Its digest names the study: with other data it is another study."""
     identify = dataclasses.asdict(configuration.identify)
-    for name in (
-        "selected",
-        "arx_ridge",
-        "checkpoint_every_epochs",
-        "long_prediction_steps",
-    ):  # of no influence
+    of_no_influence = ("selected", "arx_ridge", "checkpoint_every_epochs", "long_prediction_steps")
+    for name in of_no_influence:
         identify.pop(name, None)
     study = configuration.search.study
     content = {
