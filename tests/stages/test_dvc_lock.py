@@ -8,7 +8,7 @@ import pytest
 from dvc.dvcfile import Lockfile
 from dvc.exceptions import DvcException
 from dvc.repo import Repo
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pipeline.stages.processes.dvc_lock import is_sound, mend
@@ -77,13 +77,14 @@ def dvc(tmp_path_factory: pytest.TempPathFactory) -> Repo:
     return Repo.init(str(tmp_path_factory.mktemp("dvc")), no_scm=True)
 
 
-@given(end=st.integers(0, len(LOCK)))
-def test_what_is_sound_is_what_dvc_reads(end: int, dvc: Repo) -> None:
+@given(content=st.integers(0, len(LOCK)).map(lambda end: LOCK[:end]))
+@example(content="schema: '2.0'\nstages:\n  one:\n    cmd: one\n    deps:\n    - path: a\n      md5: 18e4")
+def test_what_is_sound_is_what_dvc_reads(content: str, dvc: Repo) -> None:
     path = Path(dvc.root_dir) / "dvc.lock"
-    path.write_text(LOCK[:end])
+    path.write_text(content)
     try:
         Lockfile(dvc, str(path)).load()
         read = True
     except DvcException:
         read = False
-    assert is_sound(LOCK[:end]) is read
+    assert is_sound(content) is read
