@@ -23,7 +23,7 @@ from pipeline.reporting.closed_loop_errors import (
 )
 from pipeline.reporting.closed_loop_method import key_figures, memory_sentence, provenance, residual_answer
 from pipeline.reporting.closed_loop_search import alternatives, effect_cards, ranking, ranking_answer
-from pipeline.reporting.closed_loop_verdict import verdict_sentence
+from pipeline.reporting.closed_loop_verdict import is_corrected, verdict_sentence
 
 TRACKS_DRAWN, TRACKS_OPEN = 24, 4  # logs that are drawn, and that are seen without unfolding
 FOUR_SECONDS = 80  # steps
@@ -57,7 +57,7 @@ def closed_loop_page(
     document: Mapping[str, Any], evidence: Evidence, machine_name: str, nominal: str, measured: str
 ) -> str:
     """Lay out the page; arguments as of `write_closed_loop_report`."""
-    corrected = bool(document.get("effects"))
+    corrected = is_corrected(document)
     levels = levels_of(document, evidence)
     long_level = next((level for level in levels if level.steps == FOUR_SECONDS), None)
     tracks = figures.track_rows(evidence, TRACKS_DRAWN, corrected)
@@ -81,6 +81,8 @@ def closed_loop_page(
         tracks_open=TRACKS_OPEN,
         tracks_left_out=len(evidence.tracks) - len(tracks),
         signatures=_marked(figures.signature_panels(evidence)),
+        lines=any(figures.corrects(one) for one in evidence.signatures),
+        lines_missing=not all(figures.corrects(one) for one in evidence.signatures),
         no_signature=_NO_SIGNATURE.get(str(document["verdict"]), "the search left none."),
         rows=error_rows(document, evidence),
         headings=list(columns_of(document, evidence).values()),

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.discrepancy.evidence import Evidence, LevelErrors
 from pipeline.reporting.closed_loop_figures import BASELINES
 from pipeline.reporting.closed_loop_quantities import STEP_S, number, readable_unit, significant, with_unit
-from pipeline.reporting.closed_loop_verdict import HORIZON, affected_joints, held_out_error
+from pipeline.reporting.closed_loop_verdict import HORIZON, affected_joints, held_out_error, is_corrected
 from pipeline.reporting.closed_loop_words import Document, joints_in_words, listed
 
 HEADINGS = {"before": "before", "after": "corrected model"} | {
@@ -66,12 +66,12 @@ def level_name(steps: int) -> str:
 
 
 def columns_of(document: Document, evidence: Evidence) -> dict[str, str]:
-    """Heading by column: what is there to compare; without an effect nothing was corrected."""
+    """Heading by column: what is there to compare; `after` only where something was corrected."""
     levels = levels_of(document, evidence)
     known = {
         name for level in levels for name, values in level.baselines.items() if np.isfinite(values).any()
     }
-    known |= {"before", "after"} if document.get("effects") else {"before"}
+    known |= {"before", "after"} if is_corrected(document) else {"before"}
     return {name: heading for name, heading in HEADINGS.items() if name in known}
 
 
@@ -100,7 +100,7 @@ def winner_sentences(document: Document, evidence: Evidence) -> list[str]:
     A sentence for every level and joint at which another is better than the corrected model. Where nothing was
     corrected, only those are named that are better than the model beyond its uncertainty.
     """
-    own = "after" if document.get("effects") else "before"
+    own = "after" if is_corrected(document) else "before"
     joints = affected_joints(document) or evidence.joints
     columns = list(columns_of(document, evidence))
     lost, won = [], []

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.discrepancy.evidence import Evidence, LevelErrors, ResidualTrack
+from pipeline.discrepancy.evidence import Evidence, LevelErrors, ResidualTrack, Signature
 from pipeline.discrepancy.splits import Purpose
 from pipeline.reporting.closed_loop_bars import Bar, bar_panel
 from pipeline.reporting.closed_loop_chart import WIDE, Panel, span
@@ -82,7 +82,10 @@ def _track_panel(evidence: Evidence, track: ResidualTrack, j: int, top: float, c
 
 
 def signature_panels(evidence: Evidence) -> list[str]:
-    """Per effect and joint: mean residual velocity over the variable that the effect depends on."""
+    """Per effect and joint: mean residual velocity over the variable that the effect depends on.
+
+    What corrects nothing has no line and leaves all of it.
+    """
     panels = []
     for signature in evidence.signatures:
         factor, unit = readable_unit(signature.unit)
@@ -102,11 +105,18 @@ def signature_panels(evidence: Evidence) -> list[str]:
             WIDE,
         )
         panel.level(0.0)
-        panel.line(x, fitted, AFTER, width=2.0)
+        if corrects(signature):
+            panel.line(x, fitted, AFTER, width=2.0)
         panel.dots(x, before, BEFORE, half_widths=CONFIDENCE * error)
-        panel.dots(x, after, AFTER, hollow=True)
+        if corrects(signature):
+            panel.dots(x, after, AFTER, hollow=True)
         panels.append(panel.svg())
     return panels
+
+
+def corrects(signature: Signature) -> bool:
+    """Whether the effect changes what the model predicts: what cannot be foreseen does not."""
+    return bool(np.any(signature.fitted))
 
 
 def error_bars(evidence: Evidence, level: LevelErrors, corrected: bool) -> list[str]:

@@ -13,7 +13,12 @@ from pipeline.reporting.closed_loop_quantities import (
     significant,
     with_unit,
 )
-from pipeline.reporting.closed_loop_verdict import VERDICT_WORDS, affected_joints, held_out_error
+from pipeline.reporting.closed_loop_verdict import (
+    VERDICT_WORDS,
+    affected_joints,
+    held_out_error,
+    is_corrected,
+)
 from pipeline.reporting.closed_loop_words import Document, listed
 
 ABOVE_FLOOR = 1.1  # times the noise floor: less is not worth a word
@@ -24,16 +29,18 @@ def key_figures(document: Document, evidence: Evidence) -> list[tuple[str, str]]
     verdict = str(document["verdict"])
     word = VERDICT_WORDS.get(verdict, verdict)
     several = verdict == "named" and len(document["effects"]) > 1
+    corrected = is_corrected(document)
     shown = [("effects named" if several else word, "verdict")]
     for joint in affected_joints(document)[:2]:
         unit = evidence.units[evidence.joints.index(joint)]
         factor, _ = readable_unit(unit)
         before, after = (factor * held_out_error(document, when, joint) for when in ("before", "after"))
         if math.isfinite(before) and math.isfinite(after):
-            text = f"{significant(before, 2)} → {with_unit(significant(after, 2), unit)}"
+            both = [significant(before, 2), significant(after, 2)] if corrected else [significant(before, 2)]
+            text = with_unit(" → ".join(both), unit)
             shown.append((text, f"4 s error of the {joint}, held-out logs"))
     effects = document.get("effects") or []
-    if effects and math.isfinite(number(effects[0].get("error_reduction"))):
+    if corrected and math.isfinite(number(effects[0].get("error_reduction"))):
         share = percent(number(effects[0]["error_reduction"]))
         shown.append((share, "of the squared error removed by the first effect alone"))
     if effects and math.isfinite(number(effects[0].get("p_value"))):

@@ -87,6 +87,14 @@ def affected_joints(document: Document) -> list[str]:
     return list(dict.fromkeys(name for effect in document.get("effects") or [] for name in effect["joints"]))
 
 
+def is_corrected(document: Document) -> bool:
+    """Whether what was found changes what the model predicts: an effect may be named that no model can foresee."""
+    errors = (document.get("error") or {}).values()
+    return bool(document.get("effects")) and any(
+        error.get("before") != error.get("after") for error in errors
+    )
+
+
 def held_out_error(document: Document, when: str, joint: str) -> float:
     """The four-second error `before` or `after`, rad or m; NaN where it is not known."""
     errors = document.get("error", {}).get(HORIZON, {}).get(when) or {}

@@ -375,6 +375,31 @@ def test_a_baseline_that_wins_is_named_and_marked():
     ]
 
 
+def test_an_effect_that_corrects_nothing_is_not_told_as_a_correction():
+    document = documents()["uncorrected"]
+    evidence = evidence_of(document)
+    for signature in evidence.signatures:
+        signature.after[:] = signature.before
+        signature.fitted[:] = 0.0
+    page = closed_loop_page(document, evidence, "m", "a", "b")
+    text = text_of(page)
+    for said in ("There is no line, because no correction was taken into the model", "no correction"):
+        assert said in text
+    for unsaid in (
+        "orrected model",
+        "goes through the filled dots",
+        "fitted effect",
+        "left over",
+        "times after",
+    ):
+        assert unsaid not in text
+    assert "→" not in text and "removed by the first effect" not in text
+    evidence.signatures.append(evidence_of(documents()["named"]).signatures[0])
+    text = text_of(closed_loop_page(document, evidence, "m", "a", "b"))
+    assert "Where there is no line, no correction was taken into the model" in text
+    assert "goes through the filled dots" in text
+
+
 def test_empty_evidence_reads_well():
     document = documents()["unexcited"]
     document["error"]["open_loop_rmse_80"] = {"before": dict.fromkeys(JOINTS), "after": {}}
