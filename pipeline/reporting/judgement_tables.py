@@ -92,7 +92,10 @@ class Comparison:
                 f"{quantity}: {names} ({', '.join(joints)})"
                 for (quantity, names), joints in by_quantity.items()
             )
-            text = f"A reference is better than every model on {len(won)} of these {n_figures} figures. {named[0].upper()}{named[1:]}."
+            text = (
+                f"A reference is better than every model on {len(won)} of these {n_figures} figures. "
+                f"{named[0].upper()}{named[1:]}."
+            )
         else:
             text = f"No reference is better than the best model on any of these {n_figures} figures."
         if len(lost) > 1:

@@ -19,7 +19,8 @@ def model_section(machine: MachineSpecification, models: Sequence[ModelResult], 
     figure = Figure(
         "Open-loop prediction",
         f"From one measured history, {steps} steps ({steps * machine.dt_s:.0f} s) of recorded commands; "
-        f"the model sees no measurement after the start. Recording {first['trajectory']}; judged {judged_on(models[0])}.",
+        f"the model sees no measurement after the start. Recording {first['trajectory']}; "
+        f"judged {judged_on(models[0])}.",
         open_loop_figure(
             first["t_s"], first["measured"], first["commands"], predicted, machine.joint_names, machine.units
         ),
