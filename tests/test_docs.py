@@ -26,9 +26,10 @@ from omegaconf import OmegaConf, open_dict
 from hydra_plugins.checked_sweeper import CheckedSweeper
 from pipeline.configuration import check
 from pipeline.errors import InputError
+from tests.test_prose import NOT_YET
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 # In the pages these stand for a machine of the reader's own.
 OWN_MACHINES = {"machine=mine", "machine=NAME"}
 NO_COMMAND = re.compile(r"<|…|\.\.\.|\[overrides\]")  # in running text: a pattern of commands
@@ -209,6 +210,13 @@ def test_pages_have_commands_of_every_kind() -> None:
     assert any(command.refused for command in STAGE_COMMANDS)
     unknown = {command.words[0] for command in COMMANDS} - {"python", "make", "dvc"}
     assert unknown <= {"cp", "editor", "git", "mkdir", "rerun", "roslaunch"}  # other programs' own affair
+
+
+def test_commands_stay_within_the_repository() -> None:
+    """A fresh clone has nothing beside it."""
+    outside = re.compile(r"(^|[=\[,/'\"])\.\.(/|$)")
+    named = [command for command in COMMANDS if any(outside.search(word) for word in command.words)]
+    assert not [str(command) for command in named if command.page not in NOT_YET]
 
 
 def anchor(heading: str) -> str:
