@@ -26,7 +26,7 @@ from omegaconf import OmegaConf, open_dict
 from hydra_plugins.checked_sweeper import CheckedSweeper
 from pipeline.configuration import check
 from pipeline.errors import InputError
-from tests.test_prose import NOT_YET
+from tests.test_prose import NOT_YET, each
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -235,6 +235,23 @@ def test_links_lead_somewhere(page: Path) -> None:
         if section:
             headings = re.findall(r"^#+ (.+)$", linked.read_text(encoding="utf-8"), re.MULTILINE)
             assert section in {anchor(heading) for heading in headings}, f"{page.name}: {target}"
+
+
+@pytest.mark.parametrize("page", each(PAGES))
+def test_files_that_pages_name_are_there(page: Path) -> None:
+    """Modules and folders of the repository, from its root, from `pipeline` on, or by a file's name alone."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    paths = {path.removeprefix("pipeline/") for path in listed.splitlines()}
+    places = paths | {str(parent) for path in paths for parent in Path(path).parents}
+    names = {Path(path).name for path in paths}
+    folders = {Path(path).parts[0] for path in paths if "/" in path} - {"artifacts", "data"}
+    prose = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for named in re.findall(r"`([\w./-]+)`", prose):
+        path = named.removeprefix("pipeline/").rstrip("/")
+        if "/" not in path and path.endswith(".py"):
+            assert path in names, named
+        elif "/" in path and path.split("/")[0] in folders:
+            assert path in places, named
 
 
 def test_site_has_every_page_and_every_layer() -> None:
