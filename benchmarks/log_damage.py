@@ -1,14 +1,15 @@
-"""What comes of damaged logs: the list of the tests' damage cases as a Markdown table.
+"""What damage to a log costs: the page docs/log_damage.md, made from the list of the tests' damage cases.
 
-    python -m benchmarks.log_damage
+    python -m benchmarks.log_damage > docs/log_damage.md
 
-Each case is made anew, the ingest is run on it, and a line of the table says how many of the log's messages were
-recovered and what the user is told. A row of a table of samples counts as two messages, a joint sample and a command.
+Each case is made anew and ingested. A row of the page's table says how many of the log's messages were recovered and
+what the user is told. `tests/logs/test_damage.py` compares every row with what the ingest does.
 """
 
 import os
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from tests.logs.damage import CASES
@@ -18,6 +19,19 @@ from tests.logs.whole_logs import whole_log
 
 HEADINGS = ("damage", "format", "messages", "recovered", "the line given")
 MAXIMUM_LINE = 200
+INTRODUCTION = """\
+<!-- generated: python -m benchmarks.log_damage -->
+# Damage to logs
+
+Every case of damage that the tests make, with what the [ingest](logs.md) recovers and the line that it gives.
+Messages are joint samples and commands; a row of a table counts as one of each. Of several lines the first is shown.
+"""
+
+
+def page(rows: Sequence[str]) -> str:
+    """docs/log_damage.md with these rows."""
+    table = [f"| {' | '.join(HEADINGS)} |", "|---" * len(HEADINGS) + "|", *rows]
+    return INTRODUCTION + "\n" + "\n".join(table) + "\n"
 
 
 def row(case: DamageCase, damaged: Damaged, outcome: Outcome, folder: Path) -> str:
@@ -39,9 +53,11 @@ def main() -> None:
             folder.mkdir()
             built.append((case, case.build(folder), folder / "output"))
         found = outcomes(built)
-        print(f"| {' | '.join(HEADINGS)} |\n|{'---|' * len(HEADINGS)}")
-        for (case, damaged, output), outcome in zip(built, found, strict=True):
-            print(row(case, damaged, outcome, output.parent))
+        rows = [
+            row(case, damaged, outcome, output.parent)
+            for (case, damaged, output), outcome in zip(built, found, strict=True)
+        ]
+        print(page(rows), end="")
         tracebacks = sum(outcome.status not in (0, 2) for outcome in found)
         print(f"{len(CASES)} cases, {tracebacks} tracebacks or deaths", file=sys.stderr)
         for place, folders, _ in os.walk(name):

@@ -1,6 +1,6 @@
 """Faults, one after the other or together, in the graph that drives the machine over CAN; what came of them.
 
-`fault_table` is the table in docs/deployment.md; `python -m tests.deployment.fault_cases` prints it.
+`python -m tests.deployment.fault_cases > docs/faults.md` makes the page of them.
 """
 
 import dataclasses
@@ -289,8 +289,19 @@ def outcome_of(watch: Watch, plc: ObservedPLC) -> FaultRun:
     )
 
 
-def fault_table() -> str:
-    """Markdown: every fault alone; of three seeds the latest."""
+PAGE = """\
+<!-- generated: python -m tests.deployment.fault_cases -->
+# Faults in the deployment graph
+
+Who reacts to each fault in the graph of the real machine, and when the valves are at zero
+([safety](deployment.md#safety)). The CAN bus is python-can's virtual one, delays are 0.5 to 2 ms. Each figure is the
+latest of three seeds.
+
+"""
+
+
+def fault_page() -> str:
+    """docs/faults.md: every fault alone."""
     lines = [
         "| fault | who reacts first | known after, s | valves at zero then after, s |",
         "|---|---|---|---|",
@@ -300,8 +311,8 @@ def fault_table() -> str:
         reactions = sorted({run.reaction for run in runs})
         known, stopped = (max(getattr(run, k) for run in runs) for k in ("known_s", "stopped_s"))
         lines.append(f"| {name} | {' or '.join(reactions)} | {known:.3f} | {stopped:.3f} |")
-    return "\n".join(lines) + "\n"
+    return PAGE + "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":
-    print(fault_table(), end="")
+    print(fault_page(), end="")

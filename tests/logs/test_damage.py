@@ -1,6 +1,6 @@
 """Damaged logs: what is before the damage is recovered, the line says where and what was lost, nothing else happens.
 
-The list of cases is the folder `damage`; `python -m benchmarks.log_damage` prints it with what came of each.
+The list of cases is the folder `damage`; docs/log_damage.md shows it with what comes of each.
 """
 
 import hashlib
@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag1 import Reader
 
+from benchmarks.log_damage import row
 from pipeline.configuration import load_machine
 from pipeline.errors import InputError
 from pipeline.logs.bags import read_log
@@ -47,6 +48,7 @@ slow = settings(max_examples=30, deadline=None, suppress_health_check=[HealthChe
 MAXIMUM_PROCESSOR_S = 10.0  # the slowest case takes five on a slow machine; without a bound, minutes
 MAXIMUM_GROWTH_BYTES = 300 << 20  # of which compiling takes 120 MB; the bombs would take 360 MB and more
 MAXIMUM_LINE = 1000
+PAGE = (REPOSITORY / "docs/log_damage.md").read_text(encoding="utf-8")
 ELSEWHERE = (Where.fused, Where.unprivileged)
 
 # Cases that are not yet passed, with the reason. One that passes fails: its line here must go then.
@@ -69,14 +71,14 @@ def run_elsewhere(tmp_path_factory):
                 built.append((case, case.build(folder), folder / "output"))
             found.update(
                 {
-                    case: (damaged, outcome)
-                    for (case, damaged, _), outcome in zip(built, outcomes(built), strict=True)
+                    case: (damaged, outcome, output.parent)
+                    for (case, damaged, output), outcome in zip(built, outcomes(built), strict=True)
                 }
             )
         return found[wanted]
 
     yield run
-    for damaged, _ in found.values():
+    for damaged, _, _ in found.values():
         for folder in (damaged.path, damaged.path.parent / "output"):
             if folder.is_dir():
                 folder.chmod(0o755)  # or nobody but root could remove it
@@ -85,9 +87,9 @@ def run_elsewhere(tmp_path_factory):
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_damage(case, tmp_path, run_elsewhere):
     if case.where in ELSEWHERE:
-        damaged, outcome = run_elsewhere(case)
+        damaged, outcome, folder = run_elsewhere(case)
     else:
-        damaged = case.build(tmp_path)
+        damaged, folder = case.build(tmp_path), tmp_path
         before = contents(tmp_path)
         ((outcome,), after) = outcomes([(case, damaged, tmp_path / "output")]), contents(tmp_path)
         assert after == before, "the user's files are changed"
@@ -100,6 +102,9 @@ def test_damage(case, tmp_path, run_elsewhere):
         assert re.search(said, told), told
     for line in outcome.lines:
         assert line.isprintable() and len(line) < MAXIMUM_LINE, line
+    assert f"{row(case, damaged, outcome, folder)}\n" in PAGE, (
+        "run `python -m benchmarks.log_damage > docs/log_damage.md`"
+    )
     assert outcome.processor_s < MAXIMUM_PROCESSOR_S
     if case.where in ELSEWHERE:
         assert outcome.grown_bytes < MAXIMUM_GROWTH_BYTES
