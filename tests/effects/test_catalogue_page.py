@@ -1,4 +1,4 @@
-"""What docs/closing_the_loop.md says of the catalogue is what the cards say; its Python names what exists."""
+"""What docs/effects.md says of the catalogue is what the cards say; the guide's Python names what exists."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,9 @@ from pipeline.effects.catalogue import CATALOGUE
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.reporting.catalogue_table import COLUMNS, catalogue_table
 
-PAGE = (Path(__file__).parents[2] / "docs/closing_the_loop.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "effects.md").read_text(encoding="utf-8")
+GUIDE = (DOCS / "closing_the_loop.md").read_text(encoding="utf-8")
 
 
 def test_the_table_is_that_of_the_cards():
@@ -26,6 +28,6 @@ def test_the_variables_of_other_are_listed():
 
 
 def test_the_snippet_uses_names_that_exist():
-    (snippet,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    (snippet,) = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
     compile(snippet, "docs/closing_the_loop.md", "exec")
     exec("\n".join(line for line in snippet.splitlines() if line.startswith(("from ", "import "))), {})
