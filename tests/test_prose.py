@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-GENERATED = "<!-- generated:"  # the first line of a page that a program writes
+GENERATED = "<!-- generated:"  # the first line of a page, or of a part of it, that a program writes
 PAGES = [
     page
     for page in (ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -23,6 +23,7 @@ LONGEST_LINE = 120  # characters
 ALL_WORDS = 18_000
 README_LINES = 100
 
+GENERATED_PART = re.compile(rf"{GENERATED}.*?<!-- end of what is generated -->", re.DOTALL)
 CODE_BLOCK = re.compile(r"^ *```.*?^ *```$", re.DOTALL | re.MULTILINE)
 BLOCK_START = re.compile(r"^(\s*([-*+]|\d+\.)|#+) ")  # list items and headings are blocks of their own
 SENTENCE_END = re.compile(r"(?<=[.!?])[)\"'*]*\s+")
@@ -101,7 +102,8 @@ def test_readme_is_two_screens() -> None:
 
 @pytest.mark.xfail(bool(NOT_YET), reason="not all rewritten yet")
 def test_all_pages_together() -> None:
-    counts = {page.name: len(page.read_text(encoding="utf-8").split()) for page in PAGES}
+    by_hand = {page.name: GENERATED_PART.sub("", page.read_text(encoding="utf-8")) for page in PAGES}
+    counts = {name: len(text.split()) for name, text in by_hand.items()}
     assert sum(counts.values()) <= ALL_WORDS, counts
 
 
