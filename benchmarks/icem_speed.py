@@ -39,7 +39,7 @@ GOAL_S, GOAL_TICKS = 0.2, 20
 
 
 def parts(held: bool):
-    from pipeline.configuration import MACHINE_DIRECTORY, load_machine, load_section
+    from pipeline.configuration.stage import MACHINE_DIRECTORY, load_machine, load_section
     from pipeline.control.icem.config import IcemConfig
     from pipeline.machine.kinematics import load_arm
     from pipeline.reaching.reward import RewardConfig
@@ -54,7 +54,7 @@ def task_and_state(machine, arm, reward):
     import jax
     import jax.numpy as jnp
 
-    from pipeline.dynamics.model import DynamicsModel
+    from pipeline.dynamics.model.dynamics_model import DynamicsModel
     from pipeline.reaching.task import ReachingTask
 
     specification = model_of(case_of("mlp", HIDDEN)).specification

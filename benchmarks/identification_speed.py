@@ -76,7 +76,7 @@ def training_operations(parameterization: str, hidden: list[int]) -> float:
 
 
 def model_of(case: dict):
-    from pipeline.dynamics.model import DynamicsModel, ModelSpecification
+    from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 
     return DynamicsModel(
         ModelSpecification(
@@ -142,9 +142,9 @@ def serve_training(case: dict, data_file: Path) -> None:
     import jax.numpy as jnp
     import optax
 
-    from pipeline.dynamics.epoch import compile_epoch
-    from pipeline.dynamics.loss import open_loop_loss
-    from pipeline.dynamics.windows import Rows, gather_windows
+    from pipeline.dynamics.training.epoch import compile_epoch
+    from pipeline.dynamics.training.loss import open_loop_loss
+    from pipeline.dynamics.training.windows import Rows, gather_windows
 
     model = model_of(case)
     with np.load(data_file) as data:
@@ -181,7 +181,7 @@ def serve_rollouts(case: dict, data_file: Path) -> None:
     import jax
     import jax.numpy as jnp
 
-    from pipeline.dynamics.rollout import rollout
+    from pipeline.dynamics.model.rollout import rollout
 
     model = model_of(case)
     parameters = model.initialise(jax.random.key(0))
@@ -331,11 +331,11 @@ def measure_predictions(name: str, arguments: argparse.Namespace, folder: Path) 
 
 def measure_time_to_error(tuples: Path) -> None:
     """The default profile's training of the Δq̇ MLP, until L|eval is reached."""
-    from pipeline.configuration import load_machine, load_section
-    from pipeline.dynamics.fit import fit
-    from pipeline.dynamics.model import Target
-    from pipeline.dynamics.network import Parameterization
+    from pipeline.configuration.stage import load_machine, load_section
+    from pipeline.dynamics.model.dynamics_model import Target
+    from pipeline.dynamics.model.network import Parameterization
     from pipeline.dynamics.settings import IdentifyConfig
+    from pipeline.dynamics.training.fit import fit
     from pipeline.logs.tuples import read_tuples
 
     class Reached(Exception):

@@ -24,15 +24,15 @@ from pathlib import Path
 import numpy as np
 import polars
 
-from pipeline.configuration import load_machine, load_section
-from pipeline.logs.bounded_decompression import decompress
-from pipeline.logs.command_rules import HeldCommands
-from pipeline.logs.discover import find_logs
+from pipeline.configuration.stage import load_machine, load_section
+from pipeline.logs.conditioning.command_rules import HeldCommands
+from pipeline.logs.conditioning.resample import resample
+from pipeline.logs.conditioning.samples import Samples
+from pipeline.logs.formats.bounded_decompression import decompress
+from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.ingest import ingest
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
-from pipeline.logs.resample import resample
-from pipeline.logs.samples import Samples
 from pipeline.logs.tracked_velocities import track
 from pipeline.machine.specification import MachineSpecification
 from tests.logs import foreign_bags as foreign

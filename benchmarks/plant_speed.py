@@ -10,10 +10,10 @@ import time
 
 import numpy as np
 
-from pipeline.configuration import load_machine
-from pipeline.plant.bobcat_e10 import bobcat_e10
-from pipeline.plant.operator import draw_style
-from pipeline.plant.session import record_session
+from pipeline.configuration.stage import load_machine
+from pipeline.plant.machines.bobcat_e10 import bobcat_e10
+from pipeline.plant.recording.operator import draw_style
+from pipeline.plant.recording.session import record_session
 from pipeline.plant.simulator import Plant
 
 START = np.array([0.0, 0.75, -1.4, -0.9])

@@ -44,10 +44,10 @@ from brax.training.agents.ppo import train as ppo
 from brax.training.types import Transition
 
 from benchmarks.ppo_speed_plain import PlainEnvironment
-from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
+from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
 from pipeline.control.ppo import PPOConfig
-from pipeline.dynamics.model import DynamicsModel, ModelSpecification, Parameterization, Target
-from pipeline.dynamics.network import apply
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification, Parameterization, Target
+from pipeline.dynamics.model.network import apply
 from pipeline.machine.kinematics import load_arm
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import EpisodesConfig, learning_poses

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from brax.envs.base import Env, State
 
-from pipeline.dynamics.network import apply
+from pipeline.dynamics.model.network import apply
 from pipeline.machine.poses import PoseTable, workspace_of
 from pipeline.machine.workspace import contains
 from pipeline.reaching.discretise import discretise

@@ -13,7 +13,7 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from pipeline.configuration import INPUT_ERROR_STATUS, JobError, check, check_places
+from pipeline.configuration.stage import INPUT_ERROR_STATUS, JobError, check, check_places
 from pipeline.errors import InputError
 
 

@@ -4,7 +4,7 @@ import os
 import sys
 import time
 
-from pipeline.dynamics.search_space import Choose
+from pipeline.dynamics.search.search_space import Choose
 from pipeline.study.settings import Pruner, Sampler, StudySettings
 from pipeline.study.worker import DivergedError, RunningTrial, Study
 

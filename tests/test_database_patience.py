@@ -4,10 +4,10 @@ import psycopg
 import pytest
 import sqlalchemy
 
-from pipeline.database_patience import CONNECT_TIMEOUT_S, engine_options
 from pipeline.errors import InputError
+from pipeline.study.database_timeout import CONNECT_TIMEOUT_S, engine_options
 from pipeline.study.storage import open_storage
-from pipeline.tracking.first_answer import ask_database
+from pipeline.tracking.store_check import ask_database
 
 OURS = {"connect_args": {"connect_timeout": CONNECT_TIMEOUT_S}}
 

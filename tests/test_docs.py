@@ -24,7 +24,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf, open_dict
 
 from hydra_plugins.checked_sweeper import CheckedSweeper
-from pipeline.configuration import check
+from pipeline.configuration.stage import check
 from pipeline.errors import InputError
 from tests.test_prose import NOT_YET, each
 

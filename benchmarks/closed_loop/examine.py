@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 
 from benchmarks.closed_loop.sessions import ingest_settings, machine
-from pipeline.atomic_files import write_whole
-from pipeline.dynamics.errors import Predictor, open_loop_rmse_80
-from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.dynamics.store import load_model
+from pipeline.dynamics.evaluation.errors import Predictor, open_loop_rmse_80
+from pipeline.dynamics.model.predictor import LearnedPredictor
+from pipeline.dynamics.model.store import load_model
+from pipeline.files.atomic import write_whole
 from pipeline.logs.trajectories import load_trajectories
 
 MODELS = {"before": "model_before", "after": "model_after"}

@@ -29,7 +29,7 @@ from benchmarks.closed_loop.sessions import Session, write
 from benchmarks.closed_loop.simulator import Simulator
 from benchmarks.closed_loop.simulators import KINDS, PLANT, SIMULATORS
 from benchmarks.closed_loop.yardstick import yardstick
-from pipeline.atomic_files import write_whole
+from pipeline.files.atomic import write_whole
 
 SEAL_MODE = 0o400
 NAME_LENGTH = 12

@@ -7,11 +7,11 @@ from benchmarks.closed_loop.machines import Variant
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant import effects
 from pipeline.plant.effects import Effect
-from pipeline.plant.operator import draw_style
+from pipeline.plant.machines.simulated import simulated_machine
+from pipeline.plant.machines.variants import draw_variant
 from pipeline.plant.parameters import Parameters
-from pipeline.plant.session import SessionLog, record_session
-from pipeline.plant.simulated import simulated_machine
-from pipeline.plant.variants import draw_variant
+from pipeline.plant.recording.operator import draw_style
+from pipeline.plant.recording.session import SessionLog, record_session
 
 LARGEST_SIZE = {
     "gain": 1.7,  # three quarters of the metering area gone

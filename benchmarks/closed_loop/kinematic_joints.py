@@ -10,7 +10,7 @@ from benchmarks.closed_loop.kinematic.machine import Machine, draw_machine
 from benchmarks.closed_loop.kinematic.session import record_session
 from benchmarks.closed_loop.machines import Variant
 from pipeline.machine.specification import MachineSpecification
-from pipeline.plant.session import SessionLog
+from pipeline.plant.recording.session import SessionLog
 
 
 class KinematicJoints(simulator.Simulator):

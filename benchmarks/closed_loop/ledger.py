@@ -14,11 +14,11 @@ from typing import Any
 
 from benchmarks.closed_loop.comparison import Solution
 from benchmarks.closed_loop.truth import Truth, from_content
-from pipeline.atomic_files import write_whole
-from pipeline.configuration import load_section
-from pipeline.discrepancy.fingerprint import code_fingerprint
+from pipeline.configuration.stage import load_section
+from pipeline.discrepancy.diagnosis.fingerprint import code_fingerprint
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
 
 SECTION = "close_loop"
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.closed_loop.simulator import Machine, Simulator
-from pipeline.configuration import ControlConfiguration, load_machine, load_section
+from pipeline.configuration.stage import ControlConfiguration, load_machine, load_section
+from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
-from pipeline.logs.raw_log import RawLog
+from pipeline.logs.messages.raw_log import RawLog
 from pipeline.logs.trajectories import make_trajectories
 from pipeline.logs.tuples import Trajectory
-from pipeline.logs.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
-from pipeline.plant.session import NANOSECONDS, SessionLog
+from pipeline.plant.recording.session import NANOSECONDS, SessionLog
 
 MACHINE = "bobcat_e10"
 PROFILE = "default"

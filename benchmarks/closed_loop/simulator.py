@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 from pipeline.machine.specification import MachineSpecification
-from pipeline.plant.session import SessionLog
+from pipeline.plant.recording.session import SessionLog
 
 if TYPE_CHECKING:
     from benchmarks.closed_loop.machines import Variant

@@ -33,8 +33,8 @@ from benchmarks.closed_loop.folders import CASE_FILE, Folders, sealed
 from benchmarks.closed_loop.ledger import fingerprint
 from benchmarks.closed_loop.sessions import MACHINE
 from benchmarks.closed_loop.truth import from_json
-from pipeline.atomic_files import write_whole
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
 
 RUN_FILE, LOG_FILE, EXAM_FILE = "run.json", "log.txt", "exam.json"
 TIMED_OUT = "timeout"

@@ -12,15 +12,15 @@ import numpy as np
 from benchmarks.closed_loop.draw import nominal_sessions
 from benchmarks.closed_loop.machines import FIRST_DAY, YARDSTICK_MINUTES, Variant
 from benchmarks.closed_loop.sessions import PROFILE, Session, machine, trajectories
-from pipeline.atomic_files import write_whole
-from pipeline.configuration import load_section
-from pipeline.dynamics.errors import open_loop_rmse_80
-from pipeline.dynamics.fit import fit
-from pipeline.dynamics.model import Target
-from pipeline.dynamics.network import Parameterization
-from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.configuration.stage import load_section
+from pipeline.dynamics.evaluation.errors import open_loop_rmse_80
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.model.predictor import LearnedPredictor
+from pipeline.dynamics.model.store import load_model, save_model
 from pipeline.dynamics.settings import IdentifyConfig
-from pipeline.dynamics.store import load_model, save_model
+from pipeline.dynamics.training.fit import fit
+from pipeline.files.atomic import write_whole
 from pipeline.logs.tuples import Trajectory
 
 MODEL_KIND = "mlp_dqdot"

@@ -10,10 +10,10 @@ import jax
 import numpy as np
 from flax import serialization
 
-from pipeline.atomic_files import write_whole
 from pipeline.control.curve import CurvePoint
 from pipeline.control.policy import Policy, policy_from_content, policy_to_content
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
 from pipeline.reaching.metrics import ReachingMetrics
 
 _CHECKPOINT_FILE = "checkpoint.msgpack"

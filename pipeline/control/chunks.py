@@ -9,9 +9,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from pipeline.atomic_files import write_whole
 from pipeline.control.evaluate import EvaluatedEpisodes
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.metrics import Traces
 from pipeline.reaching.reward import RewardTerms

@@ -16,9 +16,9 @@ from pipeline.control.checkpoint import Checkpoint, identity, load_checkpoint, s
 from pipeline.control.curve import CurvePoint
 from pipeline.control.evaluate import policy_evaluation
 from pipeline.control.policy import Policy, policy_from_brax
-from pipeline.control.whole_state import Epochs
-from pipeline.dynamics.model import ModelSpecification, Target
-from pipeline.dynamics.network import Parameterization
+from pipeline.control.training_state import Epochs
+from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
+from pipeline.dynamics.model.network import Parameterization
 from pipeline.errors import InputError
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes

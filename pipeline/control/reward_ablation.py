@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pipeline.atomic_files import write_whole
 from pipeline.control.checkpoint import identity
 from pipeline.control.curve import CurvePoint
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.ppo import PPOConfig, train
-from pipeline.dynamics.model import DynamicsModel
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.effects.augmented_model import AugmentedModel
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
 from pipeline.machine.kinematics import Arm
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.environment import ReachingEnvironment

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.mcap_file import RecordedTopic, write_mcap_file
 from pipeline.deployment.messages import EmergencyStop, JointCommand, Outcome, ReachResult, Topic
-from pipeline.logs.bags import STORAGE_READERS
-from pipeline.logs.discover import LogEntry
-from pipeline.logs.message_blocks import MessageBlock, ReadingLedger
+from pipeline.deployment.transports.mcap_file import RecordedTopic, write_mcap_file
+from pipeline.logs.formats.bags import STORAGE_READERS
+from pipeline.logs.formats.discover import LogEntry
+from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger
 
 PACKAGE = "hydraulic_arm"
-DEFINITIONS = Path(__file__).parent / f"ros1/{PACKAGE}/msg"
+DEFINITIONS = Path(__file__).parent / f"transports/ros1/{PACKAGE}/msg"
 RESULT_DEFINITION = "time stamp\nuint32 goal_id\nstring outcome\nuint32 n_ticks\n"  # on ROS, of an action
 
 

@@ -1,7 +1,7 @@
 """What the graph's components say to each other: topics and typed messages, independent of any transport.
 
 Arrays follow the machine's joint order; times are nanoseconds of the sender's clock. ROS 1 carries the same
-messages (`pipeline.deployment.ros1`).
+messages (`pipeline.deployment.transports.ros1`).
 """
 
 import enum

@@ -13,8 +13,8 @@ import numpy as np
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.graph_topics import GraphRecord
 from pipeline.deployment.messages import JointCommand, Outcome
-from pipeline.logs.columns import whole
-from pipeline.logs.raw_log import RawLog
+from pipeline.logs.messages.columns import whole
+from pipeline.logs.messages.raw_log import RawLog
 
 QUANTILES = {"median": 0.5, "p99": 0.99, "p999": 0.999, "maximum": 1.0}
 BY_SAFETY = (  # outcomes of a goal that a safety measure of the server ended

@@ -5,14 +5,14 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from pipeline.deployment.component import Component, nanoseconds
-from pipeline.deployment.goals import compiled_forward
-from pipeline.deployment.machine import Machine
+from pipeline.deployment.components.goals import compiled_forward
+from pipeline.deployment.components.recording import Recorder
+from pipeline.deployment.components.velocity_estimator import VelocityEstimator
+from pipeline.deployment.drivers.machine import Machine
 from pipeline.deployment.messages import ReachGoal, Topic
-from pipeline.deployment.recording import Recorder
-from pipeline.deployment.simulated_time.delays import Distribution
-from pipeline.deployment.simulated_time.graph import SimulatedGraph
+from pipeline.deployment.transports.simulated_time.delays import Distribution
+from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
 from pipeline.deployment.trials import SAFETY_FACTOR, GraphParts
-from pipeline.deployment.velocity_estimator import VelocityEstimator
 
 
 def run_successive(

@@ -10,20 +10,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.deployment.autonomous_server import AutonomousServer
-from pipeline.deployment.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.component import NANOSECONDS, Component
-from pipeline.deployment.control_interface import ControlInterface
-from pipeline.deployment.controllers import Controller
-from pipeline.deployment.goals import GoalSolver, compiled_forward, known_configurations
-from pipeline.deployment.machine import LearnedMachine, LearnedStep, Machine, TracedMachine
+from pipeline.deployment.components.autonomous_server import AutonomousServer
+from pipeline.deployment.components.control_interface import ControlInterface
+from pipeline.deployment.components.controllers import Controller
+from pipeline.deployment.components.goals import GoalSolver, compiled_forward, known_configurations
+from pipeline.deployment.components.recording import Recorder
+from pipeline.deployment.components.termination import TerminalConditions
+from pipeline.deployment.components.velocity_estimator import VelocityEstimator
+from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
+from pipeline.deployment.drivers.machine import LearnedMachine, LearnedStep, Machine, TracedMachine
 from pipeline.deployment.messages import Outcome, ReachGoal, Topic
-from pipeline.deployment.recording import Recorder
 from pipeline.deployment.settings import DeploymentConfig
-from pipeline.deployment.simulated_time.delays import Distribution
-from pipeline.deployment.simulated_time.graph import SimulatedGraph
-from pipeline.deployment.termination import TerminalConditions
-from pipeline.deployment.velocity_estimator import VelocityEstimator
+from pipeline.deployment.transports.simulated_time.delays import Distribution
+from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
 from pipeline.logs.tuples import Trajectory
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.logged_trials import LoggedTrial, logged_trials

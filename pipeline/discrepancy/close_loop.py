@@ -11,39 +11,39 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.discrepancy.baselines import trained_baselines, wrong_effect
-from pipeline.discrepancy.cold_oil import with_doubts_of_the_oil
-from pipeline.discrepancy.confirmation import Confirmation, in_words
-from pipeline.discrepancy.contract_parameters import OF_95_PERCENT
-from pipeline.discrepancy.document import document_of, parameters_of
-from pipeline.discrepancy.found import Found, onsets_of, residual_of, values_of
-from pipeline.discrepancy.gain_of_a_dependence import doubted_by_what_varies
-from pipeline.discrepancy.gathering import evidence_of
-from pipeline.discrepancy.grouping import Effect, effects_of, without_lags_of_one_cause
-from pipeline.discrepancy.held_out_errors import WindowErrors, starts_within, window_errors
-from pipeline.discrepancy.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
-from pipeline.discrepancy.open_loop_gate import OpenLoopGate
-from pipeline.discrepancy.parameter_misfit import misfit_covariance
-from pipeline.discrepancy.plausibility import OSCILLATION, TIMING
-from pipeline.discrepancy.refine import parameter_covariance, refine
-from pipeline.discrepancy.remaining_signature import doubted_by_what_is_left
-from pipeline.discrepancy.result import ClosedLoop
-from pipeline.discrepancy.ring_down import ring_down
-from pipeline.discrepancy.sampling_phase import sampling_phases
-from pipeline.discrepancy.scored_rows import Rows, alternating_folds, rows_in_blocks
-from pipeline.discrepancy.search import Search
-from pipeline.discrepancy.sequences import side_by_side
+from pipeline.discrepancy.acceptance.confirmation import Confirmation, in_words
+from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors, starts_within, window_errors
+from pipeline.discrepancy.acceptance.open_loop_gate import OpenLoopGate
+from pipeline.discrepancy.acceptance.remaining_signature import doubted_by_what_is_left
+from pipeline.discrepancy.acceptance.size_of_an_effect import SIZES, why_it_is_none
+from pipeline.discrepancy.baselines.all_baselines import trained_baselines, wrong_effect
+from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
+from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
+from pipeline.discrepancy.diagnosis.scored_rows import Rows, alternating_folds, rows_in_blocks
+from pipeline.discrepancy.diagnosis.sequences import side_by_side
+from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.splits import Purpose, split_rows
+from pipeline.discrepancy.families.cold_oil import with_doubts_of_the_oil
+from pipeline.discrepancy.families.contract_parameters import OF_95_PERCENT
+from pipeline.discrepancy.families.gain_of_a_dependence import doubted_by_what_varies
+from pipeline.discrepancy.families.plausibility import OSCILLATION, TIMING
+from pipeline.discrepancy.families.ring_down import ring_down
+from pipeline.discrepancy.families.stops import Encoder, encoders_of
+from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.selection.grouping import Effect, effects_of, without_lags_of_one_cause
+from pipeline.discrepancy.selection.parameter_misfit import misfit_covariance
+from pipeline.discrepancy.selection.refine import parameter_covariance, refine
+from pipeline.discrepancy.selection.search import Search
+from pipeline.discrepancy.selection.selected_effect import Found, onsets_of, residual_of, values_of
 from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.discrepancy.simulation import Simulation
-from pipeline.discrepancy.size_of_an_effect import SIZES, why_it_is_none
-from pipeline.discrepancy.splits import Purpose, split_rows
-from pipeline.discrepancy.stops import Encoder, encoders_of
-from pipeline.discrepancy.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.unusable_logs import UnusableLogs
-from pipeline.dynamics.errors import Predictor
-from pipeline.dynamics.model import DynamicsModel
-from pipeline.dynamics.network import Parameters
-from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.discrepancy.verdict.build_report_data import evidence_of
+from pipeline.discrepancy.verdict.document import document_of, parameters_of
+from pipeline.discrepancy.verdict.result import ClosedLoop
+from pipeline.dynamics.evaluation.errors import Predictor
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.effects.store import ActiveEffects, predictor
 from pipeline.logs.tuples import Trajectory, validation_part
 from pipeline.machine.specification import MachineSpecification

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 
-from pipeline.discrepancy.continued_training import BaselinesConfig
-from pipeline.discrepancy.diagnosis_model import DiagnosisModelConfig
-from pipeline.discrepancy.gate import GateConfig
-from pipeline.discrepancy.search_thresholds import SearchConfig
-from pipeline.discrepancy.splits import SplitConfig
+from pipeline.discrepancy.acceptance.gate import GateConfig
+from pipeline.discrepancy.baselines.continued_training import BaselinesConfig
+from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModelConfig
+from pipeline.discrepancy.diagnosis.splits import SplitConfig
+from pipeline.discrepancy.selection.search_thresholds import SearchConfig
 from pipeline.dynamics.settings import TrainingConfig
 
 

@@ -5,13 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.dynamics.error_growth import ErrorGrowth, ErrorGrowthConfig, error_growth
-from pipeline.dynamics.errors import PredictionErrors, Predictor, prediction_errors
-from pipeline.dynamics.extrapolation import Extrapolation, ExtrapolationConfig, extrapolate, largest_speed
-from pipeline.dynamics.grey_box import GreyBoxConfig
-from pipeline.dynamics.narx import NarxConfig
-from pipeline.dynamics.references import ArxConfig
-from pipeline.dynamics.windows import FIRST_JUDGED_ROW
+from pipeline.dynamics.evaluation.error_growth import ErrorGrowth, ErrorGrowthConfig, error_growth
+from pipeline.dynamics.evaluation.errors import PredictionErrors, Predictor, prediction_errors
+from pipeline.dynamics.evaluation.extrapolation import (
+    Extrapolation,
+    ExtrapolationConfig,
+    extrapolate,
+    largest_speed,
+)
+from pipeline.dynamics.references.all_references import ArxConfig
+from pipeline.dynamics.references.grey_box import GreyBoxConfig
+from pipeline.dynamics.references.narx import NarxConfig
+from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification

@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
-from pipeline.dynamics.features import History, push
-from pipeline.dynamics.model import DynamicsModel, Target
-from pipeline.dynamics.network import Parameters
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.features import History, push
+from pipeline.dynamics.model.network import Parameters
 from pipeline.effects.chain import Chain, ChainState, ChainValues
 from pipeline.effects.effect import Place, Signals
 

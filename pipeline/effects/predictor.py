@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.features import History
-from pipeline.dynamics.model import DynamicsModel, Target
-from pipeline.dynamics.network import Parameters
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.features import History
+from pipeline.dynamics.model.network import Parameters
 from pipeline.effects.augmented_model import AugmentedHistory, AugmentedModel, AugmentedParameters
 from pipeline.effects.chain import Chain, ChainState, ChainValues, set_in
 from pipeline.effects.effect import Signals

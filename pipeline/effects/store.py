@@ -15,18 +15,18 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.atomic_files import write_whole
-from pipeline.dynamics.errors import Predictor
-from pipeline.dynamics.model import DynamicsModel
-from pipeline.dynamics.network import Parameters
-from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.dynamics.store import load_model, load_model_of, model_fingerprint
+from pipeline.dynamics.evaluation.errors import Predictor
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.model.predictor import LearnedPredictor
+from pipeline.dynamics.model.store import load_model, load_model_of, model_fingerprint
 from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain
 from pipeline.effects.effect import Setting
 from pipeline.effects.predictor import AugmentedPredictor, Onsets
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
 from pipeline.machine.specification import MachineSpecification
 
 SCHEMA_VERSION = 1

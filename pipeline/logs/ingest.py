@@ -11,17 +11,17 @@ from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 
-from pipeline.atomic_files import PARTIAL_SUFFIX, write_whole
 from pipeline.errors import InputError
-from pipeline.logs.bags import read_log
-from pipeline.logs.columns import ColumnStore, DiskStore
-from pipeline.logs.discover import LogEntry, find_logs
-from pipeline.logs.excitation import Excitation
+from pipeline.files.atomic import PARTIAL_SUFFIX, write_whole
+from pipeline.logs.conditioning.excitation import Excitation
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discover import LogEntry, find_logs
+from pipeline.logs.formats.opened_file import why_no_file
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
-from pipeline.logs.opened_file import why_no_file
+from pipeline.logs.messages.columns import ColumnStore, DiskStore
+from pipeline.logs.messages.raw_log import Note, NoteKind
 from pipeline.logs.quality import QualityReport, measure
-from pipeline.logs.raw_log import Note, NoteKind
 from pipeline.logs.trajectories import grid_log, trajectory_sections
 from pipeline.logs.tuples import SUFFIX, Trajectory, are_tuples, write_tuples
 from pipeline.machine.specification import MachineSpecification

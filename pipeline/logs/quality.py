@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.logs.columns import Column, extent, sections
-from pipeline.logs.excitation import Excitation, Figures
+from pipeline.logs.conditioning.excitation import Excitation, Figures
+from pipeline.logs.conditioning.order_statistics import quantiles
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.order_statistics import quantiles
-from pipeline.logs.raw_log import NANOSECONDS, Note, RawLog
+from pipeline.logs.messages.columns import Column, extent, sections
+from pipeline.logs.messages.raw_log import NANOSECONDS, Note, RawLog
 from pipeline.logs.trajectories import GriddedLog
 from pipeline.machine.specification import MachineSpecification
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.bags import read_log
-from pipeline.logs.clocks import ClockReport, extent_without_strays
-from pipeline.logs.columns import Column, ColumnStore, MemoryStore, sections
-from pipeline.logs.conditioning import COMMAND_INTERVALS, JOINT_INTERVALS, ConditionedLog
-from pipeline.logs.discover import find_logs
+from pipeline.logs.conditioning.clocks import ClockReport, extent_without_strays
+from pipeline.logs.conditioning.conditioned_log import COMMAND_INTERVALS, JOINT_INTERVALS, ConditionedLog
+from pipeline.logs.conditioning.resample import GridRows, resample
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state
-from pipeline.logs.raw_log import NANOSECONDS, Note, NoteKind, RawLog, TargetPoses
-from pipeline.logs.resample import GridRows, resample
+from pipeline.logs.messages.columns import Column, ColumnStore, MemoryStore, sections
+from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog, TargetPoses
 from pipeline.logs.tracked_velocities import track_on
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification

@@ -9,8 +9,8 @@ import polars
 import pyarrow
 from pyarrow.parquet import ParquetFile, ParquetWriter, read_schema
 
-from pipeline.atomic_files import replacing
 from pipeline.errors import InputError
+from pipeline.files.atomic import replacing
 from pipeline.machine.specification import MachineSpecification
 
 TRAIN, VALIDATION = "train", "validation"

@@ -11,16 +11,16 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.plant.compiled import compiled
-from pipeline.plant.friction import apply_impulses
-from pipeline.plant.hydraulics import advance_pressures
-from pipeline.plant.load import dynamics, inverse_mass
-from pipeline.plant.oil import dynamic_viscosity, warmed
 from pipeline.plant.parameters import NEGATIVE, POSITIVE, Linkage, Parameters
+from pipeline.plant.physics.friction import apply_impulses
+from pipeline.plant.physics.hydraulics import advance_pressures
+from pipeline.plant.physics.load import dynamics, inverse_mass
+from pipeline.plant.physics.oil import dynamic_viscosity, warmed
+from pipeline.plant.physics.sensor import EncoderChannel, JointStates
+from pipeline.plant.physics.valve import advance_pilots, advance_spools, read_command
 from pipeline.plant.records import pack
 from pipeline.plant.scratch import Scratch, allocate
-from pipeline.plant.sensor import EncoderChannel, JointStates
 from pipeline.plant.state import FRICTION, PISTON, STOP, State, resting_state
-from pipeline.plant.valve import advance_pilots, advance_spools, read_command
 
 
 @compiled

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.plant.load import gravity_torque
 from pipeline.plant.parameters import NEGATIVE, POSITIVE, Parameters
+from pipeline.plant.physics.load import gravity_torque
 
 # Indices of `State.energy_J`, all integrated from the start.
 PUMP, THROTTLED, PISTON, FRICTION, STOP = range(5)

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.logs.columns import whole
-from pipeline.logs.raw_log import TargetPoses
+from pipeline.logs.messages.columns import whole
+from pipeline.logs.messages.raw_log import TargetPoses
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.kinematics import Arm
 from pipeline.machine.orientation import yaw_pitch

@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.held_command import hold
-from pipeline.dynamics.model import DynamicsModel
-from pipeline.dynamics.specify import check_machine
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.held_command import hold
+from pipeline.dynamics.model.specify import check_machine
 from pipeline.effects.augmented_model import AugmentedModel
 from pipeline.machine.kinematics import Arm, Pose
 from pipeline.machine.poses import workspace_of

@@ -8,7 +8,7 @@ from importlib import resources
 import jinja2
 from markupsafe import Markup
 
-from pipeline.reporting.tables import Table, raised
+from pipeline.reporting.table import Table, raised
 
 PNG, SVG, WEBP = "image/png", "image/svg+xml", "image/webp"
 

@@ -15,15 +15,20 @@ from pipeline.machine.poses import workspace_of
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.episodes import load_episodes
 from pipeline.reaching.metrics import PITCH_THRESHOLDS_RAD, POSITION_THRESHOLDS_M, load_traces
-from pipeline.reporting.controllers import ControllerResult, by_controller
-from pipeline.reporting.counts import counts_text, seeds_text
-from pipeline.reporting.deployment_chapter import deployment_figures
-from pipeline.reporting.deployments import Deployment
-from pipeline.reporting.figures import CurvePanel, LearningCurve, learning_curve_figure, success_rate_figure
-from pipeline.reporting.files import existing, read_json
-from pipeline.reporting.film import episode_film, film_bytes
+from pipeline.reporting.chapters.deployment import deployment_figures
+from pipeline.reporting.figures.arrays import (
+    CurvePanel,
+    LearningCurve,
+    learning_curve_figure,
+    success_rate_figure,
+)
+from pipeline.reporting.figures.film import episode_film, film_bytes
+from pipeline.reporting.figures.paths import path_figure, paths_of
 from pipeline.reporting.page import PNG, SVG, WEBP, Figure
-from pipeline.reporting.path_figure import path_figure, paths_of
+from pipeline.reporting.results.controllers import ControllerResult, by_controller
+from pipeline.reporting.results.deployments import Deployment
+from pipeline.reporting.results.files import existing, read_json
+from pipeline.reporting.tables.counts import counts_text, seeds_text
 
 SUFFIXES = {PNG: ".png", SVG: ".svg", WEBP: ".webp"}
 CURVES = {  # metric to label and limits of the vertical axis

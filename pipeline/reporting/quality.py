@@ -8,10 +8,10 @@ from pipeline.logs.quality import QualityReport
 from pipeline.logs.tuples import SUFFIX, thinned_positions
 from pipeline.machine.kinematics import Arm
 from pipeline.machine.specification import MachineSpecification
-from pipeline.reporting.clouds import MAXIMUM_POINTS, cloud_of
+from pipeline.reporting.figures.clouds import MAXIMUM_POINTS, cloud_of
+from pipeline.reporting.figures.workspace import cloud_figure
 from pipeline.reporting.page import Figure, KeyFigure, Section, render_page
-from pipeline.reporting.tables import Table
-from pipeline.reporting.workspace_figures import cloud_figure
+from pipeline.reporting.table import Table
 
 # Column heading, key behind the joint's name, format, factor
 JOINT_COLUMNS = (

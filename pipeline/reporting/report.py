@@ -7,24 +7,24 @@ from pathlib import Path
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.kinematics import Arm
 from pipeline.machine.specification import MachineSpecification
-from pipeline.reporting.closed_loop_chapter import closed_loop_section, closed_loop_table
-from pipeline.reporting.controller_chapter import controller_section, evaluated, film_section
-from pipeline.reporting.controllers import by_controller
-from pipeline.reporting.data_chapter import data_section
-from pipeline.reporting.deployment_chapter import FIGURES, deployment_section, deployment_tables
-from pipeline.reporting.evaluation_tables import brax_evaluation_table, comparison_table
-from pipeline.reporting.model_chapter import (
+from pipeline.reporting.chapters.closed_loop import closed_loop_section, closed_loop_table
+from pipeline.reporting.chapters.controllers import controller_section, evaluated, film_section
+from pipeline.reporting.chapters.data import data_section
+from pipeline.reporting.chapters.deployment import FIGURES, deployment_section, deployment_tables
+from pipeline.reporting.chapters.models import (
     error_table,
     judgement_section,
     model_section,
     selected_models_table,
 )
-from pipeline.reporting.overview import key_figures, overview_section, verdict
+from pipeline.reporting.chapters.overview import key_figures, overview_section, verdict
 from pipeline.reporting.page import render_page
-from pipeline.reporting.paper import DEPLOYMENT_COLUMNS
 from pipeline.reporting.pictures import Pictures
-from pipeline.reporting.results import PipelineResults
-from pipeline.reporting.tables import Table
+from pipeline.reporting.results.artifacts import PipelineResults
+from pipeline.reporting.results.controllers import by_controller
+from pipeline.reporting.results.paper import DEPLOYMENT_COLUMNS
+from pipeline.reporting.table import Table
+from pipeline.reporting.tables.evaluation import brax_evaluation_table, comparison_table
 
 
 @dataclass(frozen=True)

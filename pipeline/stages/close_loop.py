@@ -7,29 +7,29 @@ from typing import ClassVar
 
 from omegaconf import MISSING
 
-from pipeline.atomic_files import write_whole
-from pipeline.configuration import ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.stage import ControlConfiguration, PipelineConfiguration, stage
 from pipeline.discrepancy.close_loop import close_loop
+from pipeline.discrepancy.families.uncorrectable import WITHOUT_WRAPPER
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.unusable_logs import UnusableLogs
-from pipeline.discrepancy.wrapperless import WITHOUT_WRAPPER
-from pipeline.dynamics.fit import fit
 from pipeline.dynamics.judgement import seen_again
-from pipeline.dynamics.model import DynamicsModel, Target
-from pipeline.dynamics.network import Parameterization, Parameters
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.network import Parameterization, Parameters
+from pipeline.dynamics.model.store import save_model
 from pipeline.dynamics.settings import IdentifyConfig
-from pipeline.dynamics.store import save_model
+from pipeline.dynamics.training.fit import fit
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.store import FILE, save_effects
+from pipeline.effects.unaugmented_model import load_plain_model_of
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import Trajectory
-from pipeline.plain_model import load_plain_model_of
-from pipeline.registry.publish import publish_dynamics_model
-from pipeline.reporting.closed_loop import write_closed_loop_report
+from pipeline.reporting.closed_loop.report import write_closed_loop_report
 from pipeline.reporting.page import render_page
 from pipeline.tracking import StageRun, flatten_metrics
+from pipeline.tracking.registry.publish import publish_dynamics_model
 
 
 @dataclass

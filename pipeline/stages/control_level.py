@@ -5,10 +5,10 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration import PipelineConfiguration, stage
-from pipeline.plant.seal import open_seal
-from pipeline.reporting.control_level import control_level_table, load_runs
+from pipeline.configuration.stage import PipelineConfiguration, stage
+from pipeline.plant.sealed.seal import open_seal
 from pipeline.reporting.report import write_table
+from pipeline.reporting.tables.control_level import control_level_table, load_runs
 from pipeline.tracking import StageRun
 
 

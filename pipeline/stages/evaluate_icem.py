@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.control.checkpoint import identity
 from pipeline.control.chunks import evaluate_in_chunks, is_chunk
 from pipeline.control.evaluate import controller_evaluation
@@ -14,8 +14,8 @@ from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_controller
 from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.effects.store import load_dynamics
+from pipeline.files.checkpoint_cleanup import remove_checkpoints
 from pipeline.machine.kinematics import load_arm
-from pipeline.own_checkpoints import remove_checkpoints
 from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes
 from pipeline.reaching.evaluation_files import write_evaluation
 from pipeline.reaching.metrics import reaching_metrics

@@ -9,16 +9,16 @@ from typing import Any, ClassVar
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.atomic_files import write_whole
-from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.deployment.graph_topics import GraphRecord, read_graph_topics
 from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
-from pipeline.dynamics.errors import Predictor, prediction_errors
+from pipeline.dynamics.evaluation.errors import Predictor, prediction_errors
 from pipeline.effects.store import load_predictor
-from pipeline.logs.bags import read_log
-from pipeline.logs.discover import find_logs
+from pipeline.files.atomic import write_whole
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.raw_log import RawLog
+from pipeline.logs.messages.raw_log import RawLog
 from pipeline.logs.trajectories import LogTrajectories, make_trajectories
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification

@@ -16,36 +16,36 @@ import jax.numpy as jnp
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration import MACHINE_DIRECTORY, stage
-from pipeline.deployment.bobcat_e10_driver import MachineDriver
-from pipeline.deployment.bobcat_e10_sim_driver import SimulationDriver
-from pipeline.deployment.can_frames import CanFrames
+from pipeline.configuration.stage import MACHINE_DIRECTORY, stage
 from pipeline.deployment.component import Component, nanoseconds
-from pipeline.deployment.control_interface import ControlInterface
-from pipeline.deployment.control_supervisor import ControlSupervisor
-from pipeline.deployment.controllers import ControllerState
-from pipeline.deployment.emcb_200u_driver import CanDriver
-from pipeline.deployment.machine import LearnedMachine, LearnedStep
+from pipeline.deployment.components.control_interface import ControlInterface
+from pipeline.deployment.components.control_supervisor import ControlSupervisor
+from pipeline.deployment.components.controllers import ControllerState
+from pipeline.deployment.components.recording import Recorder
+from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
+from pipeline.deployment.components.supervisor_rules import build_rules
+from pipeline.deployment.components.teleoperation_server import TeleoperationServer
+from pipeline.deployment.components.velocity_estimator import VelocityEstimator
+from pipeline.deployment.drivers.bobcat_e10_driver import MachineDriver
+from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
+from pipeline.deployment.drivers.can_frames import CanFrames
+from pipeline.deployment.drivers.emcb_200u_driver import CanDriver
+from pipeline.deployment.drivers.machine import LearnedMachine, LearnedStep
 from pipeline.deployment.messages import ReachGoal, ReachResult
-from pipeline.deployment.recording import Recorder
-from pipeline.deployment.ros1.can_bus import CanBusConfig, open_bus
-from pipeline.deployment.ros1.goal_errors import goal_errors
-from pipeline.deployment.ros1.node import Node
-from pipeline.deployment.ros1.observed_plc import ObservedPlc
-from pipeline.deployment.ros1.operator import Operator
-from pipeline.deployment.scripted_joystick import ScriptedJoystick
-from pipeline.deployment.supervisor_rules import build_rules
-from pipeline.deployment.teleoperation_server import TeleoperationServer
-from pipeline.deployment.velocity_estimator import VelocityEstimator
+from pipeline.deployment.transports.ros1.can_bus import CanBusConfig, open_bus
+from pipeline.deployment.transports.ros1.goal_errors import goal_errors
+from pipeline.deployment.transports.ros1.node import Node
+from pipeline.deployment.transports.ros1.observed_plc import ObservedPlc
+from pipeline.deployment.transports.ros1.operator import Operator
 from pipeline.deployment.viewing.live_view import live_view
 from pipeline.effects.store import load_dynamics
 from pipeline.errors import InputError
-from pipeline.logs.own_folders import refuse_foreign
+from pipeline.logs.formats.recorded_folders import refuse_foreign
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
-from pipeline.plant.operator import Operator as Painter
-from pipeline.plant.operator import draw_style
-from pipeline.plant.simulated import simulated_machine
+from pipeline.plant.machines.simulated import simulated_machine
+from pipeline.plant.recording.operator import Operator as Painter
+from pipeline.plant.recording.operator import draw_style
 from pipeline.reaching.episodes import Episodes, evaluation_episodes
 from pipeline.reaching.task import ReachingTask
 from pipeline.stages.sim2real import PlantMachine

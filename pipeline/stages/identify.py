@@ -7,21 +7,21 @@ from pathlib import Path
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration import PipelineConfiguration, stage
-from pipeline.dynamics.arx import fit_arx
-from pipeline.dynamics.fit import fit
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.dynamics.judgement import check_unseen, judge, long_prediction
-from pipeline.dynamics.model import Target
-from pipeline.dynamics.network import Parameterization
-from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.dynamics.purposes import VALIDATION, split_by_purpose
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.model.predictor import LearnedPredictor
+from pipeline.dynamics.model.store import save_model
+from pipeline.dynamics.references.arx import fit_arx
 from pipeline.dynamics.settings import IdentifyConfig
-from pipeline.dynamics.store import save_model
-from pipeline.dynamics.windows import FIRST_JUDGED_ROW
+from pipeline.dynamics.training.data_split import VALIDATION, split_by_purpose
+from pipeline.dynamics.training.fit import fit
+from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW
 from pipeline.errors import InputError
-from pipeline.own_checkpoints import remove_checkpoints
-from pipeline.registry.publish import publish_dynamics_model
+from pipeline.files.checkpoint_cleanup import remove_checkpoints
 from pipeline.tracking import StageRun, flatten_metrics, progress_bar
+from pipeline.tracking.registry.publish import publish_dynamics_model
 
 
 @dataclass

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from omegaconf import MISSING
 
-from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.logs.ingest import ingest, write_metrics
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.machine.kinematics import load_arm

@@ -8,16 +8,17 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration import PipelineConfiguration, stage
-from pipeline.dynamics.errors import Predictor
+from pipeline.configuration.stage import PipelineConfiguration, stage
+from pipeline.dynamics.evaluation.errors import Predictor
 from pipeline.dynamics.judgement import JudgeConfig, Judgement, check_unseen, flat_metrics, judge_fully
-from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.dynamics.purposes import VALIDATION, split_by_purpose
-from pipeline.dynamics.references import References, fit_references
+from pipeline.dynamics.model.predictor import LearnedPredictor
+from pipeline.dynamics.references.all_references import References, fit_references
+from pipeline.dynamics.training.data_split import VALIDATION, split_by_purpose
+from pipeline.effects.unaugmented_model import load_plain_model_of
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
-from pipeline.plain_model import load_plain_model_of
-from pipeline.reporting.judgement_tables import (
+from pipeline.reporting.figures.models import error_growth_band_figure, open_loop_prediction_figure
+from pipeline.reporting.tables.judgement import (
     Comparison,
     display_name,
     error_comparison,
@@ -27,7 +28,6 @@ from pipeline.reporting.judgement_tables import (
     growth_rows,
     narx_table,
 )
-from pipeline.reporting.model_figures import error_growth_band_figure, open_loop_prediction_figure
 from pipeline.tracking import StageRun, progress_bar
 
 

@@ -7,13 +7,18 @@ from typing import Any
 
 from omegaconf import MISSING
 
-from pipeline.atomic_files import write_whole
-from pipeline.configuration import stage
+from pipeline.configuration.stage import stage
 from pipeline.control.icem.variant import RewardVariant
-from pipeline.deployment.controllers import ControllerKind
-from pipeline.deployment.ros1.measurements import Measured, distributions, load_measured, real_time_table
-from pipeline.deployment.simulated_time.delays import save_delays
+from pipeline.deployment.components.controllers import ControllerKind
+from pipeline.deployment.transports.ros1.measurements import (
+    Measured,
+    distributions,
+    load_measured,
+    real_time_table,
+)
+from pipeline.deployment.transports.simulated_time.delays import save_delays
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
 from pipeline.stages.graph_node import GraphStage
 from pipeline.stages.processes.overrides import of_this_job, replaced
 from pipeline.stages.processes.own_process import in_own_process

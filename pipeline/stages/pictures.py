@@ -5,12 +5,12 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, PipelineConfiguration, stage
 from pipeline.errors import InputError
-from pipeline.reporting.cells import read_controller_cells
-from pipeline.reporting.controllers import controllers_of, read_controllers
-from pipeline.reporting.deployments import files_of, read_deployments
 from pipeline.reporting.pictures import draw_pictures, save_pictures
+from pipeline.reporting.results.cells import read_controller_cells
+from pipeline.reporting.results.controllers import controllers_of, read_controllers
+from pipeline.reporting.results.deployments import files_of, read_deployments
 from pipeline.tracking import StageRun
 
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.control.checkpoint import is_checkpoint
 from pipeline.control.curve import CurvePoint, write_curve
 from pipeline.control.policy import save_policy
 from pipeline.control.ppo import PPOConfig, train
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
+from pipeline.files.checkpoint_cleanup import remove_checkpoints
 from pipeline.machine.kinematics import load_arm
-from pipeline.own_checkpoints import remove_checkpoints
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses
 from pipeline.reaching.reward import RewardConfig

@@ -9,17 +9,17 @@ from typing import ClassVar
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration import PipelineConfiguration, stage
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.errors import InputError
-from pipeline.logs.own_folders import clear_recorded, list_recorded
-from pipeline.logs.writer import write_bag
+from pipeline.logs.formats.recorded_folders import clear_recorded, list_recorded
+from pipeline.logs.formats.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import Effect
-from pipeline.plant.operator import draw_style
-from pipeline.plant.seal import write_seal
-from pipeline.plant.session import NANOSECONDS, SESSION_NAME, RecordConfig, record_session
-from pipeline.plant.simulated import simulated_machine
-from pipeline.plant.undeclared import draw_effects, parameters_of_session
+from pipeline.plant.machines.simulated import simulated_machine
+from pipeline.plant.recording.operator import draw_style
+from pipeline.plant.recording.session import NANOSECONDS, SESSION_NAME, RecordConfig, record_session
+from pipeline.plant.sealed.seal import write_seal
+from pipeline.plant.sealed.undeclared import draw_effects, parameters_of_session
 from pipeline.tracking import StageRun, progress_bar
 
 SEAL = "undeclared.seal"

@@ -8,13 +8,13 @@ from typing import ClassVar
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration import PipelineConfiguration, stage
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.errors import InputError
-from pipeline.logs.own_folders import clear_recorded, list_recorded
-from pipeline.plant.seal import write_seal
-from pipeline.plant.session import SESSION_NAME, RecordConfig
-from pipeline.plant.simulated import simulated_machine
-from pipeline.plant.undeclared import draw_effects
+from pipeline.logs.formats.recorded_folders import clear_recorded, list_recorded
+from pipeline.plant.machines.simulated import simulated_machine
+from pipeline.plant.recording.session import SESSION_NAME, RecordConfig
+from pipeline.plant.sealed.seal import write_seal
+from pipeline.plant.sealed.undeclared import draw_effects
 from pipeline.stages.record import SEAL, operator_and_sessions, own_logs_among, record_bag
 from pipeline.tracking import StageRun
 

@@ -5,16 +5,16 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, PipelineConfiguration, stage
 from pipeline.logs.tuples import read_tuples
 from pipeline.machine.kinematics import load_arm
-from pipeline.reporting.cells import read_controller_cells
-from pipeline.reporting.controllers import controllers_of
-from pipeline.reporting.deployments import files_of
-from pipeline.reporting.paper import origin_of
 from pipeline.reporting.pictures import load_pictures
 from pipeline.reporting.report import build_report, write_report
-from pipeline.reporting.results import read_results
+from pipeline.reporting.results.artifacts import read_results
+from pipeline.reporting.results.cells import read_controller_cells
+from pipeline.reporting.results.controllers import controllers_of
+from pipeline.reporting.results.deployments import files_of
+from pipeline.reporting.results.paper import origin_of
 from pipeline.tracking import StageRun, dvc_hashes, flatten_metrics
 
 DATA = [

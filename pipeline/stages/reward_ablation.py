@@ -9,7 +9,7 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.control.checkpoint import is_checkpoint
 from pipeline.control.curve import CurvePoint
 from pipeline.control.ppo import PPOConfig
@@ -22,14 +22,14 @@ from pipeline.control.reward_ablation import (
     save_cell,
 )
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
+from pipeline.files.checkpoint_cleanup import remove_checkpoints
 from pipeline.machine.kinematics import load_arm
-from pipeline.own_checkpoints import remove_checkpoints
 from pipeline.reaching.episodes import EpisodesConfig
 from pipeline.reaching.reward import RewardConfig
-from pipeline.reporting.cells import read_cells
-from pipeline.reporting.paper import origin_of
+from pipeline.reporting.chapters.reward_ablation import ablation_beside_paper, ablation_page, ablation_table
 from pipeline.reporting.report import write_table
-from pipeline.reporting.reward_ablation import ablation_beside_paper, ablation_page, ablation_table
+from pipeline.reporting.results.cells import read_cells
+from pipeline.reporting.results.paper import origin_of
 from pipeline.tracking import StageRun, progress_bar
 
 

@@ -9,15 +9,15 @@ from typing import Any
 
 from omegaconf import MISSING
 
-from pipeline.atomic_files import write_whole
-from pipeline.configuration import MACHINE_DIRECTORY, stage
-from pipeline.deployment.goals import known_configurations
-from pipeline.deployment.machine import LearnedMachine, Machine
+from pipeline.configuration.stage import MACHINE_DIRECTORY, stage
+from pipeline.deployment.components.goals import known_configurations
+from pipeline.deployment.components.recording import Recorder
+from pipeline.deployment.drivers.machine import LearnedMachine, Machine
 from pipeline.deployment.messages import ReachResult
-from pipeline.deployment.recording import Recorder
-from pipeline.deployment.ros1.agreement import agreement_table, paired_differences
-from pipeline.deployment.ros1.launch import graph, require_running
 from pipeline.deployment.successive import run_successive
+from pipeline.deployment.transports.ros1.agreement import agreement_table, paired_differences
+from pipeline.deployment.transports.ros1.launch import graph, require_running
+from pipeline.files.atomic import write_whole
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import load_logs
 from pipeline.machine.kinematics import load_arm

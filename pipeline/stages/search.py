@@ -14,14 +14,14 @@ import jax
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration import PipelineConfiguration, stage
-from pipeline.dynamics.fit import TrainingDivergedError, fit
-from pipeline.dynamics.model import Target
-from pipeline.dynamics.network import Parameterization
-from pipeline.dynamics.purposes import split_by_purpose
-from pipeline.dynamics.search_space import propose
+from pipeline.configuration.stage import PipelineConfiguration, stage
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.search.search_space import propose
+from pipeline.dynamics.search.trial_table import TrialRow, write_trials
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
-from pipeline.dynamics.trial_table import TrialRow, write_trials
+from pipeline.dynamics.training.data_split import split_by_purpose
+from pipeline.dynamics.training.fit import TrainingDivergedError, fit
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.study.configuration import SearchConfig

@@ -9,16 +9,22 @@ import jax
 import yaml
 from omegaconf import MISSING
 
-from pipeline.configuration import PipelineConfiguration, stage
-from pipeline.dynamics.inference_time import count_parameters, time_step, unit_scale_model
-from pipeline.dynamics.model import Target
-from pipeline.dynamics.network import Parameterization
-from pipeline.dynamics.selection import explain, select, within_margin
+from pipeline.configuration.stage import PipelineConfiguration, stage
+from pipeline.dynamics.evaluation.inference_time import count_parameters, time_step, unit_scale_model
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.search.selection import explain, select, within_margin
+from pipeline.dynamics.search.trial_table import read_candidates
 from pipeline.dynamics.settings import IdentifyConfig
-from pipeline.dynamics.trial_table import read_candidates
 from pipeline.errors import InputError
-from pipeline.reporting.paper import KIND_NAMES
-from pipeline.reporting.selection import Selection, published_training, record, selection_table, table_csv
+from pipeline.reporting.results.paper import KIND_NAMES
+from pipeline.reporting.tables.selection import (
+    Selection,
+    published_training,
+    record,
+    selection_table,
+    table_csv,
+)
 from pipeline.study.configuration import SearchConfig
 from pipeline.tracking import StageRun
 

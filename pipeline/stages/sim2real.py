@@ -13,22 +13,22 @@ import jax
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.atomic_files import write_whole
-from pipeline.configuration import MACHINE_DIRECTORY, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, stage
 from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
-from pipeline.deployment.control_supervisor import ControlSupervisor
-from pipeline.deployment.controllers import ControllerKind
-from pipeline.deployment.goals import known_configurations
-from pipeline.deployment.machine import Sample
+from pipeline.deployment.components.control_supervisor import ControlSupervisor
+from pipeline.deployment.components.controllers import ControllerKind
+from pipeline.deployment.components.goals import known_configurations
+from pipeline.deployment.components.supervisor_rules import build_rules
+from pipeline.deployment.components.velocity_estimator import VelocityEstimator
+from pipeline.deployment.drivers.machine import Sample
 from pipeline.deployment.successive import run_successive
-from pipeline.deployment.supervisor_rules import build_rules
-from pipeline.deployment.velocity_estimator import VelocityEstimator
-from pipeline.logs.own_folders import refuse_foreign
+from pipeline.files.atomic import write_whole
+from pipeline.logs.formats.recorded_folders import refuse_foreign
+from pipeline.plant.machines.simulated import SIMULATED, simulated_machine
 from pipeline.plant.parameters import Parameters
-from pipeline.plant.session import SESSION_NAME, read_moment
-from pipeline.plant.simulated import SIMULATED, simulated_machine
+from pipeline.plant.recording.session import SESSION_NAME, read_moment
+from pipeline.plant.sealed.undeclared import draw_effects
 from pipeline.plant.simulator import Plant
-from pipeline.plant.undeclared import draw_effects
 from pipeline.reaching.episodes import evaluation_episodes
 from pipeline.stages.sim2sim import Sim2SimStage, Stopwatch, controller_delays, controller_files, graph_parts
 from pipeline.tracking import StageRun, progress_bar

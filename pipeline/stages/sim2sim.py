@@ -9,25 +9,30 @@ from pathlib import Path
 import jax
 from omegaconf import MISSING
 
-from pipeline.configuration import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.control.policy import load_policy_of
-from pipeline.deployment.controllers import Controller, ControllerKind, IcemController, PolicyController
-from pipeline.deployment.goals import goal_solver
-from pipeline.deployment.machine import LearnedStep
+from pipeline.deployment.components.controllers import (
+    Controller,
+    ControllerKind,
+    IcemController,
+    PolicyController,
+)
+from pipeline.deployment.components.goals import goal_solver
+from pipeline.deployment.components.termination import TerminalConditions
+from pipeline.deployment.drivers.machine import LearnedStep
 from pipeline.deployment.settings import DeploymentConfig
-from pipeline.deployment.simulated_time.delays import (
+from pipeline.deployment.transports.simulated_time.delays import (
     PLANNING,
     Distribution,
     PlannerEffort,
     delays_of,
     load_delays,
 )
-from pipeline.deployment.termination import TerminalConditions
 from pipeline.deployment.trials import GraphParts, run_episodes
-from pipeline.dynamics.inference_time import count_parameters
-from pipeline.dynamics.store import load_model
+from pipeline.dynamics.evaluation.inference_time import count_parameters
+from pipeline.dynamics.model.store import load_model
 from pipeline.effects.store import load_dynamics
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm

@@ -13,18 +13,18 @@ from pathlib import Path
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration import MACHINE_DIRECTORY, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, stage
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
-from pipeline.deployment.controllers import ControllerKind
-from pipeline.deployment.recording import Recorder
-from pipeline.deployment.ros1.launch import graph, require_running
-from pipeline.deployment.ros1.listener import Listener
-from pipeline.deployment.simulated_time.delays import delays_of, load_delays
-from pipeline.deployment.simulated_time.graph import SimulatedGraph, Tap
-from pipeline.deployment.simulated_time.pace import run_at_real_time
+from pipeline.deployment.components.controllers import ControllerKind
+from pipeline.deployment.components.recording import Recorder
+from pipeline.deployment.transports.ros1.launch import graph, require_running
+from pipeline.deployment.transports.ros1.listener import Listener
+from pipeline.deployment.transports.simulated_time.delays import delays_of, load_delays
+from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph, Tap
+from pipeline.deployment.transports.simulated_time.pace import run_at_real_time
 from pipeline.deployment.viewing.live_view import live_view
 from pipeline.errors import InputError
-from pipeline.plant.session import SESSION_NAME
+from pipeline.plant.recording.session import SESSION_NAME
 from pipeline.stages.graph_node import (
     DRIVERS,
     JOYSTICK,

@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 from omegaconf import MISSING
 
-from pipeline.atomic_files import write_whole
-from pipeline.configuration import PipelineConfiguration, stage
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.errors import InputError
-from pipeline.plant.seal import open_seal
-from pipeline.plant.verdict_judgement import judge_verdict
+from pipeline.files.atomic import write_whole
+from pipeline.plant.sealed.seal import open_seal
+from pipeline.plant.sealed.verdict_judgement import judge_verdict
 from pipeline.tracking import StageRun
 
 SESSIONS = "sessions"  # beside the seal: the bags that it is about

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration import MACHINE_DIRECTORY, PipelineConfiguration, stage
+from pipeline.configuration.stage import MACHINE_DIRECTORY, PipelineConfiguration, stage
 from pipeline.deployment.graph_topics import read_graph_topics
-from pipeline.deployment.mcap_file import write_mcap_file
+from pipeline.deployment.transports.mcap_file import write_mcap_file
 from pipeline.deployment.viewing.visual_topics import STORE, visual_topics
 from pipeline.errors import InputError
-from pipeline.logs.bags import read_log
-from pipeline.logs.discover import find_logs
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discover import find_logs
 from pipeline.tracking import StageRun
 
 

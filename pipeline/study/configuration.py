@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from pipeline.dynamics.network import Parameterization
-from pipeline.dynamics.search_space import SearchSpace
-from pipeline.dynamics.selection import SelectionRule
+from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.search.search_space import SearchSpace
+from pipeline.dynamics.search.selection import SelectionRule
 from pipeline.errors import InputError
 from pipeline.study.settings import StudySettings
 

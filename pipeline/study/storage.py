@@ -11,8 +11,8 @@ import optuna
 import sqlalchemy
 from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
-from pipeline.database_patience import engine_options
 from pipeline.errors import InputError
+from pipeline.study.database_timeout import engine_options
 
 _CREATION_LOCK = 0x68617264  # any number that other programs on the database do not lock
 _JOURNAL_BEGINNING = b'{"op_code":'  # of every line that Optuna writes

@@ -21,7 +21,7 @@ from optuna.trial import FrozenTrial
 from optuna.trial import TrialState as AttemptState
 from sqlalchemy.exc import SQLAlchemyError
 
-from pipeline.dynamics.search_space import Choose, Value
+from pipeline.dynamics.search.search_space import Choose, Value
 from pipeline.errors import InputError
 from pipeline.study import storage as storages
 from pipeline.study.lease import Lease, LostError

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from pipeline.errors import InputError
-from pipeline.tracking.place import project_folder
+from pipeline.tracking.project_root import project_folder
 
 SQLITE = "sqlite:///"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import yaml
 
-from pipeline.tracking.place import CODE
+from pipeline.tracking.project_root import CODE
 
 DVC_LOCK = Path("dvc.lock")
 ENVIRONMENT_LOCK = "requirements.lock"

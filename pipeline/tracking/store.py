@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.atomic_files import PARTIAL_SUFFIX, replacing
 from pipeline.errors import InputError
+from pipeline.files.atomic import PARTIAL_SUFFIX, replacing
 from pipeline.tracking import processes
 from pipeline.tracking.configuration import SQLITE, TrackingConfiguration
-from pipeline.tracking.first_answer import ask_database, impatient
+from pipeline.tracking.experiments import Question
 from pipeline.tracking.metrics import flatten
-from pipeline.tracking.place import project_folder
-from pipeline.tracking.questions import Question
+from pipeline.tracking.project_root import project_folder
+from pipeline.tracking.store_check import ask_database, impatient
 
 LOCK = "runs/tracking.lock"  # in the project's folder; beside a SQLite file, its name with LOCK_SUFFIX
 LOCK_SUFFIX = ".lock"

@@ -9,7 +9,7 @@ from typing import Any
 
 from pipeline.tracking import lineage, processes, store
 from pipeline.tracking.configuration import TrackingConfiguration
-from pipeline.tracking.questions import question_of
+from pipeline.tracking.experiments import question_of
 from pipeline.tracking.stage_run import StageRun
 
 OUTPUT_KEYS = ("output", "report")  # of a stage's configuration: where it writes

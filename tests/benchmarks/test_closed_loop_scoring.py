@@ -445,5 +445,5 @@ def test_a_damaged_ledger_is_refused_by_its_line(tmp_path):
 def test_the_fingerprint_is_of_code_and_settings(monkeypatch):
     before = fingerprint()
     assert before == fingerprint() and len(before) == 12
-    monkeypatch.setattr("pipeline.discrepancy.fingerprint.DECISIVE", ("effects",))
+    monkeypatch.setattr("pipeline.discrepancy.diagnosis.fingerprint.DECISIVE", ("effects",))
     assert fingerprint() != before

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from brax.training import acting
 
-from pipeline.configuration import load_machine, load_section
+from pipeline.configuration.stage import load_machine, load_section
 from pipeline.control import ppo
 from pipeline.control.checkpoint import load_checkpoint
 from pipeline.control.curve import write_curve
 from pipeline.control.ppo import LinearDecay, ModelKindOverrides, PPOConfig, train
-from pipeline.dynamics.model import ModelSpecification, Target
-from pipeline.dynamics.network import Parameterization
+from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
+from pipeline.dynamics.model.network import Parameterization
 from pipeline.errors import InputError
 from tests.reaching.lag import model_specification
 

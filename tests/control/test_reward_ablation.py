@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from pipeline.configuration import load_section
+from pipeline.configuration.stage import load_section
 from pipeline.control import reward_ablation
 from pipeline.control.ppo import TrainingResult
 from pipeline.control.reward_ablation import (
@@ -20,8 +20,7 @@ from pipeline.control.reward_ablation import (
 )
 from pipeline.errors import InputError
 from pipeline.reaching.reward import RewardTerm
-from pipeline.reporting.paper import METRIC_COLUMNS, REWARD_ABLATION, SIMULATED
-from pipeline.reporting.reward_ablation import (
+from pipeline.reporting.chapters.reward_ablation import (
     PAPER_KIND,
     ablation_beside_paper,
     ablation_differences,
@@ -30,6 +29,7 @@ from pipeline.reporting.reward_ablation import (
     precision_sentence,
     superscripts,
 )
+from pipeline.reporting.results.paper import METRIC_COLUMNS, REWARD_ABLATION, SIMULATED
 
 POSE, BONUS = RewardTerm.pose, RewardTerm.precision
 CONFIG = {

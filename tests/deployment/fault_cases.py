@@ -12,6 +12,7 @@ import can
 import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
+from pipeline.deployment.drivers.programmable_controller import ProgrammableController
 from pipeline.deployment.messages import (
     EmergencyStop,
     MachineCommand,
@@ -20,10 +21,9 @@ from pipeline.deployment.messages import (
     ReachResult,
     Topic,
 )
-from pipeline.deployment.programmable_controller import ProgrammableController
-from pipeline.deployment.simulated_time.delays import Distribution
-from pipeline.deployment.simulated_time.faults import Fault
-from pipeline.deployment.simulated_time.graph import SimulatedGraph
+from pipeline.deployment.transports.simulated_time.delays import Distribution
+from pipeline.deployment.transports.simulated_time.faults import Fault
+from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
 from tests.deployment.machines import BackAndForth, can_graph
 
 ONSET_NS = nanoseconds(1.0)

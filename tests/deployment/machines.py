@@ -7,23 +7,23 @@ from functools import cache
 import can
 import numpy as np
 
-from pipeline.configuration import MACHINE_DIRECTORY, load_machine, load_section
-from pipeline.deployment.autonomous_server import AutonomousServer
-from pipeline.deployment.bobcat_e10_driver import MachineDriver
-from pipeline.deployment.can_frames import CanFrames
+from pipeline.configuration.stage import MACHINE_DIRECTORY, load_machine, load_section
 from pipeline.deployment.component import Component, nanoseconds
-from pipeline.deployment.control_interface import ControlInterface
-from pipeline.deployment.control_supervisor import ControlSupervisor
-from pipeline.deployment.controllers import ControllerState
-from pipeline.deployment.emcb_200u_driver import CanDriver
-from pipeline.deployment.machine import Sample
-from pipeline.deployment.programmable_controller import ProgrammableController
+from pipeline.deployment.components.autonomous_server import AutonomousServer
+from pipeline.deployment.components.control_interface import ControlInterface
+from pipeline.deployment.components.control_supervisor import ControlSupervisor
+from pipeline.deployment.components.controllers import ControllerState
+from pipeline.deployment.components.supervisor_rules import RULES, build_rules
+from pipeline.deployment.components.termination import TerminalConditions
+from pipeline.deployment.components.velocity_estimator import VelocityEstimator
+from pipeline.deployment.drivers.bobcat_e10_driver import MachineDriver
+from pipeline.deployment.drivers.can_frames import CanFrames
+from pipeline.deployment.drivers.emcb_200u_driver import CanDriver
+from pipeline.deployment.drivers.machine import Sample
+from pipeline.deployment.drivers.programmable_controller import ProgrammableController
 from pipeline.deployment.settings import DeploymentConfig
-from pipeline.deployment.supervisor_rules import RULES, build_rules
-from pipeline.deployment.termination import TerminalConditions
-from pipeline.deployment.velocity_estimator import VelocityEstimator
-from pipeline.dynamics.model import ModelSpecification, Target
-from pipeline.dynamics.network import Parameterization
+from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
+from pipeline.dynamics.model.network import Parameterization
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.machine.kinematics import Arm, load_arm
 from pipeline.machine.specification import MachineSpecification

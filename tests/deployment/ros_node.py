@@ -7,11 +7,11 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from pipeline.configuration import MACHINE_DIRECTORY, load_machine, load_section
+from pipeline.configuration.stage import MACHINE_DIRECTORY, load_machine, load_section
 from pipeline.deployment.component import Component, nanoseconds
-from pipeline.deployment.ros1.can_bus import CanBusConfig, open_bus
-from pipeline.deployment.ros1.node import Node
 from pipeline.deployment.settings import DeploymentConfig
+from pipeline.deployment.transports.ros1.can_bus import CanBusConfig, open_bus
+from pipeline.deployment.transports.ros1.node import Node
 
 NODES = ("control_interface", "control_supervisor", "autonomous_server")
 SIMULATED = ("bobcat_e10_sim_driver",)
@@ -33,24 +33,24 @@ def config() -> DeploymentConfig:
 def build(name: str, port: int) -> Component:
     machine = load_machine("bobcat_e10")
     if name == "control_interface":
-        from pipeline.deployment.control_interface import ControlInterface
+        from pipeline.deployment.components.control_interface import ControlInterface
 
         return ControlInterface(machine, config().interface)
     if name == "control_supervisor":
-        from pipeline.deployment.control_supervisor import ControlSupervisor
-        from pipeline.deployment.supervisor_rules import build_rules
+        from pipeline.deployment.components.control_supervisor import ControlSupervisor
+        from pipeline.deployment.components.supervisor_rules import build_rules
 
         supervisor = config().supervisor
         return ControlSupervisor(build_rules(machine, supervisor, MACHINE_DIRECTORY), supervisor.period_s)
     if name == "emcb_200u_driver":
-        from pipeline.deployment.emcb_200u_driver import CanDriver
+        from pipeline.deployment.drivers.emcb_200u_driver import CanDriver
 
         return CanDriver(open_bus(bus_config(port)), config().driver)
-    from pipeline.deployment.can_frames import CanFrames
+    from pipeline.deployment.drivers.can_frames import CanFrames
 
     if name == "bobcat_e10_driver":
-        from pipeline.deployment.bobcat_e10_driver import MachineDriver
-        from pipeline.deployment.velocity_estimator import VelocityEstimator
+        from pipeline.deployment.components.velocity_estimator import VelocityEstimator
+        from pipeline.deployment.drivers.bobcat_e10_driver import MachineDriver
         from pipeline.logs.loop_tracker import LoopTrackerConfig
 
         tracker = VelocityEstimator(nanoseconds(machine.dt_s), LoopTrackerConfig(10.0, 60.0))
@@ -61,11 +61,11 @@ def build(name: str, port: int) -> Component:
         return server(BackAndForth(), config(), GOAL_TICKS)
     moving = Integrator(period_s=machine.dt_s)
     if name == "plc":
-        from pipeline.deployment.ros1.observed_plc import ObservedPlc
+        from pipeline.deployment.transports.ros1.observed_plc import ObservedPlc
 
         frames = CanFrames(machine, MACHINE_DIRECTORY)
         return ObservedPlc(open_bus(bus_config(port)), frames, moving, machine.n_joint, config().driver)
-    from pipeline.deployment.bobcat_e10_sim_driver import SimulationDriver
+    from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
 
     return SimulationDriver(moving, machine.n_joint, config().driver, estimator())
 
@@ -74,7 +74,7 @@ if __name__ == "__main__":
     name, folder, port = sys.argv[1:]
     errors = None
     if name == "autonomous_server":
-        from pipeline.deployment.ros1.goal_errors import goal_errors
+        from pipeline.deployment.transports.ros1.goal_errors import goal_errors
         from tests.deployment.machines import arm
 
         errors = goal_errors(arm())

@@ -12,15 +12,15 @@ from pathlib import Path
 import can
 import numpy as np
 
-from pipeline.configuration import load_machine
+from pipeline.configuration.stage import load_machine
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.messages import JointCommand, ReachGoal, Topic
-from pipeline.deployment.ros1.can_bus import CanBusConfig, open_bus
-from pipeline.deployment.ros1.installation import require_ros
-from pipeline.deployment.ros1.launch import graph
-from pipeline.deployment.ros1.message_types import carriers
-from pipeline.deployment.ros1.operator import Operator
-from pipeline.deployment.ros1.reach_action import ReachClient
+from pipeline.deployment.transports.ros1.can_bus import CanBusConfig, open_bus
+from pipeline.deployment.transports.ros1.installation import require_ros
+from pipeline.deployment.transports.ros1.launch import graph
+from pipeline.deployment.transports.ros1.message_types import carriers
+from pipeline.deployment.transports.ros1.operator import Operator
+from pipeline.deployment.transports.ros1.reach_action import ReachClient
 from pipeline.errors import InputError
 from tests.deployment.ros_node import CAN, NODES, SIMULATED, bus_config
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.supervisor_rules import RULES
+from pipeline.deployment.components.supervisor_rules import RULES
 from tests.deployment.fault_cases import CUTS, DELAYS, FAULTS, fault_page, run_faults
 from tests.deployment.machines import bobcat, supervised
 

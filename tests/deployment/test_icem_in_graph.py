@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 from flax.serialization import msgpack_restore
 
-from pipeline.configuration import ControlConfiguration, load_section
+from pipeline.configuration.stage import ControlConfiguration, load_section
 from pipeline.control.evaluate import controller_evaluation
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_controller
 from pipeline.control.icem.variant import RewardVariant, variant_reward
-from pipeline.deployment.autonomous_server import DecisionRequest
 from pipeline.deployment.component import Computation, nanoseconds
-from pipeline.deployment.controllers import ControllerKind, ControllerState, IcemController
-from pipeline.deployment.goals import goal_solver
-from pipeline.deployment.machine import LearnedStep
+from pipeline.deployment.components.autonomous_server import DecisionRequest
+from pipeline.deployment.components.controllers import ControllerKind, ControllerState, IcemController
+from pipeline.deployment.components.goals import goal_solver
+from pipeline.deployment.components.termination import TerminalConditions
+from pipeline.deployment.drivers.machine import LearnedStep
 from pipeline.deployment.messages import JointState, ReachGoal, Topic
-from pipeline.deployment.simulated_time.delays import (
+from pipeline.deployment.transports.simulated_time.delays import (
     PLANNING,
     Distribution,
     PlannerEffort,
@@ -30,10 +31,9 @@ from pipeline.deployment.simulated_time.delays import (
     no_delays,
     save_delays,
 )
-from pipeline.deployment.termination import TerminalConditions
 from pipeline.deployment.trials import GraphParts, run_episodes
-from pipeline.dynamics.model import DynamicsModel
-from pipeline.dynamics.store import save_model
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.store import save_model
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
 from pipeline.effects.store import ActiveEffects, save_effects

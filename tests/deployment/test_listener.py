@@ -9,9 +9,9 @@ from unittest.mock import Mock
 import pytest
 
 from pipeline.deployment.messages import JointState, Topic
-from pipeline.deployment.ros1 import listener as module
-from pipeline.deployment.ros1.launch import require_running
-from pipeline.deployment.ros1.listener import Listener, wait_until_up
+from pipeline.deployment.transports.ros1 import listener as module
+from pipeline.deployment.transports.ros1.launch import require_running
+from pipeline.deployment.transports.ros1.listener import Listener, wait_until_up
 from pipeline.errors import InputError
 from tests.deployment.machines import MIDDLE, bobcat
 

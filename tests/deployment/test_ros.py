@@ -9,11 +9,11 @@ import pytest
 
 from pipeline.deployment import messages as m
 from pipeline.deployment.messages import Topic
-from pipeline.deployment.ros1.agreement import COMPARED, agreement_table, paired_differences
-from pipeline.deployment.ros1.definitions import action_messages, generate, own_types
-from pipeline.deployment.ros1.installation import DEBIAN_PACKAGES, require_ros
-from pipeline.deployment.ros1.measurements import distributions, real_time_table
-from pipeline.deployment.ros1.message_types import carriers
+from pipeline.deployment.transports.ros1.agreement import COMPARED, agreement_table, paired_differences
+from pipeline.deployment.transports.ros1.definitions import action_messages, generate, own_types
+from pipeline.deployment.transports.ros1.installation import DEBIAN_PACKAGES, require_ros
+from pipeline.deployment.transports.ros1.measurements import distributions, real_time_table
+from pipeline.deployment.transports.ros1.message_types import carriers
 from pipeline.errors import InputError
 from tests.deployment.machines import bobcat
 from tests.ros_graph import DIST_PACKAGES, requires_debian
@@ -75,7 +75,9 @@ def test_generated_types_are_those_that_the_message_compilers_make() -> None:
 
 
 def test_without_ros_one_line_says_what_to_install(monkeypatch) -> None:
-    monkeypatch.setattr("pipeline.deployment.ros1.installation.ROSMASTER", Path("/no/such/rosmaster"))
+    monkeypatch.setattr(
+        "pipeline.deployment.transports.ros1.installation.ROSMASTER", Path("/no/such/rosmaster")
+    )
     with pytest.raises(InputError, match="apt-get install"):
         require_ros()
     assert DEBIAN_PACKAGES == DIST_PACKAGES

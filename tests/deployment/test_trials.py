@@ -7,16 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.configuration import ControlConfiguration, load_machine, load_section
+from pipeline.configuration.stage import ControlConfiguration, load_machine, load_section
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.policy import Layer, Policy
-from pipeline.deployment.controllers import PolicyController
-from pipeline.deployment.goals import compiled_forward, goal_solver, known_configurations
-from pipeline.deployment.machine import LearnedStep
+from pipeline.deployment.components.controllers import PolicyController
+from pipeline.deployment.components.goals import compiled_forward, goal_solver, known_configurations
+from pipeline.deployment.components.termination import TerminalConditions
+from pipeline.deployment.drivers.machine import LearnedStep
 from pipeline.deployment.messages import Outcome
-from pipeline.deployment.simulated_time.delays import Distribution, no_delays
 from pipeline.deployment.successive import run_successive
-from pipeline.deployment.termination import TerminalConditions
+from pipeline.deployment.transports.simulated_time.delays import Distribution, no_delays
 from pipeline.deployment.trials import GraphParts, run_episodes
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import load_logs

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.discrepancy.candidate import Candidate
+from pipeline.discrepancy.selection.candidate import Candidate
 
 
 def bare_candidate(family: str, joint: int, **point: float) -> Candidate:

@@ -5,8 +5,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from pipeline.discrepancy.sequences import Sequences
-from pipeline.discrepancy.simulation import Simulation
+from pipeline.discrepancy.diagnosis.sequences import Sequences
+from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Setting
 

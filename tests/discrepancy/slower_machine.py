@@ -5,10 +5,10 @@ from functools import cache
 
 import numpy as np
 
-from pipeline.discrepancy.continued_training import BaselinesConfig
-from pipeline.dynamics.fit import FitResult, fit
-from pipeline.dynamics.model import Target
-from pipeline.dynamics.network import Parameterization
+from pipeline.discrepancy.baselines.continued_training import BaselinesConfig
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.training.fit import FitResult, fit
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointSpecification, MachineSpecification
 from tests.dynamics.conftest import lag_trajectory, make_identify, make_training

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.configuration import load_section
+from pipeline.configuration.stage import load_section
 from pipeline.discrepancy.close_loop import Loop
-from pipeline.discrepancy.found import Found, values_of
-from pipeline.discrepancy.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
+from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
+from pipeline.discrepancy.selection.selected_effect import Found, values_of
 from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.dynamics.fit import fit
-from pipeline.dynamics.model import Target
-from pipeline.dynamics.network import Parameterization
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
+from pipeline.dynamics.training.fit import fit
 from pipeline.effects.store import ActiveEffects, predictor
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig, initial_state

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from pipeline.dynamics.model import DynamicsModel, ModelSpecification
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.settings import IdentifyConfig, Optimiser, TrainingConfig
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointKind, JointSpecification, MachineSpecification

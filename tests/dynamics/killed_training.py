@@ -6,9 +6,9 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from pipeline.dynamics.fit import FitResult, fit
-from pipeline.dynamics.model import Target
-from pipeline.dynamics.network import Parameterization
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.training.fit import FitResult, fit
 from pipeline.machine.specification import JointSpecification, MachineSpecification
 from tests.dynamics.conftest import lag_trajectory, make_identify, make_training
 

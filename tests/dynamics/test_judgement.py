@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from pipeline.dynamics.arx import fit_arx
-from pipeline.dynamics.error_growth import ErrorGrowthConfig, error_growth
-from pipeline.dynamics.errors import prediction_errors
-from pipeline.dynamics.extrapolation import ExtrapolationConfig, extrapolate, largest_speed
-from pipeline.dynamics.grey_box import GreyBoxConfig
+from pipeline.dynamics.evaluation.error_growth import ErrorGrowthConfig, error_growth
+from pipeline.dynamics.evaluation.errors import prediction_errors
+from pipeline.dynamics.evaluation.extrapolation import ExtrapolationConfig, extrapolate, largest_speed
 from pipeline.dynamics.judgement import (
     JudgeConfig,
     check_unseen,
@@ -16,9 +14,11 @@ from pipeline.dynamics.judgement import (
     judge_fully,
     long_prediction,
 )
-from pipeline.dynamics.model import Target
-from pipeline.dynamics.narx import NarxConfig
-from pipeline.dynamics.references import ArxConfig, fit_references
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.references.all_references import ArxConfig, fit_references
+from pipeline.dynamics.references.arx import fit_arx
+from pipeline.dynamics.references.grey_box import GreyBoxConfig
+from pipeline.dynamics.references.narx import NarxConfig
 from pipeline.errors import InputError
 
 from .conftest import lag_trajectory, make_trajectory

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.dynamics.model import DynamicsModel, ModelSpecification
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import CommandEffect, Setting, Signals

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.model import DynamicsModel, Target
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 
 from .conftest import DT_S, LAGS, LOWER, UPPER, make_model, make_trajectory
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.dynamics.model import Target
+from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.effects.augmented_model import WARM_S, AugmentedModel, AugmentedParameters
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain

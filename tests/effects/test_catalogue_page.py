@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pipeline.effects.catalogue import CATALOGUE
 from pipeline.effects.dependence import DEPENDENCES
-from pipeline.reporting.catalogue_table import COLUMNS, catalogue_table
+from pipeline.reporting.tables.effect_catalogue import COLUMNS, catalogue_table
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "effects.md").read_text(encoding="utf-8")
@@ -13,7 +13,9 @@ GUIDE = (DOCS / "closing_the_loop.md").read_text(encoding="utf-8")
 
 
 def test_the_table_is_that_of_the_cards():
-    assert catalogue_table() in PAGE, "put the output of `python -m pipeline.reporting.catalogue_table` there"
+    assert catalogue_table() in PAGE, (
+        "put the output of `python -m pipeline.reporting.tables.effect_catalogue` there"
+    )
 
 
 def test_every_card_is_a_row_of_whole_cells():

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.dynamics.errors import prediction_errors
-from pipeline.dynamics.predictor import LearnedPredictor
+from pipeline.dynamics.evaluation.errors import prediction_errors
+from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain

@@ -7,12 +7,12 @@ import jax
 import numpy as np
 import pytest
 
-from pipeline.dynamics.store import save_model
+from pipeline.dynamics.model.store import save_model
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.store import ActiveEffects, save_effects
+from pipeline.effects.unaugmented_model import load_plain_model_of
 from pipeline.errors import InputError
 from pipeline.machine.specification import JointSpecification, MachineSpecification
-from pipeline.plain_model import load_plain_model_of
 from tests.effects.conftest import SETTING, VALUES, make_model
 
 SPECIFICATION = make_model().specification

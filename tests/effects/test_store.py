@@ -8,8 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.dynamics.store import model_fingerprint, save_model
+from pipeline.dynamics.model.predictor import LearnedPredictor
+from pipeline.dynamics.model.store import model_fingerprint, save_model
 from pipeline.effects.augmented_model import AugmentedModel
 from pipeline.effects.effect import Setting
 from pipeline.effects.predictor import AugmentedPredictor

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.configuration import load_machine, load_section
+from pipeline.configuration.stage import load_machine, load_section
+from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
-from pipeline.logs.raw_log import TargetPoses
-from pipeline.logs.writer import write_bag
+from pipeline.logs.messages.raw_log import TargetPoses
 from pipeline.machine.specification import MachineSpecification
 
 REPOSITORY = Path(__file__).resolve().parents[2]

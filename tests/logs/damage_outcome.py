@@ -19,15 +19,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.configuration import load_machine, load_section
+from pipeline.configuration.stage import load_machine, load_section
 from pipeline.errors import InputError
-from pipeline.logs.bags import read_log
-from pipeline.logs.columns import DiskStore
-from pipeline.logs.discover import find_logs
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.ingest import ingest
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
-from pipeline.logs.raw_log import Note, NoteKind
+from pipeline.logs.messages.columns import DiskStore
+from pipeline.logs.messages.raw_log import Note, NoteKind
 from tests.logs.conftest import REPOSITORY
 from tests.logs.damage.case import REFUSED, DamageCase, Damaged, Where
 

@@ -21,11 +21,11 @@ import zstandard
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from pipeline.errors import InputError
-from pipeline.logs.bags import read_log
-from pipeline.logs.discover import find_logs
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discover import find_logs
 from tests.logs import foreign_bags as foreign
-from tests.logs import test_definitions as definitions
 from tests.logs.conftest import load_machine, make_session
+from tests.logs.messages import test_definitions as definitions
 
 SECONDS_PER_INPUT = 10
 MEMORY_BYTES = 4 << 30

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.atomic_files import replacing, write_whole
 from pipeline.errors import InputError
+from pipeline.files.atomic import replacing, write_whole
 
 
 def test_a_file_where_a_folder_should_be_is_named_and_left_as_it_is(tmp_path: Path) -> None:

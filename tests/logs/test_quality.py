@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.logs.excitation import Excitation
+from pipeline.logs.conditioning.excitation import Excitation
 from pipeline.logs.quality import sampling
 from pipeline.logs.tuples import Trajectory
 

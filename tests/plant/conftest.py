@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from pipeline.configuration import load_machine
+from pipeline.configuration.stage import load_machine
 from pipeline.machine.specification import MachineSpecification
-from pipeline.plant.bobcat_e10 import bobcat_e10
+from pipeline.plant.machines.bobcat_e10 import bobcat_e10
 from pipeline.plant.parameters import Parameters
 
 

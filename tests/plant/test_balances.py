@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pipeline.plant.characterise import quiet
-from pipeline.plant.load import dynamics, potential_energy
-from pipeline.plant.oil import effective_bulk_modulus
+from pipeline.plant.machines.characterise import quiet
+from pipeline.plant.physics.load import dynamics, potential_energy
+from pipeline.plant.physics.oil import effective_bulk_modulus
 from pipeline.plant.scratch import allocate
 from pipeline.plant.simulator import Plant
 from pipeline.plant.state import (

@@ -7,8 +7,9 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.plant import effects
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
-from pipeline.plant.characterise import (
+from pipeline.plant.effects.change_point import wrap
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.machines.characterise import (
     full_speed,
     mean_sag_rate,
     respond,
@@ -17,7 +18,6 @@ from pipeline.plant.characterise import (
     start_for,
     start_time,
 )
-from pipeline.plant.effects.change_point import wrap
 from pipeline.plant.simulator import Plant
 
 from .conftest import MIDDLE, random_commands

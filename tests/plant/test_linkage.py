@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.plant.bobcat_e10 import BORE_M, EXTENDS_POSITIVE, GEOMETRY, LOWER_RAD, UPPER_RAD
-from pipeline.plant.linkage import FourBar, Triangle, tabulate
+from pipeline.plant.machines.bobcat_e10 import BORE_M, EXTENDS_POSITIVE, GEOMETRY, LOWER_RAD, UPPER_RAD
+from pipeline.plant.physics.linkage import FourBar, Triangle, tabulate
 
 
 def test_triangle_length_is_the_distance_of_its_pins():

@@ -5,8 +5,8 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from pipeline.configuration import MACHINE_DIRECTORY
-from pipeline.plant.load import dynamics, gravity_torque, inverse_mass, potential_energy
+from pipeline.configuration.stage import MACHINE_DIRECTORY
+from pipeline.plant.physics.load import dynamics, gravity_torque, inverse_mass, potential_energy
 from pipeline.plant.scratch import allocate
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.plant import effects
-from pipeline.plant.seal import contents, open_seal, write_seal
+from pipeline.plant.sealed.seal import contents, open_seal, write_seal
 
 
 def test_what_is_sealed_comes_out_again_and_cannot_be_read_by_accident(tmp_path, nominal):

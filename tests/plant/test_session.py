@@ -6,10 +6,10 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant import effects
-from pipeline.plant.kinematics import configuration, tip
-from pipeline.plant.operator import draw_style
-from pipeline.plant.session import RecordConfig, record_session
-from pipeline.plant.variants import draw_variant
+from pipeline.plant.machines.variants import draw_variant
+from pipeline.plant.physics.kinematics import configuration, tip
+from pipeline.plant.recording.operator import draw_style
+from pipeline.plant.recording.session import RecordConfig, record_session
 
 DATE = "2024-05-06T09:00:00+00:00"
 START_NS = 1_700_000_000_000_000_000

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.plant.characterise import full_speed, respond, rise_time, sag_rate
+from pipeline.plant.machines.characterise import full_speed, respond, rise_time, sag_rate
 from pipeline.plant.simulator import Plant
 
 from .conftest import MIDDLE, random_commands
@@ -104,7 +104,7 @@ def test_cold_oil_is_slower_and_warms_up(nominal):
 
 def test_viscosity_is_that_of_iso_vg_46(nominal):
     """46 and 6.8 mm²/s at 40 and 100 °C, the values that define the grade and its usual index."""
-    from pipeline.plant.oil import dynamic_viscosity
+    from pipeline.plant.physics.oil import dynamic_viscosity
 
     density = nominal.oil.density_kg_m3
     assert dynamic_viscosity(nominal.oil, 40.0) / density == pytest.approx(46e-6, rel=0.02)

@@ -1,7 +1,7 @@
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.plant.undeclared import draw_effects, parameters_of_session
+from pipeline.plant.sealed.undeclared import draw_effects, parameters_of_session
 
 
 def test_the_same_seed_draws_the_same_effect(nominal):

@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.model import DynamicsModel, ModelSpecification, Parameterization, Target
-from pipeline.dynamics.network import Layer, MultilayerPerceptron, Parameters
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification, Parameterization, Target
+from pipeline.dynamics.model.network import Layer, MultilayerPerceptron, Parameters
 from pipeline.machine.specification import MachineSpecification
 
 FULL_SPEED = 0.5  # rad/s

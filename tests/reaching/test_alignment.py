@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.dynamics.model import DynamicsModel, Parameterization, Target
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Parameterization, Target
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.task import ReachingTask
 from tests.dynamics import reference

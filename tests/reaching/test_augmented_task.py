@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.dynamics.model import DynamicsModel, Target
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.chain import Chain

@@ -10,8 +10,8 @@ from brax.envs.base import Env
 from brax.envs.wrappers.training import AutoResetWrapper, EpisodeWrapper, EvalWrapper, VmapWrapper
 from brax.training.agents.ppo.losses import compute_gae
 
-from pipeline.configuration import ControlConfiguration, load_section
-from pipeline.dynamics.model import DynamicsModel, Target
+from pipeline.configuration.stage import ControlConfiguration, load_section
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.errors import InputError
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.fresh_episodes import FreshEpisodes, fresh_episodes

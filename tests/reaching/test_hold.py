@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.dynamics.held_command import hold
-from pipeline.dynamics.model import DynamicsModel, Parameterization, Target
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Parameterization, Target
+from pipeline.dynamics.model.held_command import hold
 from tests.dynamics.conftest import move_biases
 from tests.reaching.lag import model_specification, random_configurations
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.logs.raw_log import TargetPoses
+from pipeline.logs.messages.raw_log import TargetPoses
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointSpecification, MachineSpecification
 from pipeline.reaching.logged_trials import logged_trials, reaching_summary, trial_traces

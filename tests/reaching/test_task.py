@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.dynamics.model import DynamicsModel, Target
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.errors import InputError
 from pipeline.machine.specification import CommandKind, MachineSpecification
 from pipeline.reaching.reward import RewardTerm

@@ -10,13 +10,13 @@ import numpy as np
 import pandas
 import pytest
 
-from pipeline.dynamics.model import DynamicsModel
-from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.dynamics.store import save_model
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.predictor import LearnedPredictor
+from pipeline.dynamics.model.store import save_model
 from pipeline.effects.effect import Setting
 from pipeline.effects.store import ActiveEffects, predictor, save_effects
-from pipeline.registry.publish import example_rows, publish_dynamics_model
 from pipeline.tracking import TrackingConfiguration, track
+from pipeline.tracking.registry.publish import example_rows, publish_dynamics_model
 from tests.dynamics.conftest import LAGS, make_specification, random_trajectory
 
 mlflow = pytest.importorskip("mlflow")

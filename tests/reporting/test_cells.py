@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from pipeline.errors import InputError
-from pipeline.reporting.cells import read_controller_cells
-from pipeline.reporting.controllers import controllers_of
+from pipeline.reporting.results.cells import read_controller_cells
+from pipeline.reporting.results.controllers import controllers_of
 from tests.stages.command import run_stage
 
 ROOT = Path(__file__).parents[2]

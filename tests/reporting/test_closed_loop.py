@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.evidence import Evidence, LevelErrors, Ranked, ResidualTrack, Signature
-from pipeline.discrepancy.splits import Purpose
-from pipeline.reporting.closed_loop import closed_loop_page, write_closed_loop_report
-from pipeline.reporting.closed_loop_errors import error_rows, winner_sentences
-from pipeline.reporting.closed_loop_quantities import estimate, percent, probability, significant
-from pipeline.reporting.closed_loop_verdict import verdict_sentence
+from pipeline.discrepancy.diagnosis.splits import Purpose
+from pipeline.discrepancy.verdict.report_data import Evidence, LevelErrors, Ranked, ResidualTrack, Signature
+from pipeline.reporting.closed_loop.errors import error_rows, winner_sentences
+from pipeline.reporting.closed_loop.quantities import estimate, percent, probability, significant
+from pipeline.reporting.closed_loop.report import closed_loop_page, write_closed_loop_report
+from pipeline.reporting.closed_loop.verdict import verdict_sentence
 
 JOINTS = ["swing", "boom", "arm", "bucket"]
 BEFORE = np.array([0.031, 0.028, 0.107, 0.045])

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from pipeline.configuration import load_machine
-from pipeline.reporting.closed_loop_chapter import closed_loop_section, closed_loop_table, seal_sentence
+from pipeline.configuration.stage import load_machine
+from pipeline.reporting.chapters.closed_loop import closed_loop_section, closed_loop_table, seal_sentence
 from pipeline.reporting.page import render_page
-from pipeline.reporting.results import ClosedLoopResult
+from pipeline.reporting.results.artifacts import ClosedLoopResult
 from tests.reporting.test_closed_loop import documents
 
 MACHINE = load_machine("bobcat_e10")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.reporting.control_level import COLUMNS, control_level_table, load_runs
+from pipeline.reporting.tables.control_level import COLUMNS, control_level_table, load_runs
 
 ROOT = Path(__file__).resolve().parents[2]
 

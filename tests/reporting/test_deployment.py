@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.configuration import load_machine
+from pipeline.configuration.stage import load_machine
 from pipeline.control.icem.variant import RewardVariant
 from pipeline.reaching.metrics import Traces, reaching_metrics, success_rate_matrix
-from pipeline.reporting.controllers import controllers_of, read_controllers, split_name
-from pipeline.reporting.deployment_chapter import (
+from pipeline.reporting.chapters.deployment import (
     deployment_figures,
     deployment_section,
     deployment_tables,
 )
-from pipeline.reporting.deployment_tables import transfers
-from pipeline.reporting.deployments import Where, files_of, read_deployments
-from pipeline.reporting.paper import SIM2REAL, SIM2SIM, SIMULATED
+from pipeline.reporting.results.controllers import controllers_of, read_controllers, split_name
+from pipeline.reporting.results.deployments import Where, files_of, read_deployments
+from pipeline.reporting.results.paper import SIM2REAL, SIM2SIM, SIMULATED
+from pipeline.reporting.tables.deployment import transfers
 from tests.reporting.made_up import N_EPISODES, random_traces, write_controller
 
 N_TARGETS, N_PLANNED = 5, 4

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.reporting.controllers import by_controller, controllers_of, read_controllers, split_name
-from pipeline.reporting.counts import smaller_budget
-from pipeline.reporting.differences import Circumstances, difference_sentences, is_large
-from pipeline.reporting.evaluation_tables import brax_evaluation_table, comparison_table, differences
-from pipeline.reporting.paper import BRAX_EVALUATION, REWARD_ABLATION, SIMULATED, Published
+from pipeline.reporting.results.controllers import by_controller, controllers_of, read_controllers, split_name
+from pipeline.reporting.results.paper import BRAX_EVALUATION, REWARD_ABLATION, SIMULATED, Published
+from pipeline.reporting.tables.counts import smaller_budget
+from pipeline.reporting.tables.differences import Circumstances, difference_sentences, is_large
+from pipeline.reporting.tables.evaluation import brax_evaluation_table, comparison_table, differences
 from tests.reporting.made_up import N_EPISODES, random_traces, write_controller
 
 SEEDS = (0, 1, 2)

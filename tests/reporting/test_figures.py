@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from pipeline.machine.specification import WorkspaceSpecification
-from pipeline.reporting.figures import (
+from pipeline.reporting.figures.arrays import (
     CurvePanel,
     LearningCurve,
     error_growth_figure,
@@ -15,7 +15,7 @@ from pipeline.reporting.figures import (
     open_loop_figure,
     success_rate_figure,
 )
-from pipeline.reporting.workspace_figures import Cloud, cloud_figure
+from pipeline.reporting.figures.workspace import Cloud, cloud_figure
 
 JOINTS, UNITS = ("lift", "tilt"), ("m", "rad")
 WORKSPACE = WorkspaceSpecification(0.9, 2.6, 0.85, 0.155, 2.5, 0.155)

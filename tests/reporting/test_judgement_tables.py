@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.reporting.judgement_tables import Comparison
+from pipeline.reporting.tables.judgement import Comparison
 
 REFERENCES = ["arx_dq", "grey_box"]
 

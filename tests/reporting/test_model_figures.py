@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.dynamics.error_growth import ErrorGrowth
+from pipeline.dynamics.evaluation.error_growth import ErrorGrowth
 from pipeline.dynamics.judgement import OpenLoopPrediction
-from pipeline.reporting import model_figures
-from pipeline.reporting.model_figures import error_growth_band_figure, open_loop_prediction_figure
-from pipeline.reporting.style import to_png
+from pipeline.reporting.figures import models as model_figures
+from pipeline.reporting.figures.models import error_growth_band_figure, open_loop_prediction_figure
+from pipeline.reporting.figures.style import to_png
 
 JOINTS, UNITS = ("lift", "tilt", "turn"), ("m", "rad", "rad")
 

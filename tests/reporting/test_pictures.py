@@ -11,15 +11,15 @@ from PIL import Image
 from pipeline.errors import InputError
 from pipeline.machine.specification import WorkspaceSpecification
 from pipeline.reaching.metrics import load_traces, path_lengths
-from pipeline.reporting.controller_chapter import FOLD_ABOVE, controller_section, film_section
-from pipeline.reporting.controllers import by_controller, read_controllers
-from pipeline.reporting.episode_chart import EpisodeChart, EpisodeCourse
-from pipeline.reporting.evaluation_tables import differences
-from pipeline.reporting.film import Film, film_bytes, outcome, shown_ticks
+from pipeline.reporting.chapters.controllers import FOLD_ABOVE, controller_section, film_section
+from pipeline.reporting.figures.episode_chart import EpisodeChart, EpisodeCourse
+from pipeline.reporting.figures.film import Film, film_bytes, outcome, shown_ticks
+from pipeline.reporting.figures.paths import path_figure, paths_of
 from pipeline.reporting.page import PNG, SVG, WEBP, Figure, Points, Section, render_page
-from pipeline.reporting.paper import SIMULATED
-from pipeline.reporting.path_figure import path_figure, paths_of
 from pipeline.reporting.pictures import Pictures, learning_curves, load_pictures, save_pictures, success_rates
+from pipeline.reporting.results.controllers import by_controller, read_controllers
+from pipeline.reporting.results.paper import SIMULATED
+from pipeline.reporting.tables.evaluation import differences
 from tests.reporting.made_up import N_EPISODES, N_TICKS, random_traces, write_controller
 
 WORKSPACE = WorkspaceSpecification(0.9, 2.6, 0.85, 0.155, 2.5, 0.155)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.reporting.tables import Table, mean_and_deviation
+from pipeline.reporting.table import Table, mean_and_deviation
 
 TABLE = Table(
     "Success & failure", ["Algo.", "SR(0.02, 0.02)"], [["PPO MLP Δq̇", "0.99 ± 0.01"]], ["100 % simulated"]

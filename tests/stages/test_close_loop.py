@@ -15,16 +15,16 @@ import jax
 import numpy as np
 import pytest
 
-from pipeline.configuration import load_machine, load_section
-from pipeline.dynamics.model import DynamicsModel, ModelSpecification
-from pipeline.dynamics.store import save_model
+from pipeline.configuration.stage import load_machine, load_section
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
+from pipeline.dynamics.model.store import save_model
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Setting
 from pipeline.effects.store import ActiveEffects, load_effects, save_effects
+from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.trajectories import LogTrajectories, load_logs
-from pipeline.logs.writer import write_bag
 from pipeline.stages.evaluate_logs import evaluate_model, predictor_of
 from tests.stages.command import run_stage
 

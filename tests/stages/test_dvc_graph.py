@@ -13,8 +13,10 @@ import yaml
 ROOT = Path(__file__).parents[2]
 # The frame around a stage decides nothing of its outputs.
 FRAME = {
-    "pipeline.configuration",
-    "pipeline.own_checkpoints",
+    "pipeline.configuration.stage",
+    "pipeline.configuration.number_checks",
+    "pipeline.files.checkpoint_cleanup",
+    "pipeline.files.path_checks",
     "pipeline.tracking",
     "pipeline.errors",
     "pipeline",

@@ -8,15 +8,15 @@ import jax
 import numpy as np
 import pytest
 
-from pipeline.configuration import load_machine, load_section
-from pipeline.dynamics.model import DynamicsModel, ModelSpecification
-from pipeline.dynamics.store import save_model
+from pipeline.configuration.stage import load_machine, load_section
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
+from pipeline.dynamics.model.store import save_model
 from pipeline.effects.effect import Setting
 from pipeline.effects.store import ActiveEffects, save_effects
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
-from pipeline.logs.raw_log import TargetPoses
+from pipeline.logs.messages.raw_log import TargetPoses
 from pipeline.logs.trajectories import load_logs
 from pipeline.stages.evaluate_logs import evaluate_model, evaluate_reaching, predictor_of
 from tests.dynamics import reference

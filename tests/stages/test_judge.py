@@ -8,11 +8,11 @@ import jax
 import numpy as np
 import pytest
 
-from pipeline.configuration import load_machine
-from pipeline.dynamics.errors import prediction_errors
-from pipeline.dynamics.model import DynamicsModel, ModelSpecification
-from pipeline.dynamics.predictor import LearnedPredictor
-from pipeline.dynamics.store import load_model, save_model
+from pipeline.configuration.stage import load_machine
+from pipeline.dynamics.evaluation.errors import prediction_errors
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
+from pipeline.dynamics.model.predictor import LearnedPredictor
+from pipeline.dynamics.model.store import load_model, save_model
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, read_tuples, write_tuples
 from pipeline.machine.specification import JointSpecification, MachineSpecification

@@ -6,14 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.configuration import load_machine
+from pipeline.configuration.stage import load_machine
 from pipeline.control.checkpoint import Checkpoint, is_checkpoint, load_checkpoint, save_checkpoint
 from pipeline.control.chunks import evaluate_in_chunks, is_chunk
 from pipeline.control.evaluate import EvaluatedEpisodes
-from pipeline.dynamics.checkpoint import Checkpoints
+from pipeline.dynamics.training.checkpoint import Checkpoints
 from pipeline.errors import InputError
-from pipeline.logs.writer import write_bag
-from pipeline.own_checkpoints import remove_checkpoints
+from pipeline.files.checkpoint_cleanup import remove_checkpoints
+from pipeline.logs.formats.writer import write_bag
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.metrics import Traces
 from pipeline.reaching.reward import RewardTerms

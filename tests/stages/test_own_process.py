@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.deployment.recording import Recorder
+from pipeline.deployment.components.recording import Recorder
 from pipeline.errors import InputError
 from pipeline.stages import run_graph
 from pipeline.stages.processes.own_process import in_own_process

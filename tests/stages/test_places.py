@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.places import refuse_unusable
+from pipeline.files.path_checks import refuse_unusable
 from pipeline.stages.graph_node import refuse_others_logs
 from pipeline.stages.run_graph import FOLDERS
 from pipeline.stages.sim2real import refuse_others_log

@@ -9,7 +9,7 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
-from pipeline.plant.seal import open_seal
+from pipeline.plant.sealed.seal import open_seal
 from pipeline.stages import close_loop  # noqa: F401  its schema
 from pipeline.stages.record import operator_and_sessions
 from tests.stages.command import run_stage

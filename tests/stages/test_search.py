@@ -20,12 +20,12 @@ import yaml
 from optuna.storages import BaseStorage
 from optuna.trial import TrialState
 
-from pipeline.configuration import load_machine
-from pipeline.dynamics import fit as fit_module
-from pipeline.dynamics.model import Target
-from pipeline.dynamics.network import Parameterization
-from pipeline.dynamics.search_space import Choose
+from pipeline.configuration.stage import load_machine
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.search.search_space import Choose
 from pipeline.dynamics.settings import TrainingConfig
+from pipeline.dynamics.training import fit as fit_module
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, write_tuples
 from pipeline.machine.specification import JointSpecification, MachineSpecification

@@ -10,9 +10,9 @@ import pytest
 from benchmarks.closed_loop.comparison import Solution, compare
 from benchmarks.closed_loop.truth import Onset, TrueEffect, Truth
 from pipeline.plant import effects
-from pipeline.plant.seal import contents, write_seal
-from pipeline.plant.simulated import simulated_machine
-from pipeline.plant.verdict_judgement import judge_verdict
+from pipeline.plant.machines.simulated import simulated_machine
+from pipeline.plant.sealed.seal import contents, write_seal
+from pipeline.plant.sealed.verdict_judgement import judge_verdict
 from tests.stages.command import run_stage
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.tracking import TrackingConfiguration
-from pipeline.tracking.place import CODE, project_folder
+from pipeline.tracking.project_root import CODE, project_folder
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.closed_loop.kinematic.machine import Work
 from pipeline.machine.specification import MachineSpecification
-from pipeline.plant.operator import Operator, draw_style
+from pipeline.plant.recording.operator import Operator, draw_style
 
 STOP_PROBABILITY = 0.75  # after a hold; else another may follow at once, which makes reversals without rest
 MIDDLE_SHARES = (0.05, 0.95)  # of the range, at which the choice of direction is as uneven as it gets

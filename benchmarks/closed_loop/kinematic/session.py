@@ -11,8 +11,8 @@ from benchmarks.closed_loop.kinematic.simulator import SUBSTEP_S, advance
 from benchmarks.closed_loop.kinematic.state import N_SHARED, resting_state
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
+from pipeline.plant.recording.session import NANOSECONDS, SessionLog
 from pipeline.plant.records import pack
-from pipeline.plant.session import NANOSECONDS, SessionLog
 
 START_SHARE = (0.3, 0.7)  # of each joint's range in which a session begins
 EXTRA_TIME_SHAPE = (

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from pipeline.control.icem.returns import SequenceReturns, TickReturns, discounted
 from pipeline.control.icem.windowed_rollout import SharedPart, WindowedRollout
-from pipeline.dynamics.model import DynamicsModel
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.machine.poses import workspace_of
 from pipeline.reaching.task import Goal, ReachingTask, TaskState
 from pipeline.reaching.tip import tip_pose

@@ -19,9 +19,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.features import History
-from pipeline.dynamics.model import DynamicsModel
-from pipeline.dynamics.network import Parameters
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.features import History
+from pipeline.dynamics.model.network import Parameters
 
 # While the window still fills with predictions, the loop is cut into so many pieces, each with a product of its
 # size: more of them save little and take longer to compile.

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.deployment.component import nanoseconds
+from pipeline.deployment.components.recording import Recorder
 from pipeline.deployment.graph_topics import GraphRecord
 from pipeline.deployment.messages import Message, Topic
-from pipeline.deployment.recording import Recorder
-from pipeline.deployment.simulated_time.graph import Tap
+from pipeline.deployment.transports.simulated_time.graph import Tap
 from pipeline.deployment.viewing.live_server import Channel, LiveServer
 from pipeline.deployment.viewing.visual_topics import STORE, TOPICS, moving_topics, standing_topics
-from pipeline.logs.raw_log import RawLog
+from pipeline.logs.messages.raw_log import RawLog
 from pipeline.machine.specification import MachineSpecification
 
 PERIOD_NS = nanoseconds(0.05)  # of pictures; joint states come more often

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
 from pipeline.deployment.component import NANOSECONDS
+from pipeline.deployment.components.recording import BASE_FRAME
 from pipeline.deployment.graph_topics import GraphRecord
-from pipeline.deployment.mcap_file import RecordedTopic
-from pipeline.deployment.recording import BASE_FRAME
+from pipeline.deployment.transports.mcap_file import RecordedTopic
 from pipeline.deployment.viewing.joint_transforms import JointTransforms, joint_transforms
-from pipeline.logs.columns import whole
-from pipeline.logs.raw_log import RawLog
+from pipeline.logs.messages.columns import whole
+from pipeline.logs.messages.raw_log import RawLog
 from pipeline.machine.description import urdf_path
 from pipeline.machine.poses import workspace_of
 from pipeline.machine.sector import sector_edges

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.effects.effect import Effect, Quantity, added, choose_joint
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_RAD, LARGEST_RAD = 0.02, 0.06  # at size 1

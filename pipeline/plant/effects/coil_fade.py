@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.effects.effect import Effect, Quantity, choose_joint, replaced
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.parameters import Parameters
 
 SMALLEST, LARGEST = 0.25, 0.40  # of pilot pressure, at size 1

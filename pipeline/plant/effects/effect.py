@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import N_JOINT
+from pipeline.plant.machines.bobcat_e10 import N_JOINT
 from pipeline.plant.parameters import Parameters
 
 Index = int | tuple[int | list[int], ...]

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
-from pipeline.plant.characterise import respond, side
 from pipeline.plant.effects.effect import Effect, Quantity, choose_direction, choose_joint, replaced
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.machines.characterise import respond, side
 from pipeline.plant.parameters import Parameters
 
 SHORTEST_RAD, LONGEST_RAD = 0.20, 0.40  # at size 1

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES, N_JOINT
-from pipeline.plant.characterise import full_speed
 from pipeline.plant.effects.effect import Effect, Quantity
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES, N_JOINT
+from pipeline.plant.machines.characterise import full_speed
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_LOSS, LARGEST_LOSS = 0.25, 0.45  # of pump flow, at size 1

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
-from pipeline.plant.characterise import full_speed, side
 from pipeline.plant.effects.effect import Effect, Quantity, choose_joint, scaled
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.machines.characterise import full_speed, side
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_CHANGE, LARGEST_CHANGE = 0.18, 0.45  # of metering area, at size 1

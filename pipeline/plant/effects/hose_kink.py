@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES, N_JOINT
 from pipeline.plant.effects.effect import Effect, Quantity, choose_direction, replaced
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES, N_JOINT
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_PA_S_M3, LARGEST_PA_S_M3 = 4.0e10, 9.0e10  # per radian beyond the onset, at size 1

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
-from pipeline.plant.characterise import mean_sag_rate, sag_rate
 from pipeline.plant.effects.effect import Effect, Quantity, added
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.machines.characterise import mean_sag_rate, sag_rate
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_RAD_S, LARGEST_RAD_S = 0.012, 0.035  # sag in the middle configuration, at size 1

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.effects.effect import Effect, Quantity, choose_joint, replaced
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_PER_M3, LARGEST_PER_M3 = 1.5e3, 4.0e3  # relative growth of line resistance, at size 1

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
-from pipeline.plant.characterise import mean_full_speed
 from pipeline.plant.effects.effect import Effect, Quantity
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.machines.characterise import mean_full_speed
 from pipeline.plant.parameters import Parameters
 
 LIGHTEST_KG, HEAVIEST_KG = 40.0, 90.0  # at size 1

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
-from pipeline.plant.characterise import mean_ringing
 from pipeline.plant.effects.effect import Effect, Quantity, replaced, scaled
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.machines.characterise import mean_ringing
 from pipeline.plant.parameters import Parameters
 
 STIFFEST_PA, SOFTEST_PA = 1.2e8, 4.0e7  # equivalent bulk modulus of the hose at size 1

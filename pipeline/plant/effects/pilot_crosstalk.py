@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES, N_JOINT
-from pipeline.plant.characterise import full_speed, side
 from pipeline.plant.effects.effect import Effect, Quantity, added, choose_direction
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES, N_JOINT
+from pipeline.plant.machines.characterise import full_speed, side
 from pipeline.plant.parameters import Parameters
 
 SMALLEST, LARGEST = 0.14, 0.25  # share of the source's pilot pressure, below what opens a spool by itself

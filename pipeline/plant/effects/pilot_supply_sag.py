@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.effects.effect import Effect, Quantity
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.parameters import Parameters
 
 SMALLEST, LARGEST = 0.5, 0.9  # of pilot pressure if all joints moved all the time, at size 1

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.effects.effect import Effect, Quantity, added, choose_joint, scaled
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_OFFSET_RAD, LARGEST_OFFSET_RAD = 0.03, 0.10  # at size 1

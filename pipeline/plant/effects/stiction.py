@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
-from pipeline.plant.characterise import start_time
 from pipeline.plant.effects.effect import Effect, Quantity, choose_joint, scaled
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.machines.characterise import start_time
 from pipeline.plant.parameters import Parameters
 
 WEAKEST, STRONGEST = 0.70, 0.90  # of the pilot pressure that is left above the preload, at size 1

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
-from pipeline.plant.characterise import full_speeds
 from pipeline.plant.effects.effect import Effect, Quantity
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.machines.characterise import full_speeds
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_STD, LARGEST_STD = 0.08, 0.16  # of engine speed, at size 1

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.optimize import curve_fit
 
-from pipeline.plant.bobcat_e10 import JOINT_NAMES
-from pipeline.plant.characterise import MIDDLE_RAD, full_speeds
 from pipeline.plant.effects.effect import Effect, Quantity
+from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
+from pipeline.plant.machines.characterise import MIDDLE_RAD, full_speeds
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.simulator import Plant
 

@@ -14,7 +14,7 @@ from dvc.schema import COMPILED_LOCKFILE_SCHEMA
 from dvc.utils.serialize import YAMLFileCorruptedError, parse_yaml
 from dvc.utils.strictyaml import validate
 
-from pipeline.atomic_files import write_whole
+from pipeline.files.atomic import write_whole
 
 LOCK = Path("dvc.lock")
 USERS = Path(".dvc/tmp/rwlock")

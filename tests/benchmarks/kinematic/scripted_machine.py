@@ -8,7 +8,7 @@ from benchmarks.closed_loop.kinematic.session import drive
 from benchmarks.closed_loop.machines import Variant
 from benchmarks.closed_loop.sessions import machine as specification
 from benchmarks.closed_loop.simulators import KINEMATIC
-from pipeline.plant.kinematics import BOOM_PIVOT_RADIUS_M, LINK_LENGTH_M, tip
+from pipeline.plant.physics.kinematics import BOOM_PIVOT_RADIUS_M, LINK_LENGTH_M, tip
 
 DT_S = 0.05
 SWING, BOOM, ARM, BUCKET = range(4)

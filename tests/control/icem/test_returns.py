@@ -10,8 +10,8 @@ import pytest
 from pipeline.control.icem.returns import TickReturns
 from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.control.icem.windowed_returns import WindowedReturns, sequence_returns
-from pipeline.dynamics.model import DynamicsModel, Target
-from pipeline.dynamics.network import Parameterization
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.network import Parameterization
 from pipeline.errors import InputError
 from pipeline.reaching.reward import RewardTerm
 from pipeline.reaching.task import ReachingTask

@@ -1,0 +1,1 @@
+"""Typed configuration and the frame that every stage runs in."""

@@ -1,0 +1,275 @@
+"""Typed configuration and the frame that every stage runs in.
+
+Hydra composes `conf/<stage>.yaml` (machine, profile, tracking, the stage's own keys) and validates it against the
+stage's dataclass; ranges are checked when the dataclasses are built, before any work starts.
+"""
+
+import contextlib
+import enum
+import functools
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, NoReturn
+
+import hydra
+from hydra.core.config_store import ConfigStore
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from omegaconf import MISSING, DictConfig, MissingMandatoryValue, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from pipeline.configuration.number_checks import check_numbers
+from pipeline.errors import InputError
+from pipeline.files.path_checks import Reading, Writing, refuse_overlap, refuse_unusable
+from pipeline.logs.loop_tracker import LoopTrackerConfig
+from pipeline.machine.specification import MachineSpecification
+from pipeline.tracking import StageRun, TrackingConfiguration, track
+
+LOGS = ("logs", "measured", "nominal", "sessions")  # keys of stages whose folders are searched for logs
+WHOLE = ("model", "models", "policy")  # keys of stages whose folders hold one thing each
+CONFIGURATION_DIRECTORY = Path(__file__).resolve().parents[2] / "conf"
+MACHINE_DIRECTORY = CONFIGURATION_DIRECTORY / "machine"
+CONFIGURATION_FILE = "configuration.yaml"  # in Hydra's run folder: what was run, resolved
+INPUT_ERROR_STATUS = 2
+
+
+@dataclass
+class ControlConfiguration:
+    """Section `control` of a profile: the rate at which commands are decided, and the velocity estimator."""
+
+    action_repeats: int
+    loop_tracker: LoopTrackerConfig
+
+    def __post_init__(self) -> None:
+        if self.action_repeats < 1:
+            raise InputError(f"control.action_repeats is {self.action_repeats}; it must be at least 1")
+
+
+@dataclass
+class PipelineConfiguration:
+    """What every stage shares. A stage's own class types the sections that it reads; the others pass untyped.
+
+    Attributes:
+        reads: Keys of stages that name what is only read. A stage that has rules of its own for them names fewer.
+        writes: Keys of stages that name where is written.
+        written_files: Those of them that name a file; the others name folders.
+        replaced: Entries of `output` that are deleted or written over as a whole.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = (
+        "closed_loop",
+        "held_out",
+        "logs",
+        "measured",
+        "model",
+        "models",
+        "nominal",
+        "policy",
+        "seal",
+        "sessions",
+        "tuples",
+    )
+    writes: ClassVar[tuple[str, ...]] = ("checkpoints", "delays", "learned", "output", "report", "storage")
+    written_files: ClassVar[tuple[str, ...]] = ("delays", "learned", "storage")
+    replaced: ClassVar[tuple[str, ...]] = ()
+
+    machine: MachineSpecification = MISSING
+    tracking: TrackingConfiguration = MISSING
+    profile: str = "${hydra:runtime.choices.profile}"
+    control: Any = MISSING
+    record: Any = MISSING
+    record_changed: Any = MISSING
+    ingest: Any = MISSING
+    identify: Any = MISSING
+    episodes: Any = MISSING
+    reward: Any = MISSING
+    ppo: Any = MISSING
+    reward_ablation: Any = MISSING
+    icem: Any = MISSING
+    search: Any = MISSING
+    judge: Any = MISSING
+    close_loop: Any = MISSING
+    deployment: Any = MISSING
+
+
+def load_machine(name: str) -> MachineSpecification:
+    """Read `conf/machine/<name>.yaml` as every stage does, for use from Python.
+
+    Raises:
+        InputError: There is no such machine, or its description is not valid.
+    """
+    path = MACHINE_DIRECTORY / f"{name}.yaml"
+    if not path.exists():
+        known = ", ".join(sorted(file.stem for file in MACHINE_DIRECTORY.glob("*.yaml")))
+        raise InputError(f"{path}: no such machine; use one of {known}, or describe it there")
+    return _typed(MachineSpecification, OmegaConf.load(path), path)
+
+
+def load_section(section: str, schema: type, profile: str = "paper") -> Any:
+    """Read a section of a profile, over the paper's values, as every stage does, for use from Python.
+
+    Raises:
+        InputError: A value is not valid.
+    """
+    folder = CONFIGURATION_DIRECTORY / "profile"
+    contents = [OmegaConf.load(folder / f"{name}.yaml") for name in dict.fromkeys(("paper", profile))]
+    merged = OmegaConf.merge(*(OmegaConf.select(content, section) or {} for content in contents))
+    return _typed(schema, merged, folder / f"{profile}.yaml")
+
+
+def _typed(schema: type, content: Any, place: Path) -> Any:
+    try:
+        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), content))
+    except OmegaConfBaseException as error:
+        raise InputError(f"{place}: {str(error).splitlines()[0]}") from error
+
+
+def stage(
+    configuration: type[PipelineConfiguration],
+) -> Callable[[Callable[[Any, StageRun], None]], Callable[[], None]]:
+    """Turn `function(configuration, run)` into a command with Hydra's overrides and multirun.
+
+    The command's name is the module's, and so is its configuration file's. `InputError` becomes one line on standard
+    error and exit status 2.
+    """
+
+    def decorate(function: Callable[[Any, StageRun], None]) -> Callable[[], None]:
+        name = Path(function.__code__.co_filename).stem
+        ConfigStore.instance().store(name=f"{name}_schema", node=configuration)
+
+        @functools.wraps(function)
+        def job(composed: DictConfig) -> None:
+            with _failing_in_one_line(name):
+                typed = check(composed)
+                check_places(typed)
+                resolved: Any = OmegaConf.to_container(composed, resolve=True)
+                text = OmegaConf.to_yaml(composed, resolve=True)
+                run_folder = Path(HydraConfig.get().runtime.output_dir)
+                (run_folder / CONFIGURATION_FILE).write_text(text, encoding="utf-8")
+                unread = [
+                    key for key in resolved if isinstance(getattr(typed, key), dict)
+                ]  # sections left untyped
+                with track(name, typed.tracking, resolved, text, _sweep(), unread) as run:
+                    function(typed, run)
+
+        return hydra.main(version_base="1.3", config_path=str(CONFIGURATION_DIRECTORY), config_name=name)(job)
+
+    return decorate
+
+
+def _sweep() -> tuple[str, str] | None:
+    """Of a sweep's job, what tells the sweep from others and the job from the sweep's others."""
+    hydra_configuration = HydraConfig.get()
+    if hydra_configuration.mode is not RunMode.MULTIRUN:
+        return None
+    return str(Path(hydra_configuration.sweep.dir).absolute()), hydra_configuration.job.override_dirname
+
+
+def check(composed: DictConfig) -> Any:
+    """A composed configuration as the stage's dataclass, whose ranges are checked as it is built.
+
+    Raises:
+        InputError: A value is missing or out of its range.
+    """
+    try:
+        _check_machine_name(composed)
+        configuration = OmegaConf.to_object(composed)
+        resolved = OmegaConf.to_container(composed, resolve=True)
+    except MissingMandatoryValue as error:
+        raise InputError(
+            f"`{error.full_key}` is missing; add {error.full_key}=VALUE to the command"
+        ) from error
+    except OmegaConfBaseException as error:
+        line = str(error).splitlines()[0]
+        raise InputError(f"`{error.full_key}`: {line}; correct it on the command line or in conf/") from error
+    check_numbers(resolved)
+    _check_checkpoints(getattr(configuration, "checkpoints", None), getattr(configuration, "output", None))
+    return configuration
+
+
+def _check_checkpoints(folder: str | None, output: str | None) -> None:
+    """A finished run deletes its checkpoints; by `output=../x` their default would be the folder `x`."""
+    if folder is None:
+        return
+    if ".." in Path(folder).parts:
+        raise InputError(
+            f"checkpoints={folder}: leads out of its own folder, and checkpoints are deleted once the run is finished; "
+            "add checkpoints=FOLDER to the command, or give output without .."
+        )
+    if output is not None and Path(os.path.realpath(output)).is_relative_to(os.path.realpath(folder)):
+        raise InputError(
+            f"checkpoints={folder}: holds output={output}, and checkpoints are deleted once the run is finished; "
+            "name another folder"
+        )
+
+
+def check_places(configuration: PipelineConfiguration) -> None:
+    """Check that nothing that is only read would be changed, and that what is to be written can be.
+
+    Raises:
+        InputError: A place is for both, or cannot be written to.
+    """
+    # of `identify`, `model` is one of an enumeration; a database is no place
+    places = {
+        key: value
+        for key, value in vars(configuration).items()
+        if isinstance(value, str | list) and not isinstance(value, enum.Enum) and "://" not in value
+    }
+    writes = {key: str(places[key]) for key in configuration.writes if key in places}
+    refuse_unusable(writes, configuration.written_files)
+    replaced = {"output": configuration.replaced, "checkpoints": (".",)}
+    refuse_overlap(
+        {
+            key: Writing(path, key in configuration.written_files, replaced.get(key, ()))
+            for key, path in writes.items()
+        },
+        {
+            key: Reading((given,) if isinstance(given, str) else tuple(given), key in LOGS, key in WHOLE)
+            for key in configuration.reads
+            if (given := places.get(key))
+        },
+    )
+
+
+def _check_machine_name(composed: DictConfig) -> None:
+    chosen = HydraConfig.get().runtime.choices["machine"]
+    if composed.machine.name != chosen:
+        raise InputError(
+            f"conf/machine/{chosen}.yaml: name is {composed.machine.name}; it must be the file's, {chosen}"
+        )
+
+
+class JobError(Exception):
+    """What ended a sweep's job: a line for the user, and the exit status of the sweep."""
+
+    def __init__(self, line: str, status: int) -> None:
+        super().__init__(line, status)
+        self.line = line
+        self.status = status
+
+
+@contextlib.contextmanager
+def _failing_in_one_line(name: str) -> Iterator[None]:
+    """Turn a user's mistake into one line and an exit status, in a sweep without ending the jobs beside."""
+    try:
+        yield
+    except InputError as error:
+        _fail(f"{name}: {error}", INPUT_ERROR_STATUS)
+    except OSError as error:
+        place = error.filename or "input or output"
+        line = f"{name}: {place}: {error.strerror or error}; check the path, permissions and room"
+        _fail(line, INPUT_ERROR_STATUS)
+    except KeyboardInterrupt:
+        print(f"error: {name}: interrupted; start it again to go on", file=sys.stderr, flush=True)
+        sys.exit(128 + signal.SIGINT)
+
+
+def _fail(line: str, status: int) -> NoReturn:
+    if HydraConfig.get().mode is RunMode.MULTIRUN:
+        raise JobError(line, status)  # which Hydra hands to the sweeper, from whatever process
+    print(f"error: {line}", file=sys.stderr, flush=True)
+    sys.exit(status)

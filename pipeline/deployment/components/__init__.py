@@ -1,0 +1,1 @@
+"""The components of the graph; none of them knows a clock or a transport."""

@@ -1,0 +1,230 @@
+"""`autonomous_server`: pursues target poses with a controller, at a fixed control frequency (paper, appendix).
+
+Every tick it takes the newest joint state into the buffers behind x̃ and sends the command in force; every few
+ticks (action repeats) it asks the controller anew instead, and sends what it decides as soon as that is there. Until
+then the command before it stays in force, and the loop goes on.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.deployment.component import Computation, ComputingComponent, Output, Publication, nanoseconds
+from pipeline.deployment.components.commands import is_command
+from pipeline.deployment.components.controllers import Controller, ControllerState
+from pipeline.deployment.components.goals import GoalSolver
+from pipeline.deployment.components.state_buffers import StateBuffers
+from pipeline.deployment.components.termination import GoalWatch, TerminalConditions
+from pipeline.deployment.messages import (
+    CancelGoal,
+    EmergencyStop,
+    JointCommand,
+    JointState,
+    Message,
+    Outcome,
+    ReachGoal,
+    ReachResult,
+    TargetPose,
+    Topic,
+)
+from pipeline.dynamics.model.dynamics_model import ModelSpecification
+from pipeline.machine.specification import MachineSpecification
+
+
+class AimRequest(NamedTuple):
+    """A goal whose configuration is looked for, from the present one, (n_joint,)."""
+
+    goal: ReachGoal
+    q: np.ndarray
+
+
+class Aim(NamedTuple):
+    """What was found: the target's configuration, (n_joint,), or None."""
+
+    goal: ReachGoal
+    target: np.ndarray | None
+
+
+class DecisionRequest(NamedTuple):
+    """What the controller is asked: for which goal, on which joint state."""
+
+    goal_id: int
+    observed_ns: int
+    state: ControllerState
+
+
+class Decision(NamedTuple):
+    """What it answered."""
+
+    goal_id: int
+    observed_ns: int
+    command: np.ndarray
+
+
+@dataclass
+class _Pursuit:
+    """A goal in hand: its target's configuration, its conditions, ticks so far, the decision in force."""
+
+    goal_id: int
+    target: np.ndarray
+    watch: GoalWatch
+    ticks: int
+    observed_ns: int
+    is_deciding: bool = False
+
+
+class AutonomousServer(ComputingComponent):
+    """One goal at a time; a new one takes the place of the one in hand, and the machine goes on moving. A pose that the
+    arm cannot take is refused."""
+
+    name = "autonomous_server"
+    subscriptions = (Topic.joint_states, Topic.goal, Topic.cancel, Topic.emergency_stop)
+
+    def __init__(
+        self,
+        machine: MachineSpecification,
+        specification: ModelSpecification,
+        controller: Controller,
+        solve_goal: GoalSolver,
+        conditions: TerminalConditions,
+        action_repeats: int,
+        maximum_ticks: int,
+    ) -> None:
+        """Puts a server together.
+
+        Args:
+            machine: control frequency and kind of commands.
+            specification: of the model that the controller belongs to: what the buffers hold.
+            controller: decides.
+            solve_goal: from a pose to a configuration.
+            conditions: when to end before the time-out.
+            action_repeats: ticks per decision.
+            maximum_ticks: T_reset, the time-out.
+        """
+        self.period_ns = nanoseconds(machine.dt_s)
+        self._machine = machine
+        self._controller = controller
+        self._solve_goal = solve_goal
+        self._conditions = conditions
+        self._action_repeats = action_repeats
+        self._maximum_ticks = maximum_ticks
+        self._buffers = StateBuffers(specification)
+        self._idle = np.zeros(machine.n_joint, np.float32)
+        self._command = self._idle
+        self._sequence = 0
+        self._state: JointState | None = None
+        self._pursuit: _Pursuit | None = None
+        self._waiting: ReachGoal | None = None
+        self._is_stopped = False
+
+    def rehearse(self, state: ControllerState, position: np.ndarray, quaternion: np.ndarray) -> None:
+        """Go through all that a goal needs, so that nothing is compiled once the machine moves.
+
+        Args:
+            state: any state of the machine.
+            position: of any target pose in {B}, m (3,).
+            quaternion: of the same, (4,).
+        """
+        self._solve_goal(position, quaternion, state.q)
+        watch = self._conditions.begin(position, quaternion)
+        for _ in range(2):  # the second decision starts from what the first one left
+            watch.check(state.q, self._idle, 0)
+            self._controller.decide(state)
+        self._controller.begin(0)
+
+    def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
+        """Joint states are kept; goals wait for the next tick; an emergency ends the goal for good."""
+        if isinstance(message, JointState):
+            self._state = message
+        elif isinstance(message, ReachGoal):
+            self._waiting = message
+        elif isinstance(message, CancelGoal):
+            if self._pursuit is not None and self._pursuit.goal_id == message.goal_id:
+                return self._finish(Outcome.cancelled, now_ns)
+        elif isinstance(message, EmergencyStop):
+            self._is_stopped = True
+            if self._pursuit is not None:
+                return self._finish(Outcome.stopped, now_ns)
+        return ()
+
+    def on_timer(self, now_ns: int) -> Sequence[Output]:
+        """One control tick."""
+        if self._state is None:
+            return ()
+        outputs: list[Output] = []
+        if self._waiting is not None:
+            outputs.append(Computation(AimRequest(self._waiting, self._state.position)))
+            self._waiting = None
+        state = self._state
+        self._buffers.push(state.position, state.velocity, self._command)
+        pursuit = self._pursuit
+        if pursuit is None:
+            return outputs
+        if pursuit.ticks >= self._maximum_ticks:
+            return [*outputs, *self._finish(Outcome.timed_out, now_ns)]
+        outcome = pursuit.watch.check(state.position, self._command, now_ns)
+        if outcome is not None:
+            return [*outputs, *self._finish(outcome, now_ns)]
+        decides = pursuit.ticks % self._action_repeats == 0 and not pursuit.is_deciding
+        pursuit.ticks += 1
+        if not decides:
+            return [*outputs, self._send(now_ns, pursuit.observed_ns)]
+        pursuit.is_deciding = True
+        snapshot = ControllerState(
+            self._buffers.motion.copy(),
+            self._buffers.commands.copy(),
+            np.asarray(state.position, np.float32),
+            pursuit.target,
+        )
+        return [*outputs, Computation(DecisionRequest(pursuit.goal_id, state.stamp_ns, snapshot))]
+
+    def compute(self, request: AimRequest | DecisionRequest) -> Aim | Decision:
+        """Look for a goal's configuration, or ask the controller."""
+        if isinstance(request, AimRequest):
+            goal = request.goal
+            return Aim(goal, self._solve_goal(goal.position, goal.quaternion, request.q))
+        return Decision(request.goal_id, request.observed_ns, self._controller.decide(request.state))
+
+    def on_computed(self, result: Aim | Decision, now_ns: int) -> Sequence[Output]:
+        """A goal begins, or a decision is in force and sent, as soon as it is there."""
+        if isinstance(result, Aim):
+            return self._begin(result, now_ns)
+        pursuit = self._pursuit
+        if pursuit is None or result.goal_id != pursuit.goal_id:
+            return ()  # decided for a goal that was given up
+        pursuit.is_deciding = False
+        if not is_command(self._machine, result.command):
+            return self._finish(Outcome.controller_failed, now_ns)
+        self._command = result.command
+        pursuit.observed_ns = result.observed_ns
+        return (self._send(now_ns, result.observed_ns),)
+
+    def _begin(self, aim: Aim, now_ns: int) -> Sequence[Output]:
+        assert self._state is not None
+        goal = aim.goal
+        if self._is_stopped or aim.target is None:
+            outcome = Outcome.stopped if self._is_stopped else Outcome.refused
+            return (Publication(Topic.result, ReachResult(now_ns, goal.goal_id, outcome, 0)),)
+        ended: list[Output] = []
+        if self._pursuit is not None:
+            replaced = ReachResult(now_ns, self._pursuit.goal_id, Outcome.cancelled, self._pursuit.ticks)
+            ended.append(Publication(Topic.result, replaced))
+        self._controller.begin(goal.goal_id)
+        watch = self._conditions.begin(goal.position, goal.quaternion)
+        self._pursuit = _Pursuit(goal.goal_id, aim.target, watch, 0, self._state.stamp_ns)
+        return [*ended, Publication(Topic.target_pose, TargetPose(now_ns, goal.position, goal.quaternion))]
+
+    def _finish(self, outcome: Outcome, now_ns: int) -> Sequence[Output]:
+        assert self._pursuit is not None
+        result = ReachResult(now_ns, self._pursuit.goal_id, outcome, self._pursuit.ticks)
+        observed_ns = self._state.stamp_ns if self._state else now_ns
+        self._pursuit = None
+        self._command = self._idle
+        return [self._send(now_ns, observed_ns, is_last=True), Publication(Topic.result, result)]
+
+    def _send(self, now_ns: int, observed_ns: int, is_last: bool = False) -> Publication:
+        self._sequence += 1
+        command = JointCommand(now_ns, self.name, self._sequence, observed_ns, self._command, is_last)
+        return Publication(Topic.requested_commands, command)

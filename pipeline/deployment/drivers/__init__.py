@@ -1,0 +1,1 @@
+"""Between the graph's messages and a machine."""

@@ -1,0 +1,114 @@
+"""What a driver drives: anything that takes commands and gives joint states."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from pipeline.deployment.component import nanoseconds
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.features import History
+from pipeline.reaching.task import Goal, ReachingTask
+
+
+class Sample(NamedTuple):
+    """One reading of all joints.
+
+    Attributes:
+        age_ns: time from sampling to the end of the period that gave it, ns.
+        position: rad (m), (n_joint,).
+        velocity: rad/s (m/s), (n_joint,); None where the machine measures none, and the driver estimates it.
+    """
+
+    age_ns: int
+    position: np.ndarray
+    velocity: np.ndarray | None
+
+
+class Machine(Protocol):
+    """A machine in simulated or wall-clock time, advanced by whoever owns the clock."""
+
+    @property
+    def period_ns(self) -> int:
+        """Length of one period."""
+
+    def advance(self, command: np.ndarray) -> Sequence[Sample]:
+        """Run one period under `command`, (n_joint,); return the readings that became due, oldest first."""
+
+    def read(self) -> Sequence[Sample]:
+        """The readings of a machine that has not been advanced yet."""
+
+
+class LearnedStep:
+    """One tick of the learned model with its end stops, compiled once for all machines of a task."""
+
+    def __init__(self, task: ReachingTask) -> None:
+        self.task = task
+
+        def step(history: History, command: jax.Array) -> tuple[History, jax.Array]:
+            pose = task.arm.forward(history.q)
+            state = task.begin_at(history.q, pose, Goal(history.q, pose))._replace(history=history)
+            after = task.tick(state, command)[0].history  # what else a tick computes, the compiler removes
+            return after, jnp.stack([after.q, after.motion[-1]])  # one array: each one read costs a call
+
+        self._step = jax.jit(step)
+
+    def __call__(self, history: History, command: np.ndarray) -> tuple[History, np.ndarray]:
+        """History after one tick under `command`, its configuration and its newest motion, (2, n_joint), float64."""
+        after, newest = self._step(history, command)
+        return after, np.asarray(newest, np.float64)
+
+
+class LearnedMachine:
+    """The learned dynamics in place of physics (paper: the model inside `bobcat_e10_sim_driver`).
+
+    Its velocity reading is the model's own estimate; a model of positions gives their rate of change.
+    """
+
+    def __init__(self, step: LearnedStep, start: np.ndarray) -> None:
+        """A machine at rest in `start`, (n_joint,), rad (m)."""
+        self._step = step
+        self._dynamics = step.task.dynamics
+        self._history = self._dynamics.initial_history(jnp.asarray(start, jnp.float32))
+        self._last = np.asarray(start, np.float64)
+
+    @property
+    def period_ns(self) -> int:
+        """One step of the model."""
+        return nanoseconds(self._dynamics.specification.dt_s)
+
+    def read(self) -> Sequence[Sample]:
+        """The start, at rest."""
+        return (Sample(0, self._last, np.zeros_like(self._last)),)
+
+    def advance(self, command: np.ndarray) -> Sequence[Sample]:
+        """One step of the model."""
+        self._history, (position, velocity) = self._step(self._history, np.asarray(command, np.float32))
+        if self._dynamics.specification.target is Target.dq:
+            velocity = (position - self._last) / self._dynamics.specification.dt_s
+        self._last = position
+        return (Sample(0, position, velocity),)
+
+
+class TracedMachine:
+    """A machine whose commands are kept as they acted: what a log cannot tell exactly."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self.commands: list[np.ndarray] = []
+
+    @property
+    def period_ns(self) -> int:
+        """Length of one period."""
+        return self._machine.period_ns
+
+    def read(self) -> Sequence[Sample]:
+        """The readings before the first period."""
+        return self._machine.read()
+
+    def advance(self, command: np.ndarray) -> Sequence[Sample]:
+        """Run one period."""
+        self.commands.append(np.array(command, np.float64))
+        return self._machine.advance(command)

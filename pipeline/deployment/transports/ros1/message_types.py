@@ -1,0 +1,175 @@
+"""Messages as ROS 1 messages, there and back: standard types where there are any, our own for the rest.
+
+Goals do not travel on topics: they are an action (`reach_action`).
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pipeline.deployment.component import NANOSECONDS
+from pipeline.deployment.components.recording import BASE_FRAME
+from pipeline.deployment.messages import (
+    CanFrame,
+    EmergencyStop,
+    JointCommand,
+    JointState,
+    Joystick,
+    MachineCommand,
+    MachineOutputs,
+    Message,
+    SupervisorState,
+    TargetPose,
+    Topic,
+)
+from pipeline.deployment.transports.ros1.definitions import PACKAGE, own_types
+from pipeline.deployment.transports.ros1.installation import require_ros
+from pipeline.machine.specification import CommandKind, MachineSpecification
+
+MAXIMUM_CAN_BYTES = 8
+
+
+class Carrier(NamedTuple):
+    """How a topic's messages travel: name, ROS type, and both conversions (the second is given the arrival, ns)."""
+
+    name: str
+    ros_type: type
+    to_ros: Callable[[Any], Any]
+    from_ros: Callable[[Any, int], Message]
+
+
+def ros_time(nanoseconds: int) -> Any:
+    """A time of the graph's clock as a ROS time."""
+    import genpy
+
+    return genpy.Time(nanoseconds // NANOSECONDS, nanoseconds % NANOSECONDS)
+
+
+def fill_pose(ros: Any, stamp_ns: int, position: np.ndarray, quaternion: np.ndarray) -> Any:
+    """Write a pose in {B}, m (3,) and quaternion (w, x, y, z) (4,), into a `PoseStamped`; return it."""
+    ros.header.stamp, ros.header.frame_id = ros_time(stamp_ns), BASE_FRAME
+    for axis, value in zip("xyz", position, strict=True):
+        setattr(ros.pose.position, axis, float(value))
+    for axis, value in zip("wxyz", quaternion, strict=True):
+        setattr(ros.pose.orientation, axis, float(value))
+    return ros
+
+
+def read_pose(ros: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Position, m (3,), and quaternion (w, x, y, z) (4,) of a `PoseStamped`."""
+    position = np.array([getattr(ros.pose.position, axis) for axis in "xyz"])
+    return position, np.array([getattr(ros.pose.orientation, axis) for axis in "wxyz"])
+
+
+def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
+    """Carriers of all topics between processes, with the machine's names where logs have them.
+
+    Raises:
+        InputError: ROS 1 is not installed.
+    """
+    require_ros()
+    from geometry_msgs.msg import PoseStamped
+    from sensor_msgs.msg import JointState as RosJointState
+    from sensor_msgs.msg import Joy
+    from std_msgs.msg import Float32MultiArray, Int8MultiArray
+
+    own = {name.removeprefix(f"{PACKAGE}/"): ros_type for name, ros_type in own_types().items()}
+    discrete = machine.command_kind is CommandKind.discrete
+
+    def joint_state(message: JointState) -> Any:
+        ros = RosJointState(
+            name=machine.joint_names,
+            position=message.position.tolist(),
+            velocity=np.asarray(message.velocity).tolist(),
+        )
+        ros.header.stamp = ros_time(message.stamp_ns)
+        return ros
+
+    def read_joint_state(ros: Any, now_ns: int) -> JointState:
+        order = [ros.name.index(name) for name in machine.joint_names]
+        return JointState(
+            ros.header.stamp.to_nsec(), np.array(ros.position)[order], np.array(ros.velocity)[order]
+        )
+
+    def machine_command(message: MachineCommand) -> Any:
+        if discrete:
+            return Int8MultiArray(data=np.asarray(message.values).astype(int).tolist())
+        return Float32MultiArray(data=np.asarray(message.values).tolist())
+
+    def target_pose(message: TargetPose) -> Any:
+        return fill_pose(PoseStamped(), message.stamp_ns, message.position, message.quaternion)
+
+    def read_target_pose(ros: Any, now_ns: int) -> TargetPose:
+        return TargetPose(ros.header.stamp.to_nsec(), *read_pose(ros))
+
+    def can_frame(message: CanFrame) -> Any:
+        padded = message.data.ljust(MAXIMUM_CAN_BYTES, b"\0")
+        ros = own["can_msgs/Frame"](id=message.identifier, dlc=len(message.data), data=padded)
+        ros.header.stamp = ros_time(message.stamp_ns)
+        return ros
+
+    def read_can_frame(ros: Any, now_ns: int) -> CanFrame:
+        return CanFrame(ros.header.stamp.to_nsec(), ros.id, bytes(ros.data)[: ros.dlc])
+
+    def joystick(message: Joystick) -> Any:
+        ros = Joy(axes=np.asarray(message.axes).tolist())
+        ros.header.stamp = ros_time(message.stamp_ns)
+        return ros
+
+    table: dict[Topic, tuple[type, Callable[[Any], Any], Callable[[Any, int], Message]]] = {
+        Topic.joint_states: (RosJointState, joint_state, read_joint_state),
+        Topic.joint_commands: (
+            Int8MultiArray if discrete else Float32MultiArray,
+            machine_command,
+            lambda ros, now_ns: MachineCommand(now_ns, np.array(ros.data, np.float32)),
+        ),
+        Topic.target_pose: (PoseStamped, target_pose, read_target_pose),
+        Topic.joystick: (
+            Joy,
+            joystick,
+            lambda ros, now_ns: Joystick(ros.header.stamp.to_nsec(), np.array(ros.axes)),
+        ),
+        Topic.requested_commands: (
+            own["JointCommand"],
+            lambda m: own["JointCommand"](
+                ros_time(m.stamp_ns),
+                m.source,
+                m.sequence,
+                ros_time(m.observed_ns),
+                m.values.tolist(),
+                m.is_last,
+            ),
+            lambda ros, now_ns: JointCommand(
+                ros.stamp.to_nsec(),
+                ros.source,
+                ros.sequence,
+                ros.observed.to_nsec(),
+                np.array(ros.values, np.float32),
+                ros.is_last,
+            ),
+        ),
+        Topic.emergency_stop: (
+            own["EmergencyStop"],
+            lambda m: own["EmergencyStop"](ros_time(m.stamp_ns), m.rule, m.detail),
+            lambda ros, now_ns: EmergencyStop(ros.stamp.to_nsec(), ros.rule, ros.detail),
+        ),
+        Topic.supervisor_state: (
+            own["SupervisorState"],
+            lambda m: own["SupervisorState"](ros_time(m.stamp_ns), m.rule),
+            lambda ros, now_ns: SupervisorState(ros.stamp.to_nsec(), ros.rule),
+        ),
+        Topic.machine_outputs: (
+            own["MachineOutputs"],
+            lambda m: own["MachineOutputs"](ros_time(m.stamp_ns), m.values.tolist()),
+            lambda ros, now_ns: MachineOutputs(ros.stamp.to_nsec(), np.array(ros.values)),
+        ),
+        Topic.can_to_machine: (own["can_msgs/Frame"], can_frame, read_can_frame),
+        Topic.can_from_machine: (own["can_msgs/Frame"], can_frame, read_can_frame),
+    }
+    names = {
+        Topic.joint_states: machine.joint_states.topic,
+        Topic.joint_commands: machine.commands.topic,
+        Topic.target_pose: machine.target_topic,
+    }
+    return {topic: Carrier(names.get(topic, f"/{topic}"), *entry) for topic, entry in table.items()}

@@ -1,0 +1,186 @@
+"""How long messages, decisions and timers take: distributions that were measured on the real graph.
+
+The file is JSON, written by the stage `measure_delays`: per link, quantiles of its delay at equally spaced
+probabilities from 0 to 1, and the share of messages lost.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pipeline.deployment.component import NANOSECONDS
+from pipeline.deployment.components.controllers import ControllerKind
+from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
+
+SCHEMA_VERSION = 1
+QUANTILES = 201  # equally spaced: the outermost steps hold half a percent each
+DRAWN_AT_ONCE = 1024
+LINKS = {
+    "observation": "joint state, from the driver to whoever takes it",
+    "command": "command, from component to component",
+    "inference": "decision of the controller",
+    "timer": "tick, from when it was due",
+}
+PLANNING = "planning"  # decision of a planner, in files that were measured with one: in place of "inference"
+
+
+class PlannerEffort(NamedTuple):
+    """What a planner's decision costs, whatever the computer.
+
+    Attributes:
+        model_steps: steps of the dynamics, over all sequences.
+        model_parameters: numbers in its network.
+    """
+
+    model_steps: int
+    model_parameters: int
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Delays of one link.
+
+    Attributes:
+        quantiles_s: ascending, at equally spaced probabilities from 0 to 1.
+        loss_probability: share that never arrives.
+    """
+
+    quantiles_s: np.ndarray
+    loss_probability: float
+
+    @classmethod
+    def of(cls, delays_s: np.ndarray, n_lost: int = 0) -> "Distribution":
+        """The distribution of measured delays, (n,), and how many more never arrived."""
+        probabilities = np.linspace(0.0, 1.0, QUANTILES)
+        return cls(np.quantile(delays_s, probabilities), n_lost / (n_lost + len(delays_s)))
+
+    @classmethod
+    def constant(cls, delay_s: float) -> "Distribution":
+        """Always the same."""
+        return cls(np.full(2, delay_s), 0.0)
+
+
+class MeasuredDelays(NamedTuple):
+    """What a file of delays holds.
+
+    Attributes:
+        links: by name of the link (`LINKS`, and `PLANNING` where it was measured with a planner).
+        planner: whose decisions took as long as `PLANNING` says; None where the file says nothing of it.
+    """
+
+    links: dict[str, Distribution]
+    planner: PlannerEffort | None
+
+
+class Sampler:
+    """Draws delays from a distribution by inverting its quantile function (linear in between)."""
+
+    def __init__(self, distribution: Distribution, seed: np.random.SeedSequence) -> None:
+        self._distribution = distribution
+        self._random = np.random.default_rng(seed)
+        self._drawn: list[int] = []
+
+    def draw_ns(self) -> int:
+        """The next delay, ns; -1 where the message is lost."""
+        if not self._drawn:
+            uniform = self._random.random((2, DRAWN_AT_ONCE))
+            quantiles = self._distribution.quantiles_s
+            delays = np.interp(uniform[0], np.linspace(0.0, 1.0, len(quantiles)), quantiles) * NANOSECONDS
+            lost = uniform[1] < self._distribution.loss_probability
+            self._drawn = np.where(lost, -1, np.round(delays)).astype(np.int64).tolist()
+        return self._drawn.pop()
+
+
+def save_delays(path: Path, links: Mapping[str, Distribution], measured: Mapping[str, Any]) -> None:
+    """Write the file; `measured` says how they were measured, as JSON values."""
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "measured": dict(measured),
+        "links": {
+            name: {
+                "loss_probability": link.loss_probability,
+                "quantiles_s": [round(float(value), 7) for value in link.quantiles_s],
+            }
+            for name, link in links.items()
+        },
+    }
+    write_whole(path, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def load_delays(path: Path) -> MeasuredDelays:
+    """Read the file.
+
+    Raises:
+        InputError: it is missing, or not one that `save_delays` wrote.
+    """
+    try:
+        content = json.loads(path.read_text())
+        if content["schema_version"] != SCHEMA_VERSION:
+            raise InputError(f"{path}: schema_version {content['schema_version']}; run measure_delays anew")
+        links = {
+            name: Distribution(
+                np.array(content["links"][name]["quantiles_s"], float),
+                float(content["links"][name]["loss_probability"]),
+            )
+            for name in (*LINKS, *({PLANNING} & set(content["links"])))
+        }
+        planner = content["measured"].get("planner")
+        effort = None if planner is None else PlannerEffort(**planner)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; measure it with measure_delays") from None
+    except OSError as error:
+        raise InputError(
+            f"{path}: {error.strerror}; deployment.delays names a file of measure_delays"
+        ) from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: not a file of delays ({error!r}); run measure_delays anew") from None
+    for name, link in links.items():
+        if not _is_ascending_from_zero(link.quantiles_s):
+            raise InputError(
+                f"{path}: quantiles of {name} are not ascending from zero; run measure_delays anew"
+            )
+    if effort is not None and not all(type(number) is int and number > 0 for number in effort):
+        raise InputError(f"{path}: {effort} has to be of whole positive numbers; run measure_delays anew")
+    return MeasuredDelays(links, effort)
+
+
+def _is_ascending_from_zero(quantiles_s: np.ndarray) -> bool:
+    if quantiles_s.ndim != 1 or len(quantiles_s) < 2 or not np.isfinite(quantiles_s).all():
+        return False
+    return bool(quantiles_s[0] >= 0 and (np.diff(quantiles_s) >= 0).all())
+
+
+def delays_of(
+    links: Mapping[str, Distribution], kind: ControllerKind, unmeasured_planning_s: float | None
+) -> tuple[dict[str, Distribution], bool]:
+    """The links of a graph with a controller of this kind, and whether its decisions were measured.
+
+    Args:
+        links: of a file.
+        kind: of the controller.
+        unmeasured_planning_s: delay of a planner's decisions where the file has none, s.
+
+    Raises:
+        InputError: the controller is a planner, and nobody says how long it takes.
+    """
+    graph = {name: links[name] for name in LINKS}
+    if kind is ControllerKind.ppo:
+        return graph, True
+    if PLANNING in links:
+        return graph | {"inference": links[PLANNING]}, True
+    if unmeasured_planning_s is None:
+        raise InputError(
+            "deployment.delays: the file says nothing of how long a planner takes; measure it with measure_delays, "
+            "or assume it with deployment.unmeasured_planning_s"
+        )
+    return graph | {"inference": Distribution.constant(unmeasured_planning_s)}, False
+
+
+def no_delays() -> dict[str, Distribution]:
+    """A graph without any delay."""
+    return {name: Distribution.constant(0.0) for name in LINKS}

@@ -1,0 +1,1 @@
+"""Tests on confirmation rows, which no fit and no selection saw."""

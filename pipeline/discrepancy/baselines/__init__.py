@@ -1,0 +1,1 @@
+"""What else could be done with the measured rows: fine-tuning, a residual network, a wrong effect."""

@@ -1,0 +1,1 @@
+"""Rows, the diagnosis model, and what it is off by on nominal logs."""

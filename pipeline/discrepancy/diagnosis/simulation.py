@@ -1,0 +1,197 @@
+"""What the machine's velocities would be if given effects were present: the diagnosis model inside the chain.
+
+Measured configurations are fed in, velocities come out, so that nothing accumulates and every row can be compared
+with what was measured there. Hypotheses of the same families share one compilation, and run side by side.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel
+from pipeline.discrepancy.diagnosis.sequences import Sequences
+from pipeline.effects.chain import Chain, ChainValues
+from pipeline.effects.effect import Effect, SensorEffect, Setting, Signals
+
+Hypothesis = Mapping[str, Mapping[str, np.ndarray]]  # values by family; families left out are neutral
+DRIVEN_AT_ONCE = 8  # the diagnosis model runs for each
+RESPONDING_AT_ONCE = 32
+WIDTHS = (1, 8, 32)
+
+
+class Simulation:
+    """Velocities under hypotheses, on one set of logs.
+
+    Args:
+        model: The diagnosis model.
+        sequences: Logs on which it runs.
+        effects: Families that hypotheses may name.
+        setting: Of the machine.
+        left_out: (n_members, B, T) which member predicts which row, for logs that the model was trained on; None: the
+            mean of all members.
+    """
+
+    def __init__(
+        self,
+        model: DiagnosisModel,
+        sequences: Sequences,
+        effects: Sequence[type[Effect]],
+        setting: Setting,
+        left_out: np.ndarray | None = None,
+    ) -> None:
+        self.effects = {effect.card.family: effect(setting) for effect in effects}
+        self.setting = setting
+        self.sequences = sequences
+        self._types = {effect.card.family: effect for effect in effects}
+        self._model = model
+        n_members = len(model.left_out)
+        member = np.full((n_members, 1, 1), 1.0 / n_members) if left_out is None else left_out
+        member = np.broadcast_to(
+            np.moveaxis(np.asarray(member, np.float32), 1, 2), (n_members, *sequences.time_s.T.shape)
+        )
+        rows = (sequences.command, sequences.q, sequences.time_s)
+        self._rows = [jnp.asarray(np.moveaxis(array, 1, 0), jnp.float32) for array in rows]  # time in front
+        self._rows.append(jnp.asarray(member))  # (E, T, B)
+        self._rows.append(jnp.zeros(len(sequences.q)))  # (B,)
+        self._compiled: dict[tuple, Callable] = {}
+        self.onsets: dict[tuple[str, int], int] = {}  # stamp, ns, from which on a family acts on a joint
+
+    def set_phases(self, phases: np.ndarray) -> None:
+        """Let all joints of each log respond late by so many steps, in (-1, 1): (B,)."""
+        self._rows[-1] = jnp.asarray(phases, jnp.float32)
+
+    def nominal_velocities(self, hypotheses: Sequence[Hypothesis]) -> jax.Array:
+        """Velocities of the nominal machine under the commands that reach it, (n_hypotheses, T, B, n_joint)."""
+        results = []
+        for chunk, values, chain in self._chunks(hypotheses, DRIVEN_AT_ONCE):
+            results.append(self._call(_driven, chain, (0, None), values, self._rows)[:chunk])
+        return jnp.concatenate(results)
+
+    def velocities(self, hypotheses: Sequence[Hypothesis], u: jax.Array | None = None) -> np.ndarray:
+        """Measured velocities under each hypothesis, (n_hypotheses, B, T, n_joint).
+
+        Args:
+            hypotheses: Any number.
+            u: What goes into the velocity effects of all hypotheses alike (T, B, n_joint), where it is known already:
+                of `nominal_velocities`, or as other effects leave it, with their onsets.
+        """
+        velocities = self._present(hypotheses, u)
+        named = {family for hypothesis in hypotheses for family in hypothesis}
+        if u is not None:  # beside which hypotheses act all the time, but for what encoders read
+            named = {family for family in named if isinstance(self.effects[family], SensorEffect)}
+        onsets = {key: onset for key, onset in self.onsets.items() if key[0] in named}
+        for onset in sorted(set(onsets.values()), reverse=True):
+            earlier = self._present([self._before(onset, onsets, of) for of in hypotheses], u)
+            not_yet = self.sequences.stamp_ns < onset
+            velocities = np.where(not_yet[..., None], earlier, velocities)
+        return velocities
+
+    def _before(self, moment: int, onsets: Mapping[tuple[str, int], int], hypothesis: Hypothesis) -> dict:
+        """The hypothesis without what sets in at the moment or later."""
+        values = {
+            family: {name: np.array(value) for name, value in of.items()} for family, of in hypothesis.items()
+        }
+        for (family, joint), onset in onsets.items():
+            if family in values and onset >= moment:
+                for name, neutral in self.effects[family].neutral().items():
+                    values[family][name][joint] = neutral[joint]
+        return values
+
+    def _present(self, hypotheses: Sequence[Hypothesis], u: jax.Array | None) -> np.ndarray:
+        results = []
+        for chunk, values, chain in self._chunks(
+            hypotheses, DRIVEN_AT_ONCE if u is None else RESPONDING_AT_ONCE
+        ):
+            if u is None:
+                driven = self._call(_driven, chain, (0, None), values, self._rows)
+                found = self._call(_responding, chain, (0, 0, None), values, driven, self._rows)
+            else:
+                found = self._call(_responding, chain, (0, None, None), values, u, self._rows)
+            results.append(np.asarray(found)[:chunk])
+        return np.moveaxis(np.concatenate(results), 1, 2).astype(np.float64)
+
+    def tangents(
+        self, hypotheses: Sequence[Hypothesis], directions: Sequence[Hypothesis], u: jax.Array
+    ) -> Iterator[np.ndarray]:
+        """Derivatives of the velocities along directions of the values; yields (B, T, n_joint) per pair.
+
+        Args:
+            hypotheses: Where, one per direction.
+            directions: Values' changes; what is left out does not change.
+            u: (T, B, n_joint) of `nominal_velocities`, for all hypotheses alike.
+        """
+        present: Hypothesis = {family: {} for d in directions for family in d}
+        complete = [{**present, **hypothesis} for hypothesis in hypotheses]
+        first = 0
+        for chunk, values, chain in self._chunks(complete, RESPONDING_AT_ONCE):
+            still = jax.tree.map(np.zeros_like, chain.neutral())
+            along = [_completed(still, direction) for direction in directions[first : first + chunk]]
+            along += along[-1:] * (len(jax.tree.leaves(values)[0]) - chunk)
+            found = self._call(_tangent, chain, (0, 0, None, None), values, _stacked(along), u, self._rows)
+            first += chunk
+            yield from np.moveaxis(np.asarray(found)[:chunk], 1, 2).astype(np.float64)
+
+    def _chunks(self, hypotheses: Sequence[Hypothesis], at_once: int) -> Iterator[tuple[int, Any, Chain]]:
+        """Stacked values, padded so that few shapes are compiled, and the chain for them."""
+        families = tuple(
+            family for family in self._types if any(family in hypothesis for hypothesis in hypotheses)
+        )
+        families = families or tuple(self._types)[:1]
+        chain = Chain([self._types[family] for family in families], self.setting)
+        for first in range(0, len(hypotheses), at_once):
+            chunk = hypotheses[first : first + at_once]
+            filled = [_completed(chain.neutral(), hypothesis) for hypothesis in chunk]
+            width = next(width for width in WIDTHS if width >= len(chunk))
+            yield len(chunk), _stacked(filled + filled[-1:] * (width - len(chunk))), chain
+
+    def _call(self, function: Callable, chain: Chain, axes: tuple, *arguments: Any) -> Any:
+        key = (function, tuple(chain.effects), axes)
+        if key not in self._compiled:
+            self._compiled[key] = jax.jit(jax.vmap(partial(function, self._model, chain), in_axes=axes))
+        return self._compiled[key](*arguments)
+
+
+def _completed(default: Hypothesis, given: Hypothesis) -> dict[str, dict[str, np.ndarray]]:
+    """The values given, and the default for all others that it names."""
+    return {
+        family: {
+            name: np.asarray(given.get(family, {}).get(name, value), np.float32) for name, value in of.items()
+        }
+        for family, of in default.items()
+    }
+
+
+def _stacked(trees: Sequence) -> Any:
+    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *trees)
+
+
+def _driven(model: DiagnosisModel, chain: Chain, values: ChainValues, rows: list) -> jax.Array:
+    command, q, _, member, phase = rows
+    reaching = chain.command_sequence(values, command)
+    true = chain.true(values, q)
+    velocities = model.members_velocity(jnp.moveaxis(reaching, 0, 1), jnp.moveaxis(true, 0, 1))
+    u = jnp.sum(member[..., None] * jnp.moveaxis(velocities, 2, 1), axis=0)
+    # A velocity is the mean over a step: late by part of a step it is made of two steps' velocities.
+    earlier, later = jnp.concatenate([u[:1], u[:-1]]), jnp.concatenate([u[1:], u[-1:]])
+    late = phase[:, None]
+    return u + jnp.maximum(late, 0.0) * (earlier - u) + jnp.maximum(-late, 0.0) * (later - u)
+
+
+def _responding(
+    model: DiagnosisModel, chain: Chain, values: ChainValues, u: jax.Array, rows: list
+) -> jax.Array:
+    command, q, time_s, *_ = rows
+    true = chain.true(values, q)
+    v, ahead = chain.velocity_sequence(values, u, Signals(command, true, time_s))
+    return model.stopped(v, true + ahead) * chain.sensor_scale(values, true)
+
+
+def _tangent(
+    model: DiagnosisModel, chain: Chain, values: ChainValues, direction: ChainValues, u: jax.Array, rows: list
+) -> jax.Array:
+    _, tangent = jax.jvp(lambda values: _responding(model, chain, values, u, rows), (values,), (direction,))
+    return tangent

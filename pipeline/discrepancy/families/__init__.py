@@ -1,0 +1,1 @@
+"""Rules that hold for one family of effects each."""

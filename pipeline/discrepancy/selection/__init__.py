@@ -1,0 +1,1 @@
+"""The search for effects on rows for fitting and selection."""

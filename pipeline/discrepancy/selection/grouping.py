@@ -1,0 +1,169 @@
+"""From effects on joints to effects of the machine: what belongs together is one, and what it depends on has a name."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from pipeline.discrepancy.families.late_channel import late_channel, set_in_together
+from pipeline.discrepancy.families.plausibility import (
+    DELAY,
+    FLOW_COUPLING,
+    LAG,
+    LOAD,
+    THERMAL_DRIFT,
+    TIMING,
+    is_dependence,
+)
+from pipeline.discrepancy.families.shared_flow import coefficients_by_source
+from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
+from pipeline.discrepancy.families.uncorrectable import has_wrapper
+from pipeline.discrepancy.families.whole_machine import OF_ONE_CAUSE
+from pipeline.discrepancy.selection.candidate import Candidate
+from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.dependence import DEPENDENCES
+
+OTHER = "other"
+SMALLEST_LOSS = 0.02  # by a joint's demand, for a speed to be said to depend on it
+FEWEST_LAGS = 3  # joints
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect of the verdict.
+
+    Attributes:
+        family: As in the contract; `other` for all dependences, and for one cause that may not be named.
+        members: The effects on single joints that it is made of.
+    """
+
+    family: str
+    members: list[Found]
+
+    @property
+    def card(self) -> str:
+        """Key of its card: of a dependence that of its form."""
+        return self.members[0].candidate.family if self.family == OTHER else self.family
+
+    @property
+    def has_wrapper(self) -> bool:
+        """Whether there is something to put into the model."""
+        return has_wrapper(self.members[0].candidate)
+
+    @property
+    def can_lose_joints(self) -> bool:
+        """Whether a joint may turn out to have no part in it: one cause on several joints, but not a late channel."""
+        return self.members[0].candidate.family in OF_ONE_CAUSE
+
+    @property
+    def joints(self) -> list[int]:
+        """Indices of its joints."""
+        return sorted({member.candidate.joint for member in self.members})
+
+    @property
+    def onset(self) -> int | None:
+        """Stamp at which it sets in."""
+        onsets = [m.candidate.onset for m in self.members if m.candidate.onset is not None]
+        return min(onsets) if len(onsets) == len(self.members) else None
+
+    @property
+    def equivalents(self) -> list[Candidate]:
+        """What the logs cannot tell from it."""
+        return [] if self.family == TIMING else [e for m in self.members for e in m.equivalents]
+
+    @property
+    def gain(self) -> float:
+        """Of all members."""
+        return sum(member.candidate.gain for member in self.members)
+
+
+def effects_of(found: Sequence[Found], excited: Collection[int], allow_timing: bool = True) -> list[Effect]:
+    """Group what was found on single joints, strongest first.
+
+    Args:
+        found: Of the search.
+        excited: Joints that move enough to tell.
+        allow_timing: Whether equal delays of all joints that move enough may be named `timing`. So many causes at once
+            they are not in any case.
+    """
+    left = list(found)
+    effects = []
+    delays = [f for f in left if f.candidate.family == DELAY]
+    channel = late_channel([f.candidate for f in delays], excited)
+    if channel:
+        joints = {candidate.joint for candidate in channel}
+        late = [f for f in delays if f.candidate.joint in joints]
+        effects.append(Effect(TIMING if allow_timing else OTHER, late))
+        left = [f for f in left if f not in late]
+    for family in (*OF_ONE_CAUSE, COURSE):
+        members = [f for f in left if f.candidate.family == family]
+        if members:
+            effects.append(Effect(contract_family(members[0].candidate), members))
+            left = [f for f in left if f not in members]
+    effects += [Effect(contract_family(f.candidate), [f]) for f in left]
+    return sorted(effects, key=lambda effect: -effect.gain)
+
+
+def without_lags_of_one_cause(effects: Sequence[Effect]) -> list[Effect]:
+    """Lags of three joints at once are no wear of each but one cause: `other`, where they may not be called cold oil.
+
+    A joint counts whose effect may be a lag just as well.
+
+    Args:
+        effects: Of the verdict, strongest first.
+    """
+    named = [e for e in effects if e.family == LAG]
+    lagging = {
+        member.candidate.joint
+        for effect in effects
+        if effect.family not in OF_ONE_CAUSE
+        for member in effect.members
+        if LAG in (member.candidate.family, *(c.family for c in member.equivalents))
+    }
+    if len(named) < 2 or len(lagging) < FEWEST_LAGS:
+        return list(effects)
+    lags = [member for e in named for member in e.members]
+    is_oil = any(c.family == THERMAL_DRIFT for lag in lags for c in lag.equivalents)
+    if is_oil or not all(set_in_together(lags[0].candidate, lag.candidate) for lag in lags):
+        return list(effects)
+    return sorted(
+        [Effect(OTHER, lags), *(e for e in effects if e.family != LAG)], key=lambda effect: -effect.gain
+    )
+
+
+def contract_family(candidate: Candidate) -> str:
+    """Its name in the contract's table: `other` for every dependence."""
+    return OTHER if is_dependence(candidate) else candidate.family
+
+
+def depends_on(effect: Effect, joints: Sequence[str]) -> list[str]:
+    """Entries as in the contract: `variable` or `variable:joint`."""
+    entries: list[str] = []
+    for member in effect.members:
+        candidate = member.candidate
+        if effect.family == TIMING:
+            entries += KNOWN[TIMING].card.depends_on
+        elif candidate.family == SUPPLY:
+            entries.append("latent")
+        elif candidate.family == COURSE:
+            entries.append("absolute_time")
+        elif candidate.family == FLOW_COUPLING:
+            entries += [
+                f"command:{joints[source]}"
+                for source, index in coefficients_by_source(candidate).items()
+                if candidate.coefficients[index] > SMALLEST_LOSS
+            ]
+        elif candidate.family == LOAD:
+            entries.append(f"position:{joints[candidate.joint]}")
+        elif candidate.family in DEPENDENCES:
+            dependence = DEPENDENCES[candidate.family]
+            source = candidate.joint if candidate.source is None else candidate.source
+            entries.append(
+                dependence.variable if dependence.common else f"{dependence.variable}:{joints[source]}"
+            )
+        else:
+            entries += [
+                entry.format(joint=joints[candidate.joint])
+                for entry in KNOWN[candidate.family].card.depends_on
+            ]
+    return list(dict.fromkeys(entries))

@@ -1,0 +1,49 @@
+"""How far the diagnosis model's own misfit moves a parameter, seen on nominal logs where no effect is.
+
+An interval from the residual's scatter alone holds only if nothing but the effect changed between two recordings. It
+did: oil, operator and places differ from session to session, and the diagnosis model generalises so well and no better.
+The same parameters are therefore fitted, one Gauss-Newton step from the effects found, to the residuals of nominal
+parts that the members did not see; what comes out, and should be zero, is added to their covariance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.selection.free_parameters import coordinates_of, groups_of
+from pipeline.discrepancy.selection.refine import residual_and_jacobian
+from pipeline.discrepancy.selection.selected_effect import Found, residual_of
+
+
+def misfit_covariance(
+    simulation: Simulation, rows: Rows, found: Sequence[Found], n_parts: int
+) -> dict[int, np.ndarray]:
+    """Mean square of the parameters that parts of the nominal logs ask for, per joint, (k, k).
+
+    Args:
+        simulation: On nominal logs, by members that did not see them.
+        rows: Of the nominal logs.
+        found: Effects, in the order of their coordinates.
+        n_parts: Into how many parts of equal length the nominal logs are cut.
+    """
+    everywhere = [replace(f, candidate=replace(f.candidate, onset=None)) for f in found]
+    coordinates = coordinates_of(simulation, everywhere)
+    if not any(coordinates.values()):
+        return {}
+    _, jacobian = residual_and_jacobian(simulation, rows, everywhere, coordinates)
+    residual = residual_of(simulation, rows, [])
+    part = np.arange(len(residual)) * n_parts // max(len(residual), 1)
+    result = {}
+    for group in groups_of(simulation.effects, everywhere, coordinates):
+        a, r = group.stacked(jacobian, coordinates, rows), group.of_its_joints(residual, rows)
+        part_of_row = np.tile(part, len(group.joints))
+        # Curvature of all rows, not of the part: a part that hardly shows the effect says little, not anything.
+        bread = np.linalg.pinv(a.T @ a + 1e-12 * np.eye(a.shape[1])) * n_parts
+        in_part = [part_of_row == number for number in range(n_parts)]
+        asked = np.stack([bread @ (a[rows_of].T @ r[rows_of]) for rows_of in in_part])
+        for joint in group.joints:
+            result[joint] = group.of_joint(asked.T @ asked / n_parts, coordinates[joint])
+    return result

@@ -1,0 +1,463 @@
+"""Forward selection of effects: screen, take the simplest of the best, refine, look again, and at last look back.
+
+A candidate's gain is compared with what the same candidate gains on the nominal logs, where there is nothing to find
+but the diagnosis model's own misfit. Among those that are not significantly worse than the best, the simplest is
+taken; what is as simple and as good is kept as its equivalent (`comparison.py`).
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+
+from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.families.cold_oil import channel_beside, cold_oil, hardly_warms
+from pipeline.discrepancy.families.encoder_error import encoder_errors, is_refuted_by_stops
+from pipeline.discrepancy.families.gain_of_a_dependence import with_its_gain
+from pipeline.discrepancy.families.gain_over_poses import is_a_gain_over_poses
+from pipeline.discrepancy.families.late_channel import late_channel, set_in_together, shortened
+from pipeline.discrepancy.families.plausibility import (
+    DEAD_BAND,
+    DELAY,
+    GAIN,
+    THERMAL_DRIFT,
+    TIMING,
+    complexity,
+    is_at_bound,
+    is_dependence,
+    is_plausible,
+)
+from pipeline.discrepancy.families.stops import Encoder
+from pipeline.discrepancy.families.supply_onset import supply_onset, supply_since
+from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
+from pipeline.discrepancy.families.uncorrectable import WITHOUT_WRAPPER, has_wrapper, screen_without_wrapper
+from pipeline.discrepancy.families.whole_machine import (
+    COMMON_CAUSES,
+    COMMON_FACTOR,
+    DOUBTED_FACTOR,
+    OF_ONE_CAUSE,
+    ON_SEVERAL_JOINTS,
+    WHOLE_MACHINE,
+    common_cause,
+    of_one_cause,
+)
+from pipeline.discrepancy.selection.candidate import Candidate, Nominal
+from pipeline.discrepancy.selection.comparison import NEGLIGIBLE, Comparison, why_not
+from pipeline.discrepancy.selection.decide_again import decide_again
+from pipeline.discrepancy.selection.onset import of_one_moment, since, with_onsets
+from pipeline.discrepancy.selection.refine import completed, gain_without, refine, refine_alone
+from pipeline.discrepancy.selection.regression import t_statistic
+from pipeline.discrepancy.selection.screen import screen
+from pipeline.discrepancy.selection.search_thresholds import SearchConfig
+from pipeline.discrepancy.selection.selected_effect import Found, onsets_of, values_of
+
+REFINED = 3  # of a joint's candidates
+TOLD_LOSERS = 6  # of a joint's candidates
+ONSET_FACTOR, ONSET_T = 1.2, 1.5  # times the gain without onset; of the gain by blocks
+WHOLE_SECOND_SHARE = 0.5
+REST_SHARE = 0.4  # net, of the squares that earlier effects leave, for a name that is not refined yet
+OIL_FACTOR = 1.1  # times what another common cause explains
+SECOND_CAUSE_SHARE = 0.2  # of what the first explains on all its joints
+# What an effect has to do beside the others: of the smallest share, and by blocks.
+STILL_SHARE, STILL_T = 0.4, 2.5
+
+
+class Search:
+    """The state of a forward selection on one set of measured logs."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        rows: Rows,
+        nominal: Nominal,
+        config: SearchConfig,
+        excluded: Sequence[str],
+        encoders: Mapping[int, Encoder],
+        joints: Sequence[str],
+        excited: Collection[int],
+        say: Callable[[str], None],
+        present: Collection[str] = (),
+        at_rest: Sequence[float] = (),
+    ) -> None:
+        self.simulation, self.rows, self.config = simulation, rows, config
+        self.nominal, self.present = nominal, present
+        self.comparison = Comparison(rows.folds, config, tuple(at_rest))
+        self.excluded = tuple(excluded)
+        self.encoders = encoders
+        self.joints, self.excited = joints, excited
+        self.found: list[Found] = []
+        self._closed: set[int] = set()  # joints on which nothing plausible is left
+        self.first: list[Candidate] = []  # of the first screen, for the ranking
+        self._say = say
+
+    def passes(self, candidate: Candidate) -> bool:
+        """Whether it removes enough, beside what was found."""
+        return self.comparison.passes(candidate, is_further=bool(self.found))
+
+    def run(self) -> list[Found]:
+        """Find effects until none is left that passes."""
+        self._select()
+        if hardly_warms(self.simulation, self.rows, self.found):
+            self._say(
+                "causes that do not change in time explain as much as oil that warms up: it is left out"
+            )
+            self.excluded += (THERMAL_DRIFT,)
+            self.first = [c for c in self.first if c.family != THERMAL_DRIFT]
+            self._closed.clear()
+            self._select()
+        self._look_back()
+        self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._say)
+        return self.found
+
+    def _select(self) -> None:
+        """Forward, from what encoders say alone."""
+        self.found = encoder_errors(
+            self.simulation,
+            self.rows,
+            self.encoders,
+            self.excluded,
+            self.joints,
+            self._say,
+        )
+        self.simulation.onsets = onsets_of(self.found)
+        for _ in range(self.config.maximum_effects):
+            candidates = self._candidates()
+            if second := self._second_cause(candidates) or self._further_valves(candidates):
+                self.found += second
+                self._refit()
+                self._let_set_in()
+                continue
+            passing = [candidate for candidate in candidates if self.passes(candidate)]
+            if any(f.candidate.family in COMMON_CAUSES for f in self.found):
+                passing = [c for c in passing if c.family not in COMMON_CAUSES]
+            passing = self._without_repairs([c for c in passing if self._may_stand_alone(c, candidates)])
+            closed = self._closed | {f.candidate.joint for f in self.found if f.candidate.family == COURSE}
+            passing = [c for c in passing if c.joint not in closed]  # nothing takes a course off what is left
+            if not passing:
+                break
+            self.found = with_its_gain([*self.found, *self._choose(passing, candidates)])
+            self._refit()
+            self._split_common_delay()
+            self._let_set_in()
+
+    def _let_set_in(self) -> None:
+        """One cause sets in once, on all its joints."""
+        self.found = of_one_moment(self.simulation, self.rows, self.found, OF_ONE_CAUSE)
+        self.simulation.onsets = onsets_of(self.found)
+
+    def _split_common_delay(self) -> None:
+        """Where all joints are late alike and one is later still, the channel is late, and that joint has more.
+
+        Alone, the delay of that joint would hide the other effect, which is as late in the mean.
+        """
+        latest = shortened(self.found, self.excited)
+        if latest is None:
+            return
+        present, joint = self.found, latest[0].candidate.joint
+        self.found = [latest[1] if f is latest[0] else f for f in present]
+        left = screen(
+            self.simulation,
+            values_of(self.simulation, self.found),
+            self.rows,
+            self.excluded,
+            [joint],
+            self.nominal,
+        )
+        passing = [
+            c for c in left if c.family != DELAY and self.passes(c) and not self._is_refuted_by_stops(c)
+        ]
+        if not passing:
+            self.found = present
+            return
+        self.found += self._choose(passing, left)
+        self._refit()
+
+    def _second_cause(self, candidates: Sequence[Candidate]) -> list[Found]:
+        """A payload, a shared pump or a late channel, beside what makes the whole machine faster or slower.
+
+        On single joints little that is left is worth a name then: no wrapper fits every joint so well. What joints
+        bear each other out on is.
+        """
+        whole = sum(f.candidate.gain for f in self.found if f.candidate.family in COMMON_CAUSES)
+        if not whole:
+            return []
+        if channel := self._channel_beside_oil():
+            return channel
+        for family in ON_SEVERAL_JOINTS:
+            showing = [c for c in candidates if c.family == family and self.comparison.shows(c)]
+            if (
+                len(showing) > 1
+                and all(is_plausible(family, [c]) for c in showing)  # else it is what the first leaves over
+                and any(map(self.passes, showing))
+                and sum(map(self.comparison.net, showing)) > SECOND_CAUSE_SHARE * whole
+            ):
+                self._say(f"{family} on {len(showing)} joints is there besides")
+                return [Found(c) for c in showing]
+        return []
+
+    def _channel_beside_oil(self) -> list[Found]:
+        """A late channel, where the oil's lag had stood for it."""
+        if {DELAY, TIMING} & set(self.excluded):
+            return []
+        late = channel_beside(self.simulation, self.rows, self.found, self.passes, self.excited)
+        if late:
+            self._say("all joints stay late while the oil warms up: the channel is late, too")
+        return [Found(c) for c in late]
+
+    def _further_valves(self, candidates: Sequence[Candidate]) -> list[Found]:
+        """Dead bands that show on further joints once several have one: one controller drives all valves."""
+        having = {f.candidate.joint for f in self.found if f.candidate.family == DEAD_BAND}
+        if len(having) < 2:
+            return []
+        further = [c for c in candidates if c.family == DEAD_BAND and self.comparison.shows(c)]
+        for candidate in further:
+            self._say(f"{DEAD_BAND} shows on {self.joints[candidate.joint]}, too")
+        return [Found(c) for c in further]
+
+    def _may_stand_alone(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
+        """Whether it is plausible on its joint, and shows on another joint, too, where all have the same oil."""
+        if candidate.family in (THERMAL_DRIFT, SUPPLY):
+            showing = [c for c in candidates if c.family == candidate.family and self.comparison.shows(c)]
+            return len(showing) > 1 and is_plausible(candidate.family, [candidate])
+        is_judged = candidate.family in (GAIN, *ON_SEVERAL_JOINTS)
+        return not is_judged or is_plausible(candidate.family, [candidate])
+
+    def _candidates(self) -> list[Candidate]:
+        active = values_of(self.simulation, self.found)
+        candidates = screen(self.simulation, active, self.rows, self.excluded, nominal=self.nominal)
+        # No wrapper takes a common change off what is left: neither it nor a joint's own course is to be sought there.
+        is_supply_known = any(f.candidate.family == SUPPLY for f in self.found)
+        excluded = WITHOUT_WRAPPER if is_supply_known else self.excluded
+        candidates += screen_without_wrapper(self.simulation, active, self.rows, excluded, self.nominal)
+        taken = {f.candidate.key for f in self.found}
+        candidates = [c for c in candidates if c.key not in taken and not self._is_refuted_by_stops(c)]
+        # What sets in at the same moment as an effect found before is one event.
+        moments = list(onsets_of(self.found).values())
+        candidates = self._since_its_onset(
+            active, with_onsets(self.simulation, active, self.rows, candidates, moments)
+        )
+        candidates = self._supply_since_its_onset(active, candidates)
+        if not self.first:
+            self.first = sorted(candidates, key=self.comparison.net, reverse=True)
+        return candidates
+
+    def _since_its_onset(self, active: dict, candidates: list[Candidate]) -> list[Candidate]:
+        """All candidates from the same moment on, where what explains most sets in at some moment."""
+        best = max(filter(has_wrapper, candidates), key=self.comparison.net)
+        if best.onset is None or best.t < ONSET_T:
+            return candidates
+        known = {c.key: c for c in candidates}
+        for candidate in since(self.simulation, active, self.rows, best, self.excluded, self.nominal):
+            if candidate.key in known and candidate.gain > ONSET_FACTOR * known[candidate.key].gain:
+                known[candidate.key] = candidate
+        return list(known.values())
+
+    def _supply_since_its_onset(self, active: dict, candidates: list[Candidate]) -> list[Candidate]:
+        """Candidates, the change that joints have in common from the moment on at which it sets in, where it does."""
+        members = [c for c in candidates if c.family == SUPPLY]
+        showing = [c for c in members if self.comparison.shows(c)]
+        moment = supply_onset(self.simulation, active, self.rows, showing) if len(showing) > 1 else None
+        if moment is None:
+            return candidates
+        since_then = supply_since(self.simulation, active, self.rows, moment, members)
+        return [c for c in candidates if c.family != SUPPLY] + since_then
+
+    def _is_refuted_by_stops(self, candidate: Candidate) -> bool:
+        return is_refuted_by_stops(candidate, self.encoders, self.found, self.excluded)
+
+    def _without_repairs(self, passing: list[Candidate]) -> list[Candidate]:
+        """Candidates that are not just a repair of an effect that was found on their joint before.
+
+        Where something is left beside a named effect, and a dependence that no family describes had explained more than
+        that name in the first place, the dependence takes its place.
+        """
+        kept = []
+        whole = max(
+            (f.candidate.gain for f in self.found if f.candidate.family in WHOLE_MACHINE), default=0.0
+        )
+        for candidate in passing:
+            # What one cause leaves is seldom of a simple form: a name that explains most of it is a second cause.
+            squares = candidate.gain / candidate.share
+            is_the_rest = self.comparison.net(candidate) > REST_SHARE * squares and not is_dependence(
+                candidate
+            )
+            if candidate.gain < WHOLE_SECOND_SHARE * whole and not is_the_rest:
+                continue  # no wrapper of the whole machine fits every joint so well that nothing is left
+            place = next((i for i, f in enumerate(self.found) if f.candidate.joint == candidate.joint), None)
+            if place is None or self.found[place].candidate.family in COMMON_CAUSES:
+                kept.append(candidate)
+                continue
+            first = self.found[place].candidate
+            if candidate.gain > self.config.second_share * first.gain or is_the_rest:
+                kept.append(candidate)
+                continue
+            rivals = [
+                c
+                for c in self.first
+                if c.joint == first.joint
+                and is_dependence(c)
+                and c.family != COURSE
+                and c.key not in {f.candidate.key for f in self.found}
+                and self.passes(c)
+                and not self._is_a_gain(c, first)
+            ]
+            better = max(rivals, key=self.comparison.net, default=None)
+            if (
+                better is not None
+                and not is_dependence(first)
+                and self.comparison.net(better) > (1.0 + NEGLIGIBLE) * self.comparison.net(first)
+            ):
+                self._say(f"{better.family} explains more than {first.family} and what is left beside it")
+                self.found[place] = Found(better, [], [(first, "leaves structure behind that this does not")])
+                self._refit()
+        return kept
+
+    def _choose(self, passing: list[Candidate], candidates: list[Candidate]) -> list[Found]:
+        """The joint with most to gain; the simplest of its candidates that are not significantly worse."""
+        best = max(passing, key=self.comparison.as_last_resort)
+        # A second common cause would only mend the first.
+        if not any(f.candidate.family in COMMON_CAUSES for f in self.found):
+            common = common_cause(best, candidates, self.comparison.net, self.comparison.shows)
+            cause = self._cold_oil(best, common, candidates) or [Found(c) for c in common]
+            if any(self.passes(f.candidate) for f in cause):
+                family = cause[0].candidate.family
+                self._say(f"{family} on {len(cause)} joints explains more together than anything on one")
+                return cause
+        rivals = sorted((c for c in passing if c.joint == best.joint), key=self.comparison.net, reverse=True)
+        foremost = [c for c in rivals if has_wrapper(c)][:REFINED]
+        rivals = self._refined(foremost) + [c for c in rivals if not any(c is one for one in foremost)]
+        beyond = [is_at_bound(self.simulation.effects, rival) for rival in rivals]
+        at_bound = [rival for rival, is_beyond in zip(rivals, beyond, strict=True) if is_beyond]
+        rivals = [rival for rival, is_beyond in zip(rivals, beyond, strict=True) if not is_beyond]
+        if not rivals:
+            self._say(
+                f"{self.joints[best.joint]}: what explains most is {best.family} beyond any plausible value"
+            )
+            self._closed.add(best.joint)
+            return []
+        best = max(rivals, key=self.comparison.net)
+        as_good = self.comparison.as_good_as(best, rivals)
+        chosen = self.comparison.simplest(as_good)
+        equivalents = self.comparison.equivalents(chosen, as_good, rivals, at_bound)
+        others = [c for c in as_good if not self._is_a_gain(c, chosen)]
+        better = self.comparison.better_dependence(chosen, others)
+        if better is not None:  # a wrong name is worse than none, but not a name that explains as much
+            named = self.comparison.names_instead(better, as_good)
+            better = self.comparison.simplest(named) if named else better
+            chosen, equivalents = better, [chosen, *(c for c in equivalents if c is not better)]
+        equivalents += self._as_good_in_common(best, chosen, equivalents, candidates)
+        self._say(
+            f"{chosen.family} on {self.joints[chosen.joint]}: removes {chosen.share:.0%} of the squared residual there"
+            + (f"; as good: {', '.join(c.family for c in equivalents)}" if equivalents else "")
+        )
+        losers = [
+            (rival, why_not(rival, chosen, best))
+            for rival in sorted(rivals, key=self.comparison.net, reverse=True)
+            if rival.key not in {chosen.key, *(c.key for c in equivalents)}
+        ]
+        found = [Found(chosen, equivalents, losers[:TOLD_LOSERS])]
+        if chosen.family in WHOLE_MACHINE:
+            # An effect of the whole machine is taken on every joint on which it shows.
+            found += [
+                Found(c)
+                for c in candidates
+                if c.family == chosen.family
+                and c.joint != chosen.joint
+                and c.source == chosen.source
+                and self.comparison.shows(c)
+            ]
+        if chosen.family == DELAY and TIMING not in self.excluded:
+            found += [Found(c) for c in self._late_elsewhere(chosen, candidates)]
+        return found
+
+    def _is_a_gain(self, dependence: Candidate, name: Candidate) -> bool:
+        """Whether a dependence is the name's own gain, which loads make larger here than there."""
+        beside = [f for f in self.found if f.candidate is not name]
+        return is_a_gain_over_poses(self.simulation, self.rows, beside, dependence, name)
+
+    def _cold_oil(
+        self, best: Candidate, common: Sequence[Candidate], candidates: Sequence[Candidate]
+    ) -> list[Found]:
+        """Oil that makes joints late, where it explains more than one joint's effect, or any other cause in common."""
+        if THERMAL_DRIFT in self.excluded or any(c.family == THERMAL_DRIFT for c in common):
+            return []
+        oil = cold_oil(self.simulation, self.rows, self.found, candidates, self.comparison, self.excited)
+        net = self.comparison.net
+        otherwise = max(OIL_FACTOR * sum(map(net, common)), COMMON_FACTOR * net(best))
+        return oil if sum(net(f.candidate) for f in oil) > otherwise else []
+
+    def _as_good_in_common(
+        self, best: Candidate, chosen: Candidate, known: Sequence[Candidate], candidates: Sequence[Candidate]
+    ) -> list[Candidate]:
+        """What several joints have in common and explains no less than a name on one of them."""
+        is_told = is_dependence(chosen) or chosen.family in OF_ONE_CAUSE
+        if is_told or any(f.candidate.family in COMMON_CAUSES for f in self.found):
+            return []
+        common = common_cause(best, candidates, self.comparison.net, self.comparison.shows, DOUBTED_FACTOR)
+        if not any(map(self.passes, common)):
+            return []
+        told = {c.family for c in known}
+        return [
+            c
+            for c in common
+            if c.joint == best.joint
+            and c.family not in told
+            and is_plausible(c.family, [c])
+            and not is_at_bound(self.simulation.effects, c)
+        ]
+
+    def _late_elsewhere(self, chosen: Candidate, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Delays of the other joints, where each that moves enough shows one that is as large: a late channel."""
+        known = [f.candidate for f in self.found if f.candidate.family == DELAY]
+        delays = []
+        for joint in sorted({c.joint for c in candidates} - {c.joint for c in (chosen, *known)}):
+            of_joint = [c for c in candidates if c.joint == joint]
+            delay = next((c for c in of_joint if c.family == DELAY and set_in_together(c, chosen)), None)
+            if (
+                delay is not None
+                and self.comparison.shows(delay)
+                and not self.comparison.is_worse(delay, max(of_joint, key=self.comparison.net))
+            ):
+                delays.append(replace(delay, onset=chosen.onset, onset_between=chosen.onset_between))
+            elif joint in self.excited:
+                return []
+        delays = self._refined(delays)
+        channel = {c.joint for c in late_channel([chosen, *known, *delays], self.excited)}
+        late = [delay for delay in delays if delay.joint in channel]
+        if late:
+            self._say("the other joints are as late: the channel is")
+        return late
+
+    def _refined(self, candidates: list[Candidate]) -> list[Candidate]:
+        """Candidates moved off their grids; those that are linear stay."""
+        return [
+            refine_alone(self.simulation, self.rows, self.found, c) if has_wrapper(c) else c
+            for c in candidates
+        ]
+
+    def _refit(self) -> None:
+        known = [
+            replace(f, candidate=completed(self.simulation, f.candidate, self.present)) for f in self.found
+        ]
+        self.found = refine(self.simulation, self.rows, known)
+        self.simulation.onsets = onsets_of(self.found)
+
+    def _look_back(self) -> None:
+        """Drop what the others made superfluous."""
+        kept = list(self.found)
+        for found in sorted(kept, key=lambda f: -complexity(f.candidate)):
+            if len(kept) == 1 or not has_wrapper(found.candidate) or found.candidate.deviation is not None:
+                continue
+            if found.candidate.family in of_one_cause([f.candidate for f in kept], self.excited):
+                continue  # one cause, which the gate judges as one
+            by_block = gain_without(self.simulation, self.rows, kept, found)
+            squares = found.candidate.gain / max(found.candidate.share, 1e-9)
+            is_sure = t_statistic(by_block) >= STILL_T or self.comparison.is_in_both_halves(by_block, squares)
+            if by_block.sum() < STILL_SHARE * self.config.smallest_share * squares or not is_sure:
+                kept.remove(found)
+                self._say(
+                    f"{found.candidate.family} on {self.joints[found.candidate.joint]} is superfluous beside the others"
+                )
+        if len(kept) != len(self.found):
+            self.found = kept
+            self._refit()

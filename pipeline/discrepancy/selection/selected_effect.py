@@ -1,0 +1,67 @@
+"""Effects that were found, and the simulation in their presence."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.families.uncorrectable import has_wrapper
+from pipeline.discrepancy.selection.candidate import Candidate, with_candidate
+
+
+@dataclass(frozen=True)
+class Found:
+    """One effect on one joint that the search took.
+
+    Attributes:
+        candidate: The effect.
+        equivalents: Others that are as simple and not significantly worse.
+        losers: The next best, with a clause that says why they lost.
+    """
+
+    candidate: Candidate
+    equivalents: list[Candidate] = field(default_factory=list)
+    losers: list[tuple[Candidate, str]] = field(default_factory=list)
+
+
+def values_of(simulation: Simulation, found: Sequence[Found]) -> dict:
+    """The hypothesis of several effects; those without a wrapper have no values."""
+    values: dict = {}
+    for effect in found:
+        if has_wrapper(effect.candidate):
+            values = with_candidate(simulation, values, effect.candidate)
+    return values
+
+
+def onsets_of(found: Sequence[Found]) -> dict[tuple[str, int], int]:
+    """Stamp at which an effect on a joint sets in, where it does."""
+    return {
+        (f.candidate.family, f.candidate.joint): f.candidate.onset
+        for f in found
+        if f.candidate.onset is not None
+    }
+
+
+@contextmanager
+def onsets_in(simulation: Simulation, found: Sequence[Found]) -> Iterator[None]:
+    """Let the effects set in at their moments for the time being."""
+    earlier = simulation.onsets
+    simulation.onsets = onsets_of(found)
+    try:
+        yield
+    finally:
+        simulation.onsets = earlier
+
+
+def velocity_of(simulation: Simulation, found: Sequence[Found]) -> np.ndarray:
+    """(B, T, n_joint) velocities in the presence of the effects."""
+    with onsets_in(simulation, found):
+        return simulation.velocities([values_of(simulation, found)])[0]
+
+
+def residual_of(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> np.ndarray:
+    """(N, n_joint) residual velocities in the presence of the effects, 0 where a joint does not count."""
+    return rows.weight * rows.averaged(simulation.sequences.velocity - velocity_of(simulation, found))

@@ -1,0 +1,1 @@
+"""From what was accepted to closed_loop.json and the report's data."""

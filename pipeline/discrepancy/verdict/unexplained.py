@@ -1,0 +1,102 @@
+"""Joints that are clearly not as they were, though nothing in the catalogue or among the dependences says why."""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.special import gammaln
+
+from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.families.plausibility import is_dependence
+from pipeline.discrepancy.families.uncorrectable import has_wrapper
+from pipeline.discrepancy.selection.grouping import OTHER, Effect, depends_on
+from pipeline.discrepancy.selection.selected_effect import Found, residual_of
+
+if TYPE_CHECKING:
+    from pipeline.discrepancy.close_loop import Loop
+
+# Of mean squares over the floor's, and over those of the other joints. Joints that are all off alike are no finding by
+# themselves: where a log's rows fall just where its commands come in, jitter shifts starts by a step on all of them.
+UNEXPLAINED_RATIO = 3.0
+
+
+class Excess(NamedTuple):
+    """Mean squares of the residual over the noise floor, and over the other joints' where these are above it.
+
+    Attributes:
+        of_all: (n_joint,).
+        by_block: (n_blocks, n_joint).
+    """
+
+    of_all: np.ndarray
+    by_block: np.ndarray
+
+
+def unexplained(loop: "Loop") -> list[dict]:
+    """One entry of `effects`, without a name, per joint.
+
+    Its residual has to stand out of the floor and of the other joints in rows for fitting and in confirmation rows
+    each, and in more blocks than chance makes largest among those of the nominal logs.
+    """
+    parts = [excess(loop.residual(rows, []), rows) for rows in (loop.rows, loop.confirm)]
+    nominal = excess(residual_of(loop.usual.simulation, loop.usual.rows, []), loop.usual.rows)
+    blocks = np.concatenate([part.by_block for part in parts])
+    entries: list[dict[str, Any]] = []
+    for joint, name in enumerate(loop.joints):
+        p_value = largest_of_all_p(blocks[:, joint], nominal.by_block[:, joint]) * len(loop.joints)
+        stands_out = all(part.of_all[joint] > UNEXPLAINED_RATIO for part in parts)
+        if not stands_out or p_value > loop.config.gate.largest_p:
+            continue
+        # What the search came to, though the gate did not, says more than what was best before it looked closer. A
+        # name says on what speeds depend where confirmation rows bore it out, and only predictions did not.
+        searched = [f.candidate for f in loop.searched]
+        borne_out = [c for c in searched if loop.judgements[c.key].is_confirmed]
+        screened = [c for c in loop.search.first if has_wrapper(c)]
+        candidates = [
+            *filter(is_dependence, borne_out),
+            *filter(is_dependence, searched),
+            *borne_out,
+            *filter(is_dependence, screened),
+        ]
+        best = next((c for c in candidates if c.joint == joint), None)
+        entries.append(
+            {
+                "family": OTHER,
+                "joints": [name],
+                "depends_on": [] if best is None else depends_on(Effect(OTHER, [Found(best)]), loop.joints),
+                "parameters": {},
+                "onset": None,
+                "certain": False,
+                "p_value": p_value,
+                "error_reduction": 0.0,
+            }
+        )
+    return entries
+
+
+def excess(residual: np.ndarray, rows: Rows) -> Excess:
+    """Of a residual (N, n_joint) on `rows`."""
+    ratio = residual**2 / rows.floor
+    of_all = ratio.mean(axis=0)
+    n_joint = len(of_all)
+    others = [np.median(np.delete(of_all, joint)) if n_joint > 1 else 1.0 for joint in range(n_joint)]
+    scale = np.maximum(1.0, others)
+    n = rows.folds.n_blocks
+    size = np.bincount(rows.folds.block, minlength=n)
+    squares = np.stack([np.bincount(rows.folds.block, of, minlength=n) for of in ratio.T], axis=1)
+    return Excess(of_all / scale, (squares[size > 0] / size[size > 0, None]) / scale)
+
+
+def largest_of_all_p(measured: np.ndarray, nominal: np.ndarray) -> float:
+    """How probable it is that so many of the largest of all blocks are measured ones, were all blocks alike.
+
+    Exact, whatever their distribution: what is rare but large has little to show in most blocks. Source: Rosenbaum
+    (1954), Tables for a nonparametric test of location, Annals of Mathematical Statistics 25.
+
+    Args:
+        measured: (n,) values.
+        nominal: (m,) values.
+    """
+    n, m = len(measured), len(nominal)
+    k = int(np.sum(measured > nominal.max(initial=-np.inf)))
+    # k of n chosen, over k of n + m
+    return float(np.exp(gammaln(n + 1) - gammaln(n - k + 1) - gammaln(n + m + 1) + gammaln(n + m - k + 1)))

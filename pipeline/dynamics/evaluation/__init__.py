@@ -1,0 +1,1 @@
+"""Errors of any predictor on any logs."""

@@ -1,0 +1,78 @@
+"""Measured time of one model step: a single state, compiled, as a controller that predicts step by step calls it."""
+
+import time
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification, Target
+from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.settings import TrainingConfig
+from pipeline.machine.specification import MachineSpecification
+
+WARM_UP_SHARE = 0.1  # of the timed calls: made beforehand, after the one that compiles
+
+
+@dataclass(frozen=True)
+class StepTime:
+    """Distribution of the time of a call, in seconds, from the call to the result's being ready."""
+
+    median_s: float
+    lower_quartile_s: float
+    upper_quartile_s: float
+    n_calls: int
+
+
+def unit_scale_model(
+    machine: MachineSpecification,
+    parameterization: Parameterization,
+    target: Target,
+    training: TrainingConfig,
+    legendre_degree: int,
+) -> DynamicsModel:
+    """A model of this size whose data-dependent scales are one: it takes the same time and is of the same size."""
+    ones = [1.0] * len(machine.joint_names)
+    return DynamicsModel(
+        ModelSpecification(
+            parameterization=parameterization,
+            target=target,
+            hidden=list(training.hidden),
+            lags=training.lags,
+            legendre_degree=legendre_degree,
+            joints=list(machine.joint_names),
+            rate_hz=machine.rate_hz,
+            position_lower=machine.lower.tolist(),
+            position_upper=machine.upper.tolist(),
+            velocity_limit=ones,
+            residual_scale=ones,
+        )
+    )
+
+
+def count_parameters(model: DynamicsModel) -> int:
+    """Number of trained values."""
+    shapes = jax.eval_shape(model.initialise, jax.random.key(0))
+    return sum(leaf.size for leaf in jax.tree.leaves(shapes))
+
+
+def time_step(model: DynamicsModel, n_calls: int) -> StepTime:
+    """Measure `model.step` on one state; parameters are drawn, as their values do not matter.
+
+    Each call waits for its result before the next.
+    """
+    parameters = model.initialise(jax.random.key(0))
+    specification = model.specification
+    middle = (np.asarray(specification.position_lower) + np.asarray(specification.position_upper)) / 2
+    history = model.initial_history(jnp.asarray(middle, jnp.float32))
+    command = jnp.zeros(specification.n_joint, jnp.float32)
+    step = jax.jit(model.step)
+    n_warm_up = 1 + round(WARM_UP_SHARE * n_calls)
+    durations_ns = np.empty(n_warm_up + n_calls, np.int64)
+    for call in range(n_warm_up + n_calls):
+        start_ns = time.perf_counter_ns()
+        jax.block_until_ready(step(parameters, history, command))
+        durations_ns[call] = time.perf_counter_ns() - start_ns
+    lower, median, upper = np.quantile(durations_ns[n_warm_up:], [0.25, 0.5, 0.75]) * 1e-9
+    return StepTime(float(median), float(lower), float(upper), n_calls)

@@ -1,0 +1,1 @@
+"""The learned model f_θ: its inputs, its networks, its rollout, its folder."""

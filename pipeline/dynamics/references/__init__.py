@@ -1,0 +1,1 @@
+"""Models that a control engineer would try first."""

@@ -1,0 +1,1 @@
+"""What is searched over hyper-parameters, and which trial is selected."""

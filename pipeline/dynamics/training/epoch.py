@@ -1,0 +1,75 @@
+"""The compiled parts of training: an epoch of updates, and the evaluation loss L|eval."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.settings import IdentifyConfig, Optimiser, TrainingConfig
+from pipeline.dynamics.training.loss import open_loop_loss
+from pipeline.dynamics.training.windows import Rows, gather_windows
+
+
+def build_optimiser(
+    training: TrainingConfig, identify: IdentifyConfig, n_batches: int
+) -> optax.GradientTransformation:
+    """Adam, with the clipping and the decay that the configuration states."""
+    rate: optax.ScalarOrSchedule = training.learning_rate
+    if identify.cosine_decay:
+        rate = optax.cosine_decay_schedule(
+            training.learning_rate, decay_steps=training.maximum_epochs * n_batches
+        )
+    steps = {Optimiser.adam: optax.adam}[identify.optimiser](rate)
+    if identify.gradient_clip is None:
+        return steps
+    return optax.chain(optax.clip_by_global_norm(identify.gradient_clip), steps)
+
+
+def compile_epoch(
+    model: DynamicsModel,
+    optimiser: optax.GradientTransformation,
+    error_scale: np.ndarray,
+    horizon: int,
+    batch_size: int,
+    n_batches: int,
+) -> Callable[..., tuple[Parameters, optax.OptState, jax.Array]]:
+    """One epoch as one call: (parameters, optimiser state, rows, starts, key) -> (…, …, mean loss)."""
+
+    @jax.jit
+    def run_epoch(
+        parameters: Parameters, optimiser_state: optax.OptState, rows: Rows, starts: jax.Array, key: jax.Array
+    ) -> tuple[Parameters, optax.OptState, jax.Array]:
+        order = jax.random.permutation(key, starts)[: n_batches * batch_size].reshape(n_batches, batch_size)
+
+        def update(
+            carry: tuple[Parameters, optax.OptState], batch: jax.Array
+        ) -> tuple[tuple[Parameters, optax.OptState], jax.Array]:
+            parameters, optimiser_state = carry
+            window = gather_windows(model, rows, batch, horizon)
+            loss, gradient = jax.value_and_grad(
+                lambda parameters: open_loop_loss(model, parameters, *window, jnp.asarray(error_scale))
+            )(parameters)
+            updates, optimiser_state = optimiser.update(gradient, optimiser_state, parameters)
+            return (optax.apply_updates(parameters, updates), optimiser_state), loss
+
+        (parameters, optimiser_state), losses = jax.lax.scan(update, (parameters, optimiser_state), order)
+        return parameters, optimiser_state, jnp.mean(losses)
+
+    return run_epoch
+
+
+def compile_evaluation(
+    model: DynamicsModel, error_scale: np.ndarray, horizon: int
+) -> Callable[[Parameters, Rows, jax.Array], jax.Array]:
+    """L|eval as one compiled call: (parameters, rows, starts) -> scalar."""
+
+    @jax.jit
+    def evaluate(parameters: Parameters, rows: Rows, starts: jax.Array) -> jax.Array:
+        window = gather_windows(model, rows, starts, horizon)
+        return open_loop_loss(model, parameters, *window, jnp.asarray(error_scale))
+
+    return evaluate

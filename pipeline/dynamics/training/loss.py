@@ -1,0 +1,35 @@
+"""The training loss (paper, Eq. dmodel_loss_function)."""
+
+import jax
+import jax.numpy as jnp
+
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.features import History
+from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.model.rollout import rollout
+
+
+def open_loop_loss(
+    model: DynamicsModel,
+    parameters: Parameters,
+    history: History,
+    commands: jax.Array,
+    q: jax.Array,
+    error_scale: jax.Array,
+) -> jax.Array:
+    """L(θ): squared error norm of the open-loop prediction, averaged over the horizon and the batch.
+
+    Args:
+        model: The dynamics model.
+        parameters: θ.
+        history: At t_i, batch (B, ...).
+        commands: (B, H, n_joint), a_{t_i} … a_{t_i+H-1}.
+        q: (B, H, n_joint), measured q_{t_i+1} … q_{t_i+H}.
+        error_scale: (n_joint,), what errors are divided by: ones where all joints share a unit, as in the
+            paper, and the joint ranges where they do not (`MachineSpecification.error_scale`).
+
+    Returns:
+        Scalar, rad² (or m², or 1).
+    """
+    error = (rollout(model, parameters, history, commands) - q) / error_scale.astype(q.dtype)
+    return jnp.mean(jnp.sum(error**2, axis=-1))

@@ -1,0 +1,1 @@
+"""Files and folders: written whole, checked before work starts, cleaned up after it."""

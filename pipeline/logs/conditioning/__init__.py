@@ -1,0 +1,1 @@
+"""From samples as recorded to streams that can be resampled."""

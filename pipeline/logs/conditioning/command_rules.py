@@ -1,0 +1,109 @@
+"""Rules for commands: which values a machine takes, and which command is in force when."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.logs.conditioning.samples import Samples, join
+from pipeline.logs.messages.raw_log import Note, NoteKind
+from pipeline.machine.specification import CommandKind, MachineSpecification
+
+ROUNDING = 1e-6  # a float32 command of full scale may stand a hair beyond 1
+
+
+def only_possible(
+    stream: Iterable[Samples],
+    machine: MachineSpecification,
+    maximum_fraction: float,
+    path: Path,
+    notes: list[Note],
+) -> Iterator[Samples]:
+    """Make commands with a value outside the machine's set unknown: NaN for all joints.
+
+    Raises:
+        InputError: At the stream's end, if more than `maximum_fraction` of them are.
+    """
+    discrete = machine.command_kind == CommandKind.discrete
+    allowed = "{-1, 0, 1}" if discrete else "[-1, 1]"
+    count = n_bad = 0
+    example = ""
+    for section in stream:
+        if discrete:
+            bad, value = ~np.isin(section.value, (-1.0, 0.0, 1.0)), section.value
+        else:
+            bad, value = ~(np.abs(section.value) <= 1.0 + ROUNDING), np.clip(section.value, -1.0, 1.0)
+        rows: np.ndarray = np.any(bad, axis=1)
+        count += len(rows)
+        if rows.any():
+            first = int(rows.argmax())
+            joint = int(bad[first].argmax())
+            example = example or (
+                f"{section.value[first, joint]:g} for {machine.joint_names[joint]} "
+                f"at log time {section.time_ns[first]} ns"
+            )
+            n_bad += int(rows.sum())
+            value = np.where(rows[:, None], np.nan, value)
+        yield replace(section, value=value)
+    if n_bad > maximum_fraction * count:
+        raise InputError(
+            f"{path}: {n_bad} of {count} commands are outside {allowed}, first {example}; "
+            f"check commands and command_kind in conf/machine/{machine.name}.yaml"
+        )
+    if n_bad:
+        text = f"commands outside {allowed} (first {example}): unknown, so no tuples until the next command"
+        notes.append(Note(NoteKind.left_out, text, n_bad))
+
+
+class HeldCommands:
+    """The command in force at ascending times: the last one at or before each (causal zero-order hold)."""
+
+    def __init__(self, stream: Iterable[Samples]) -> None:
+        self.stream = iter(stream)
+        self.ahead: Samples | None = None  # read and not yet reached
+        self.known: Samples | None = None  # of the present era, from the one in force on
+        self.era = -1  # that the joint samples ask for
+        self.newest_era = -1  # of the commands themselves
+        self.era_ended = False
+        self.first_ns: int | None = None
+
+    def begin(self, era: int) -> int | None:
+        """Go on to an era; return the time of its first command, None where it has none."""
+        if era != self.era:
+            self.era, self.known, self.first_ns, self.era_ended = era, None, None, False
+            self._read()
+        return self.first_ns
+
+    def at(self, time_ns: np.ndarray) -> np.ndarray:
+        """Return the commands in force, shape (n, n_joint); none of the times is before the era's first command."""
+        while not self.era_ended and self.known is not None and self.known.time_ns[-1] <= time_ns[-1]:
+            self._read()
+        assert self.known is not None
+        in_force = np.searchsorted(self.known.time_ns, time_ns, side="right") - 1
+        commands = self.known.value[in_force]
+        self.known = self.known[int(in_force[-1]) :]
+        return commands
+
+    def finish(self) -> int:
+        """Read to the end; return the number of eras."""
+        for section in self.stream:
+            self.newest_era = section.era
+        return self.newest_era + 1
+
+    def _read(self) -> None:
+        """Take in the next section of the present era."""
+        while self.ahead is None or not len(self.ahead) or self.ahead.era < self.era:
+            self.ahead = next(self.stream, None)
+            if self.ahead is None:
+                self.era_ended = True
+                return
+            self.newest_era = self.ahead.era
+        if self.ahead.era > self.era:
+            self.era_ended = True
+            return
+        self.known = self.ahead if self.known is None else join([self.known, self.ahead])
+        if self.first_ns is None:
+            self.first_ns = int(self.known.time_ns[0])
+        self.ahead = None

@@ -1,0 +1,1 @@
+"""Files of every format, whole or damaged, to blocks of undecoded messages."""

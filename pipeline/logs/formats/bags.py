@@ -1,0 +1,100 @@
+"""Reads one log of any format into a `RawLog`."""
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from pipeline.errors import InputError
+from pipeline.logs.formats.discover import LogEntry, LogFormat
+from pipeline.logs.formats.mcap_file import read_mcap
+from pipeline.logs.formats.rosbag1_file import read_rosbag1
+from pipeline.logs.formats.sqlite3_file import read_sqlite3
+from pipeline.logs.formats.tables import read_table
+from pipeline.logs.messages.columns import ColumnStore, MemoryStore
+from pipeline.logs.messages.command_sources import command_adapter
+from pipeline.logs.messages.joint_states import JointStateAdapter, TargetPoseAdapter
+from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger, StorageReader
+from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog, TargetPoses
+from pipeline.logs.messages.topic_columns import TopicColumns
+from pipeline.machine.specification import MachineSpecification
+
+STORAGE_READERS: dict[LogFormat, StorageReader] = {
+    LogFormat.mcap: read_mcap,
+    LogFormat.rosbag1: read_rosbag1,
+    LogFormat.sqlite3: read_sqlite3,
+}
+
+
+def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore | None = None) -> RawLog:
+    """Read one log.
+
+    Args:
+        entry: A log that `find_logs` found.
+        machine: Names topics, joints and the command source.
+        store: Takes the columns; by default they are held in memory.
+
+    Raises:
+        InputError: The log cannot be read at all, lacks a topic or joint of the machine, or is of another type.
+    """
+    if entry.error:
+        raise InputError(entry.error)
+    if store is None:
+        store = MemoryStore()
+    if entry.format in STORAGE_READERS:
+        return _read_bag(entry, machine, STORAGE_READERS[entry.format], store)
+    return read_table(entry, machine, store)
+
+
+def _readable_blocks(
+    reader: StorageReader, path: Path, ledger: ReadingLedger, wanted: Collection[str], is_only: bool
+) -> Iterator[MessageBlock]:
+    """Yield a file's blocks; a file of a split bag that cannot be read costs itself and not the bag."""
+    try:
+        yield from reader(path, ledger, wanted)
+    except InputError as error:
+        if is_only:
+            raise
+        reason = str(error).replace(str(path), path.name)
+        ledger.notes.append(Note(NoteKind.damage, f"{ledger.path.name}: the file is lost: {reason}"))
+
+
+def _read_bag(
+    entry: LogEntry, machine: MachineSpecification, reader: StorageReader, store: ColumnStore
+) -> RawLog:
+    joint_states = TopicColumns(machine.joint_states.topic, JointStateAdapter(machine.joint_names), store)
+    commands = TopicColumns(machine.commands.topic, command_adapter(machine), store)
+    pose_adapter = TargetPoseAdapter()
+    targets = TopicColumns(machine.target_topic, pose_adapter, store)
+    collectors = (joint_states, commands, targets)
+    wanted = {collector.topic_name for collector in collectors}
+    ledger = ReadingLedger(entry.path)
+    for name in entry.missing:
+        ledger.notes.append(
+            Note(NoteKind.damage, f"{entry.path.name}: file {name} is listed in metadata.yaml and missing")
+        )
+    for path in entry.files:
+        for block in _readable_blocks(reader, path, ledger, wanted, is_only=len(entry.files) == 1):
+            for collector in collectors:
+                if collector.topic_name == block.topic.name:
+                    collector.add(block)
+    sampled, commanded = joint_states.finish(ledger), commands.finish(ledger)
+    poses = None
+    if not targets.is_empty:
+        columns = targets.finish(ledger)
+        frames = sorted(pose_adapter.frame_ids)
+        if len(frames) > 1:
+            raise InputError(
+                f"{entry.path}: target poses stand in several frames: {', '.join(frames)}; use one"
+            )
+        poses = TargetPoses(columns["log_time_ns"], columns["position"], columns["quaternion"], frames[0])
+    return RawLog(
+        name=entry.name,
+        path=entry.path,
+        joint_stamp_ns=sampled["stamp_ns"],
+        joint_log_time_ns=sampled["log_time_ns"],
+        q=sampled["q"],
+        command_log_time_ns=commanded["log_time_ns"],
+        command=commanded["command"],
+        targets=poses,
+        message_counts=dict(ledger.counts),
+        notes=tuple(ledger.notes),
+    )

@@ -1,0 +1,126 @@
+"""Finds the messages of a chunk by the index that the bag keeps of it, as arrays, and trusts nothing that it says.
+
+Every place that the index names is checked by `mcap_index` or `rosbag1_index`: a message record of that channel and
+that time must stand there. Here the rest is settled: the records must lie side by side, and what lies between them is
+walked record by record. So the messages found are those of a walk over the whole chunk; where anything contradicts the
+index, that walk is done. It goes on behind damage at the next place that the index names truly.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.logs.messages.message_blocks import BlockColumns, ReadingLedger
+
+Walk = Callable[[int, int, BlockColumns], int]
+
+
+@dataclass(frozen=True)
+class IndexedRecords:
+    """Message records that stand where an index says, in the order of their places.
+
+    Attributes:
+        channel: Channel or connection of each, shape (n,).
+        log_time_ns: Log time of each, shape (n,), uint64.
+        begin: Where each record begins in the chunk, shape (n,), int64.
+        start: Where its message begins, shape (n,), int64.
+        length: Length of its message in bytes, shape (n,), int64.
+        channels: The channels that have any, each once.
+        are_all: Whether every entry of the index is among them.
+    """
+
+    channel: np.ndarray
+    log_time_ns: np.ndarray
+    begin: np.ndarray
+    start: np.ndarray
+    length: np.ndarray
+    channels: tuple[int, ...]
+    are_all: bool
+
+    def only(self, true: np.ndarray) -> "IndexedRecords | None":
+        """Return those that a mask of shape (n,) keeps; None if it keeps none."""
+        if true.all():
+            return self if len(true) else None
+        channel = self.channel[true]
+        if not len(channel):
+            return None
+        return IndexedRecords(
+            channel=channel,
+            log_time_ns=self.log_time_ns[true],
+            begin=self.begin[true],
+            start=self.start[true],
+            length=self.length[true],
+            channels=tuple(np.unique(channel).tolist()),
+            are_all=False,
+        )
+
+
+def records_at(data: np.ndarray, begin: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Copy the bytes at each place as elements of `dtype`.
+
+    Args:
+        data: The chunk, shape (n_bytes,), uint8.
+        begin: Places, shape (n,); each at least `dtype.itemsize` bytes before the chunk's end.
+        dtype: A structured type without padding bytes that matter.
+
+    Returns:
+        Elements, shape (n,).
+    """
+    # As opaque bytes: NumPy copies these nine times faster than elements of a structured type.
+    opaque = np.dtype((np.void, dtype.itemsize))
+    windows = np.ndarray((len(data) - dtype.itemsize + 1,), opaque, buffer=data, strides=(1,))
+    return windows[begin].view(dtype)
+
+
+def gather_records(
+    columns: BlockColumns, n_bytes: int, indexed: IndexedRecords | None, walk: Walk, ledger: ReadingLedger
+) -> tuple[BlockColumns, list[tuple[int, int]]]:
+    """Find all messages of a chunk.
+
+    Args:
+        columns: Empty columns for the chunk's messages.
+        n_bytes: Length of the chunk.
+        indexed: What its index names truly; None without one.
+        walk: Adds the messages of a stretch (begin, end) to columns, and returns where the stretch ends or a damaged
+            record begins.
+        ledger: Where the walk notes damage.
+
+    Returns:
+        The columns, and the stretches (begin, end) that no record could be made out in.
+    """
+    n_notes = len(ledger.notes)
+    if indexed is not None and (stretches := _between(indexed, n_bytes)) is not None:
+        for channel in np.flatnonzero(np.bincount(indexed.channel)).tolist():
+            own = indexed.channel == channel
+            columns.add_many(channel, indexed.log_time_ns[own], indexed.start[own], indexed.length[own])
+        if all(walk(begin, end, columns) == end for begin, end in stretches):
+            return columns, []
+        columns = BlockColumns(columns.data)
+        del ledger.notes[n_notes:]
+    lost = []
+    position = 0
+    while (reached := walk(position, n_bytes, columns)) < n_bytes:
+        position = n_bytes
+        if indexed is not None:
+            following = np.searchsorted(indexed.begin, reached, side="right")
+            position = int(indexed.begin[following]) if following < len(indexed.begin) else n_bytes
+        lost.append((reached, position))
+    return columns, lost
+
+
+def told(lost: list[tuple[int, int]], n_bytes: int) -> str:
+    """Tell in words how much of a chunk was lost."""
+    total = sum(end - begin for begin, end in lost)
+    places = f"in {len(lost)} places " if len(lost) > 1 else ""
+    return f"{total} of its {n_bytes} bytes, {places}from its byte {lost[0][0]} on, are lost"
+
+
+def _between(indexed: IndexedRecords, n_bytes: int) -> list[tuple[int, int]] | None:
+    """Return the stretches between the records; None if they overlap or do not give the whole index."""
+    begin, end = indexed.begin, indexed.start + indexed.length
+    if not indexed.are_all or (begin[1:] < end[:-1]).any():
+        return None
+    left, right = np.concatenate([[0], end]), np.concatenate([begin, [n_bytes]])
+    apart = np.flatnonzero(left < right)
+    return list(zip(left[apart].tolist(), right[apart].tolist(), strict=True))

@@ -1,0 +1,78 @@
+"""Messages that were compressed one by one (`ros2 bag record --compression-mode message --compression-format zstd`).
+
+They are recognised by their own bytes, so a bag that lost its metadata is read too: a message in CDR begins with a
+zero byte, a zstd frame never does.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import zstandard
+
+from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
+from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger
+
+FRAME_MAGIC = np.frombuffer(b"\x28\xb5\x2f\xfd", np.uint8)
+BATCH_BYTES = 1 << 23  # of decompressed messages in one block
+
+
+def plain_messages(block: MessageBlock, ledger: ReadingLedger) -> Iterator[MessageBlock]:
+    """Yield a block as it is, or its messages decompressed, in blocks of bounded size.
+
+    A message that cannot be decompressed is left out and counted as damage, and so is one without zstd's mark among
+    others that have it.
+    """
+    if block.topic.encoding != "cdr" or not _are_frames(block).any():
+        yield block
+        return
+    decompressor = zstandard.ZstdDecompressor()
+    data = block.data.data
+    times: list[int] = []
+    messages: list[bytes] = []
+    n_bytes, n_damaged, fault = 0, 0, ""
+    ends = block.start + block.length
+    for time_ns, start, end in zip(
+        block.log_time_ns.tolist(), block.start.tolist(), ends.tolist(), strict=True
+    ):
+        try:
+            message = _decompressed(data[start:end], decompressor)
+        except DecompressionError as error:
+            n_damaged, fault = n_damaged + 1, fault or str(error)
+            continue
+        times.append(time_ns)
+        messages.append(message)
+        n_bytes += len(message)
+        if n_bytes >= BATCH_BYTES:
+            yield _joined(block, times, messages)
+            times, messages, n_bytes = [], [], 0
+    if n_damaged:
+        lost = f"{n_damaged} messages of {block.topic.name} cannot be decompressed ({fault}); they are lost"
+        ledger.damage(None, lost, n_damaged)
+    yield _joined(block, times, messages)
+
+
+def _are_frames(block: MessageBlock) -> np.ndarray:
+    """Return which messages begin with the mark of a zstd frame, shape (n,)."""
+    start = block.start[block.length >= len(FRAME_MAGIC)]
+    start = start[block.data[start] == FRAME_MAGIC[0]]
+    return (block.data[start[:, None] + np.arange(len(FRAME_MAGIC))] == FRAME_MAGIC).all(axis=1)
+
+
+def _decompressed(frame: memoryview, decompressor: zstandard.ZstdDecompressor) -> bytes:
+    """Decompress one message.
+
+    Raises:
+        DecompressionError: It is damaged or too large.
+    """
+    try:
+        if 0 <= zstandard.frame_content_size(frame) <= MAXIMUM_CHUNK_BYTES:
+            return decompressor.decompress(frame)
+    except zstandard.ZstdError as error:
+        raise DecompressionError(f"zstd: {error}") from error
+    return decompress("zstd", bytes(frame), None)
+
+
+def _joined(block: MessageBlock, times: list[int], messages: list[bytes]) -> MessageBlock:
+    length = np.array([len(message) for message in messages], np.int64)
+    data = np.frombuffer(b"".join(messages), np.uint8)
+    return MessageBlock(block.topic, np.array(times, np.int64), data, np.cumsum(length) - length, length)

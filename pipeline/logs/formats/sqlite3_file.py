@@ -1,0 +1,243 @@
+"""Reads ROS 2 bags stored in SQLite (`.db3`), whole or damaged.
+
+Where a crash left a journal beside the file, both are copied to a temporary folder and SQLite rolls the copy
+back; the user's file is never written.
+"""
+
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES
+from pipeline.logs.formats.message_compression import plain_messages
+from pipeline.logs.formats.opened_file import OpenedFile, opened_file
+from pipeline.logs.formats.sqlite3_pages import PageRows, UnusualError, cut_rows, rows_in_pages
+from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, MessageBlock, ReadingLedger, Topic
+from pipeline.logs.messages.message_definitions import full_type_name
+from pipeline.logs.messages.raw_log import Note, NoteKind
+
+MAGIC = b"SQLite format 3\x00"
+SIDE_FILES = ("-journal", "-wal", "-shm")
+BATCH_ROWS = 4096
+BATCH_BYTES = 1 << 23
+ATTEMPTS_PAST_DAMAGE = 24
+BEFORE_ALL_ROWS = -1 << 62
+FAULTS = (sqlite3.Error, UnicodeDecodeError)  # the latter where SQLite's own message quotes damaged text
+# Of a message that is not wanted only the length is read, for which SQLite needs none of its further pages.
+QUERY = """
+    SELECT rowid, topic_id, timestamp, CASE
+        WHEN typeof(data) <> 'blob' THEN NULL
+        WHEN topic_id IN ({wanted}) THEN data
+        ELSE length(data) END
+    FROM messages WHERE rowid > ? AND rowid NOT IN ({cut}) ORDER BY rowid LIMIT ?"""
+WITHOUT_LIMIT = -1
+Row = tuple[int, int, int, bytes | int]  # row number, topic, time, message or its length
+
+
+def read_sqlite3(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Iterator[MessageBlock]:
+    """Yield the wanted topics' messages of one file in the order of recording.
+
+    Raises:
+        InputError: The file cannot be opened or is not a ROS 2 bag.
+    """
+    with opened_file(path, ledger) as opened:
+        if opened.file.read(len(MAGIC)) != MAGIC:
+            raise InputError(f"{path}: not an SQLite file (its first bytes are not SQLite's); remove it")
+        try:
+            with _database(opened) as (connection, has_journal):
+                topics = _topics(connection, path)
+                for topic in topics.values():
+                    ledger.add_topic(topic)
+                yield from _Messages(connection, topics, opened, wanted).blocks(has_journal)
+        except FAULTS as error:
+            raise InputError(
+                f"{path}: SQLite cannot read it ({error}); it is damaged from its start"
+            ) from error
+
+
+@contextmanager
+def _database(opened: OpenedFile) -> Iterator[tuple[sqlite3.Connection, bool]]:
+    """Open the file so that nothing is written beside it, and say whether a crash left a journal of it."""
+    path = opened.path
+    side_files = [path.with_name(path.name + suffix) for suffix in SIDE_FILES]
+    left = [side for side in side_files if side.exists() and side.stat().st_size]
+    with tempfile.TemporaryDirectory() as folder:
+        if left:
+            copy = Path(folder) / path.name
+            for source in (path, *left):
+                shutil.copyfile(source, copy.with_name(source.name))
+            names = ", ".join(side.name for side in left)
+            text = f"{path.name}: a crash left {names}; SQLite rolled a copy back"
+            opened.ledger.notes.append(Note(NoteKind.attention, text))
+            address = copy.as_uri()
+        else:
+            address = f"{path.resolve().as_uri()}?immutable=1"
+        with closing(sqlite3.connect(address, uri=True)) as connection:
+            connection.text_factory = lambda text: text.decode(errors="replace")
+            connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAXIMUM_CHUNK_BYTES)
+            connection.execute("PRAGMA trusted_schema = OFF")
+            connection.execute("PRAGMA cell_size_check = ON")
+            # A file that was cut off has fewer pages than it says; else SQLite would read none of them.
+            connection.execute("PRAGMA writable_schema = ON")
+            yield connection, bool(left)
+
+
+def _topics(connection: sqlite3.Connection, path: Path) -> dict[int, Topic]:
+    tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    if not {"topics", "messages"} <= tables:
+        found = ", ".join(sorted(map(str, tables))) or "none"
+        raise InputError(f"{path}: an SQLite file, but not a ROS 2 bag (tables: {found}); remove it")
+    definitions: dict[str, tuple[str, str]] = {}
+    if "message_definitions" in tables:
+        rows = connection.execute(
+            "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        )
+        definitions = {str(name): (str(text or ""), str(encoding or "")) for name, encoding, text in rows}
+    topics = {}
+    for number, name, type_name, encoding in connection.execute(
+        "SELECT id, name, type, serialization_format FROM topics"
+    ):
+        if not isinstance(number, int):
+            continue
+        text, text_format = definitions.get(str(type_name), ("", "ros2msg"))
+        topics[number] = Topic(str(name), full_type_name(str(type_name)), str(encoding), text, text_format)
+    return topics
+
+
+class _Messages:
+    """One pass over table messages."""
+
+    def __init__(
+        self,
+        connection: sqlite3.Connection,
+        topics: dict[int, Topic],
+        opened: OpenedFile,
+        wanted: Collection[str],
+    ) -> None:
+        self.connection = connection
+        self.topics = topics
+        self.opened = opened
+        self.ledger = opened.ledger
+        self.wanted = {number for number, topic in topics.items() if topic.name in wanted}
+        self.last = BEFORE_ALL_ROWS  # the row that was read last
+        self.n_bytes = 0  # of all messages met
+
+    def blocks(self, has_journal: bool) -> Iterator[MessageBlock]:
+        """Yield blocks in the order of recording: from the pages as far as they are as expected, then row by row."""
+        if not has_journal:
+            with suppress(UnusualError):
+                for rows in rows_in_pages(self.opened.file, self.opened.size, self.connection, self.wanted):
+                    self.last, self.n_bytes = int(rows.number[-1]), self.n_bytes + int(rows.length.sum())
+                    yield from self.by_topic(rows)
+                return
+        for batch in self.batches():
+            yield from self.by_topic(_joined(batch))
+
+    def batches(self) -> Iterator[list[Row]]:
+        """Yield rows in the order of recording; where a page is damaged, go on behind it."""
+        query = QUERY.format(
+            wanted=_listed(self.wanted),
+            cut=_listed(cut_rows(self.opened.file, self.opened.size)),
+        )
+        batch: list[Row] = []
+        n_batch_bytes = attempts = 0
+        step = 1
+        while attempts < ATTEMPTS_PAST_DAMAGE:
+            before = self.last
+            try:
+                for row in self.connection.execute(query, (self.last, WITHOUT_LIMIT)):
+                    self.take(row, batch)
+                    n_batch_bytes += len(row[3]) if isinstance(row[3], bytes) else 0
+                    if len(batch) >= BATCH_ROWS or n_batch_bytes >= BATCH_BYTES:
+                        yield batch
+                        batch, n_batch_bytes = [], 0
+                break
+            except FAULTS as error:
+                fault = error
+            step = 1 if self.last > before else step
+            if self.n_bytes <= self.opened.size and self.take_next(query, batch):
+                step = 1
+                continue
+            attempts += 1
+            if step == 1:
+                place = "from the first row on" if self.last < 0 else f"after row {self.last}"
+                self.ledger.damage(None, f"table messages is damaged {place} ({fault}); rows there are lost")
+            if self.n_bytes > self.opened.size:
+                break
+            damaged = max(self.last, 0)
+            self.last, step = self.first_readable(query, damaged, damaged + step), step * 2
+        yield batch
+
+    def take_next(self, query: str, batch: list[Row]) -> bool:
+        """Take one row alone: Python's cursor reads a row ahead, and loses the one before a damaged row."""
+        with suppress(*FAULTS):
+            row = self.connection.execute(query, (self.last, 1)).fetchone()
+            if row is not None:
+                self.take(row, batch)
+                return True
+        return False
+
+    def take(self, row: Row, batch: list[Row]) -> None:
+        """Append a row that holds a message to the batch, or note that it holds none.
+
+        Raises:
+            sqlite3.DatabaseError: Rows repeat, as they do where pages refer to each other in a circle.
+        """
+        number, topic, time, content = row
+        whole = isinstance(content, bytes | int) and isinstance(time, int) and isinstance(topic, int)
+        if whole:
+            self.n_bytes += content if isinstance(content, int) else len(content)
+            if self.n_bytes > self.opened.size:
+                raise sqlite3.DatabaseError("rows repeat")
+        if number <= self.last:
+            raise sqlite3.DatabaseError("rows repeat")
+        self.last = number
+        if whole and 0 <= time <= MAXIMUM_TIME_NS:
+            batch.append(row)
+        else:
+            self.ledger.damage(None, f"row {number} of table messages holds no message; it is lost")
+
+    def first_readable(self, query: str, damaged: int, beyond: int) -> int:
+        """Return the lowest row behind which SQLite reads on, between a damaged one and one that may be beyond it."""
+        while beyond - damaged > 1:
+            middle = (damaged + beyond) // 2
+            try:
+                self.connection.execute(query, (middle, 1)).fetchone()
+                beyond = middle
+            except FAULTS:
+                damaged = middle
+        return beyond
+
+    def by_topic(self, rows: PageRows) -> Iterator[MessageBlock]:
+        """Count the messages of all topics and yield a block for each of the wanted ones."""
+        for number in sorted({*rows.topic.tolist()}):
+            own = rows.topic == number
+            n_own = int(own.sum())
+            topic = self.topics.get(number)
+            if topic is None:
+                lost = f"{n_own} messages belong to a topic that is not described"
+                self.ledger.damage(None, lost, n_own)
+                continue
+            self.ledger.count(topic, n_own)
+            if number in self.wanted:
+                block = MessageBlock(topic, rows.time_ns[own], rows.data, rows.start[own], rows.length[own])
+                yield from plain_messages(block, self.ledger)
+
+
+def _listed(numbers: set[int]) -> str:
+    return ", ".join(map(str, sorted(numbers)))
+
+
+def _joined(batch: list[Row]) -> PageRows:
+    """Put rows into the arrays that pages are decoded into."""
+    number, topic, time_ns = (np.array([row[i] for row in batch], np.int64) for i in range(3))
+    contents = [row[3] if isinstance(row[3], bytes) else b"" for row in batch]
+    length = np.array([len(content) for content in contents], np.int64)
+    data = np.frombuffer(b"".join(contents), np.uint8)
+    return PageRows(data, number, topic, time_ns, np.cumsum(length) - length, length)

@@ -1,0 +1,1 @@
+"""From undecoded messages to columns of numbers."""

@@ -1,0 +1,167 @@
+"""Commands from every kind of message that a machine's configuration may name (contract, section 1).
+
+Each source is an adapter that yields the column `command`, shape (n, n_joint), in the machine's joint order.
+"""
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.logs.messages.joint_states import select_joints
+from pipeline.logs.messages.message_blocks import Topic
+from pipeline.logs.messages.message_layout import FieldGroup
+from pipeline.logs.messages.topic_columns import Adapter, MismatchError
+from pipeline.machine.specification import CommandKind, CommandSourceKind, MachineSpecification
+
+ROLE = "commands"
+
+
+def discretise(value: np.ndarray, threshold: float) -> np.ndarray:
+    """Turn stick deflections in [-1, 1] into -1, 0, 1: beyond ±threshold is full, up to it is rest.
+
+    As the paper's joystick interpreter; the rule is that of its proto-actions (eq. proto_discretization).
+    """
+    return np.where(np.abs(value) > threshold, np.sign(value), 0.0)
+
+
+def command_adapter(machine: MachineSpecification) -> Adapter:
+    """Return the adapter of the machine's command source.
+
+    Raises:
+        InputError: The source's configuration is incomplete.
+    """
+    source, place = machine.commands, f"conf/machine/{machine.name}.yaml: commands"
+    match CommandSourceKind(source.source):
+        case CommandSourceKind.array:
+            return ArrayCommands(machine.n_joint)
+        case CommandSourceKind.joy:
+            for key, listed in (("axes", source.axes), ("signs", source.signs)):
+                if len(listed) != machine.n_joint:
+                    raise InputError(
+                        f"{place}.{key} has {len(listed)} entries; list one per joint ({machine.n_joint})"
+                    )
+            if machine.command_kind == CommandKind.discrete and source.threshold is None:
+                raise InputError(
+                    f"{place}.threshold is missing; state from which deflection on a stick is a command"
+                )
+            threshold = source.threshold if machine.command_kind == CommandKind.discrete else None
+            return JoyCommands(list(source.axes), np.array(source.signs, dtype=np.float64), threshold)
+        case CommandSourceKind.joint_state:
+            if source.field_name not in JointStateCommands.FIELDS:
+                fields = ", ".join(JointStateCommands.FIELDS)
+                raise InputError(f"{place}.field_name is `{source.field_name}`; use one of {fields}")
+            return JointStateCommands(machine.joint_names, source.field_name)
+        case CommandSourceKind.field_path:
+            if len(source.field_paths) != machine.n_joint:
+                raise InputError(
+                    f"{place}.field_paths has {len(source.field_paths)} entries; "
+                    f"list one per joint ({machine.n_joint})"
+                )
+            return FieldPathCommands(list(source.field_paths))
+
+
+class ArrayCommands:
+    """`std_msgs/…MultiArray`: one value per joint, in joint order."""
+
+    role = ROLE
+
+    def __init__(self, n_joint: int) -> None:
+        self.n_joint = n_joint
+
+    def wanted(self, topic: Topic) -> tuple[str, ...]:
+        """The values."""
+        if not (topic.type_name.startswith("std_msgs/msg/") and topic.type_name.endswith("MultiArray")):
+            raise MismatchError(
+                f"they are {topic.type_name}, not an array; set commands.source in conf/machine"
+            )
+        return ("data",)
+
+    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
+        """Values as they stand."""
+        data = group.sequence("data")
+        if data.shape[1] != self.n_joint:
+            raise MismatchError(f"they hold {data.shape[1]} values, the machine has {self.n_joint} joints")
+        return {"command": data.astype(np.float64)}
+
+
+class JoyCommands:
+    """`sensor_msgs/Joy`: one signed stick axis per joint; discretised for discrete machines."""
+
+    role = ROLE
+    type_name = "sensor_msgs/msg/Joy"
+
+    def __init__(self, axes: list[int], signs: np.ndarray, threshold: float | None) -> None:
+        self.axes = axes
+        self.signs = signs
+        self.threshold = threshold
+
+    def wanted(self, topic: Topic) -> tuple[str, ...]:
+        """All axes."""
+        if topic.type_name != self.type_name:
+            raise MismatchError(f"they are {topic.type_name}, not {self.type_name}")
+        return ("axes",)
+
+    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
+        """Pick the axes, apply the signs, discretise."""
+        axes = group.sequence("axes")
+        absent = [axis for axis in self.axes if not 0 <= axis < axes.shape[1]]
+        if absent:
+            raise MismatchError(f"axis {absent[0]} is not among their {axes.shape[1]} axes")
+        value = axes[:, self.axes].astype(np.float64) * self.signs
+        return {"command": value if self.threshold is None else discretise(value, self.threshold)}
+
+
+class JointStateCommands:
+    """`sensor_msgs/JointState`: commands by joint name in one of its fields."""
+
+    role = ROLE
+    type_name = "sensor_msgs/msg/JointState"
+    FIELDS = ("position", "velocity", "effort")
+
+    def __init__(self, joint_names: tuple[str, ...], field_name: str) -> None:
+        self.joint_names = joint_names
+        self.field_name = field_name
+
+    def wanted(self, topic: Topic) -> tuple[str, ...]:
+        """Names and the field."""
+        if topic.type_name != self.type_name:
+            raise MismatchError(f"they are {topic.type_name}, not {self.type_name}")
+        return ("name", self.field_name)
+
+    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
+        """Pick the machine's joints by name."""
+        names, values = group.text("name"), group.sequence(self.field_name)
+        columns = select_joints(names, self.joint_names)
+        if values.shape[1] != len(names):
+            raise MismatchError(
+                f"their field {self.field_name} holds {values.shape[1]} values for {len(names)} names"
+            )
+        return {"command": values[:, columns].astype(np.float64)}
+
+
+class FieldPathCommands:
+    """Any message: one field per joint, by path (`left.x`, `data[3]`, `axes[0].value`)."""
+
+    role = ROLE
+
+    def __init__(self, paths: list[str]) -> None:
+        self.paths = paths
+
+    def wanted(self, topic: Topic) -> tuple[str, ...]:
+        """The paths."""
+        return tuple(self.paths)
+
+    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
+        """Pick each path's value."""
+        values = [self._value(group, path) for path in self.paths]
+        return {"command": np.stack(values, axis=1)}
+
+    def _value(self, group: FieldGroup, path: str) -> np.ndarray:
+        base, _, index = path.removesuffix("]").rpartition("[")
+        if path in group.numbers or not (path.endswith("]") and index.isdecimal()):
+            return group.number(path).astype(np.float64)
+        values = group.sequence(base)
+        if int(index) >= values.shape[1]:
+            raise MismatchError(
+                f"their field `{base}` holds {values.shape[1]} values, so there is no `{path}`"
+            )
+        return values[:, int(index)].astype(np.float64)

@@ -1,0 +1,81 @@
+"""What a log holds once it is read, whatever its format: joint samples and commands with their stamps."""
+
+import enum
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipeline.logs.messages.columns import Column
+
+NANOSECONDS = 1_000_000_000  # per second
+
+
+class NoteKind(enum.StrEnum):
+    """What a note about a log is about."""
+
+    damage = "damage"  # bytes that could not be read
+    left_out = "left_out"  # messages or samples that were read and not used
+    changed = "changed"  # values that were used otherwise than they stand in the log
+    attention = "attention"  # nothing was done, but the user should know
+
+
+@dataclass(frozen=True)
+class Note:
+    """One line of the quality report: what was lost, left out or changed, where and how often.
+
+    Attributes:
+        kind: What the note is about.
+        text: One line.
+        count: How many messages, samples or places the line speaks of.
+    """
+
+    kind: NoteKind
+    text: str
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class TargetPoses:
+    """Target poses of the end effector in frame {B}.
+
+    Attributes:
+        log_time_ns: When each was recorded, shape (K,), int64.
+        position: m, shape (K, 3), float64.
+        quaternion: Unit quaternion (w, x, y, z), shape (K, 4), float64.
+        frame_id: The messages' frame.
+    """
+
+    log_time_ns: Column
+    position: Column
+    quaternion: Column
+    frame_id: str
+
+
+@dataclass(frozen=True)
+class RawLog:
+    """One log as recorded: every message in file order, nothing resampled or cleaned.
+
+    Its columns are arrays, or lie on disk and are read by slices.
+
+    Attributes:
+        name: The bag's name, without folder and suffix.
+        path: Where it was read.
+        joint_stamp_ns: `header.stamp` of each joint sample, shape (N,), int64; zero where the log has none.
+        joint_log_time_ns: When each joint sample was recorded, shape (N,), int64.
+        q: Joint positions in the machine's joint order, shape (N, n_joint), float64, rad or m.
+        command_log_time_ns: When each command was recorded, shape (M,), int64.
+        command: Commands in the machine's joint order, shape (M, n_joint), float64.
+        targets: Target poses, where the log has any.
+        message_counts: Messages per topic (rows per file for tables), all topics of the log.
+        notes: What was damaged, left out or odd.
+    """
+
+    name: str
+    path: Path
+    joint_stamp_ns: Column
+    joint_log_time_ns: Column
+    q: Column
+    command_log_time_ns: Column
+    command: Column
+    targets: TargetPoses | None = None
+    message_counts: dict[str, int] = field(default_factory=dict)
+    notes: tuple[Note, ...] = ()

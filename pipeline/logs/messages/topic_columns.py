@@ -1,0 +1,128 @@
+"""Turns the message blocks of one topic into columns of numbers."""
+
+from collections import Counter
+from typing import Protocol
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.logs.messages.columns import Column, ColumnStore
+from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger, Topic
+from pipeline.logs.messages.message_definitions import DefinitionError, Definitions, parse_definition
+from pipeline.logs.messages.message_layout import FieldGroup, LayoutError, decode_block
+from pipeline.logs.messages.raw_log import Note, NoteKind
+
+
+class MismatchError(Exception):
+    """Messages that do not hold what is wanted of them; the text says what they lack."""
+
+
+class Adapter(Protocol):
+    """Knows which fields of a topic's messages are wanted and what they become."""
+
+    role: str  # what the topic is to the pipeline, for messages to the user
+
+    def wanted(self, topic: Topic) -> tuple[str, ...]:
+        """Return the paths of the wanted fields.
+
+        Raises:
+            MismatchError: The topic's type cannot hold them.
+        """
+        ...
+
+    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
+        """Return columns, each of shape (n, …), from the decoded fields of n messages.
+
+        Raises:
+            MismatchError: These messages lack what is wanted.
+        """
+        ...
+
+
+class TopicColumns:
+    """Collects one topic's columns block by block, in file order.
+
+    Messages that do not fit are counted by reason; if none fits, `finish` refuses the log.
+    """
+
+    def __init__(self, topic_name: str, adapter: Adapter, store: ColumnStore) -> None:
+        self.topic_name = topic_name
+        self.adapter = adapter
+        self.store = store
+        self.reasons: Counter[str] = Counter()
+        self.is_empty = True
+
+    @property
+    def table(self) -> str:
+        """Name of the topic's columns in the store."""
+        return self.adapter.role.replace(" ", "_")
+
+    def add(self, block: MessageBlock) -> None:
+        """Decode a block and append its columns."""
+        try:
+            wanted = self.adapter.wanted(block.topic)
+            definitions = _definitions(block.topic)
+        except (MismatchError, DefinitionError) as reason:
+            self.reasons[str(reason)] += len(block.start)
+            return
+        groups, malformed = decode_block(block, definitions, wanted)
+        if len(malformed):
+            self.reasons["they do not fit their definition"] += len(malformed)
+        parts, order = [], []
+        for group in groups:
+            try:
+                columns = self.adapter.convert(group)
+            except (MismatchError, LayoutError) as reason:
+                self.reasons[str(reason)] += len(group.index)
+                continue
+            parts.append({"log_time_ns": block.log_time_ns[group.index], **columns})
+            order.append(group.index)
+        if parts:
+            columns = parts[0]
+            if len(parts) > 1:
+                in_file_order = np.argsort(np.concatenate(order), kind="stable")
+                columns = {
+                    name: np.concatenate([part[name] for part in parts])[in_file_order] for name in parts[0]
+                }
+            self.store.append(self.table, columns)
+            self.is_empty = False
+
+    def finish(self, ledger: ReadingLedger) -> dict[str, Column]:
+        """Return all columns, and note in the ledger what was left out.
+
+        Raises:
+            InputError: No message of the topic could be used, or its messages are of several types.
+        """
+        types = {topic.type_name for topic in ledger.topics.get(self.topic_name, [])}
+        if len(types) > 1:
+            raise InputError(
+                f"{ledger.path}: {self.adapter.role}: topic {self.topic_name} carries several types "
+                f"({', '.join(sorted(types))}); name another topic in conf/machine"
+            )
+        if self.is_empty:
+            raise InputError(self._why_nothing(ledger))
+        for reason, count in self.reasons.items():
+            text = f"{count} messages of {self.topic_name} ({self.adapter.role}) left out: {reason}"
+            ledger.notes.append(Note(NoteKind.left_out, text, count))
+        return self.store.columns(self.table)
+
+    def _why_nothing(self, ledger: ReadingLedger) -> str:
+        place = f"{ledger.path}: {self.adapter.role}"
+        damage = next((f"; damage: {note.text}" for note in ledger.notes if note.kind is NoteKind.damage), "")
+        if self.reasons:
+            reason, count = self.reasons.most_common(1)[0]
+            return f"{place}: none of the {count} messages of {self.topic_name} can be used: {reason}{damage}"
+        seen = "; ".join(
+            f"{name} ({', '.join(topic.type_name for topic in topics)}, {ledger.counts[name]} messages)"
+            for name, topics in sorted(ledger.topics.items())
+        )
+        what = "has no messages" if self.topic_name in ledger.topics else "is not in the log"
+        return (
+            f"{place}: topic {self.topic_name} {what}, set it in conf/machine; seen: {seen or 'none'}{damage}"
+        )
+
+
+def _definitions(topic: Topic) -> Definitions:
+    if topic.encoding not in ("cdr", "ros1"):
+        raise MismatchError(f"their encoding `{topic.encoding}` is neither `cdr` nor `ros1`")
+    return parse_definition(topic.type_name, topic.definition, topic.definition_format)

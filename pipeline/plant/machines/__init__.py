@@ -1,0 +1,1 @@
+"""Which machines are simulated, with the values of their parameters."""

@@ -1,0 +1,1 @@
+"""Recorded sessions of the simulated machine, driven by a scripted operator."""

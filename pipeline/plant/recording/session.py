@@ -1,0 +1,159 @@
+"""Recorded sessions: the operator drives the plant, and what a log would hold is kept as arrays."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.machine.specification import MachineSpecification
+from pipeline.plant.parameters import Parameters
+from pipeline.plant.physics.kinematics import configuration
+from pipeline.plant.recording.operator import Operator, OperatorStyle
+from pipeline.plant.simulator import Plant
+
+NANOSECONDS = 1_000_000_000
+SESSION_NAME = "%Y-%m-%d-%H-%M-%S"  # of a recording's bag: when it begins
+
+
+@dataclass
+class RecordConfig:
+    """Section `record` of the profile."""
+
+    session_minutes: list[float]
+    held_out_minutes: float
+    first_session: str  # ISO 8601 with time zone
+    seed: int
+
+    def __post_init__(self) -> None:
+        if not self.session_minutes or any(not minutes > 0.0 for minutes in self.session_minutes):
+            raise InputError(
+                f"record.session_minutes is {self.session_minutes}; list positive durations in minutes"
+            )
+        if not self.held_out_minutes > 0.0:
+            raise InputError(f"record.held_out_minutes is {self.held_out_minutes}; it must be positive")
+        read_moment("record.first_session", self.first_session)
+        if self.seed < 0:
+            raise InputError(f"record.seed is {self.seed}; it must not be negative")
+
+
+def read_moment(name: str, text: str) -> datetime:
+    """A moment with its time zone.
+
+    Args:
+        name: Of the setting, for the message.
+        text: ISO 8601.
+
+    Raises:
+        InputError: It is none, or has no time zone.
+    """
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        moment = None
+    if moment is None or moment.tzinfo is None:
+        raise InputError(
+            f"{name} is {text}; write date and time with zone, such as 2024-05-06T09:00:00+00:00"
+        )
+    return moment
+
+
+@dataclass(frozen=True)
+class SessionLog:
+    """One session as a bag would hold it. N joint states, M commands; times are absolute, ns."""
+
+    joint_names: tuple[str, ...]  # as published
+    joint_state_header_stamp_ns: np.ndarray  # (N,) int64
+    joint_state_log_time_ns: np.ndarray  # (N,) int64
+    positions: np.ndarray  # (N, n_joint) float64, rad
+    command_log_time_ns: np.ndarray  # (M,) int64
+    commands: np.ndarray  # (M, n_joint) int8
+    true_positions: np.ndarray  # (M, n_joint) float64, rad, at the ends of the control periods; not for bags
+
+
+def record_session(
+    machine: MachineSpecification,
+    parameters: Parameters,
+    style: OperatorStyle,
+    minutes: float,
+    seed: int,
+    start_time_ns: int,
+    changes: Sequence[tuple[float, Parameters]] = (),
+    progress: Callable[[float], None] | None = None,
+) -> SessionLog:
+    """Let an operator paint W+ with a plant.
+
+    Args:
+        machine: names, limits, rate and workspace.
+        parameters: the plant's quantities at the start.
+        style: the operator's habits.
+        minutes: duration of the session.
+        seed: of the plant's process variation, the operator's choices and the start.
+        start_time_ns: absolute time of the session's start.
+        changes: later parameters, each with the time since start, s, from which on they hold; ascending.
+        progress: called about once per simulated second with the simulated time, s.
+
+    Returns:
+        The log.
+
+    Raises:
+        InputError: the machine has no workspace, or its rate is not the plant's.
+    """
+    if abs(machine.dt_s - parameters.numerics.control_period_s) > 1e-9:
+        raise InputError(
+            f"conf/machine/{machine.name}.yaml: rate_hz is {machine.rate_hz}; the plant takes commands every "
+            f"{parameters.numerics.control_period_s} s"
+        )
+    plant_seed, operator_seed, start_seed = np.random.SeedSequence(seed).generate_state(3)
+    operator = Operator(machine, style, int(operator_seed))
+    plant = Plant(parameters, int(plant_seed), start_configuration(machine, int(start_seed)))
+    measured = plant.state.link_angle_rad.copy()
+    n_step = round(minutes * 60.0 / machine.dt_s)
+    per_second = max(round(machine.rate_hz), 1)
+    pending = list(changes)
+    samples = []
+    commands = np.zeros((n_step, machine.n_joint), dtype=np.int8)
+    for step in range(n_step):
+        while pending and plant.time_s >= pending[0][0]:
+            plant.change(pending.pop(0)[1])
+        commands[step] = operator.command(measured)
+        sample = plant.step(commands[step])
+        if sample.joint_states.position_rad.size:
+            measured = sample.joint_states.position_rad[-1]
+        samples.append(sample)
+        if progress is not None and step % per_second == 0:
+            progress(plant.time_s)
+    return SessionLog(
+        joint_names=machine.joint_names,
+        joint_state_header_stamp_ns=_absolute([s.joint_states.stamp_s for s in samples], start_time_ns),
+        joint_state_log_time_ns=_absolute([s.joint_states.log_s for s in samples], start_time_ns),
+        positions=np.concatenate([s.joint_states.position_rad for s in samples]),
+        command_log_time_ns=_absolute([s.command_log_s for s in samples], start_time_ns),
+        commands=commands,
+        true_positions=np.concatenate([s.angle_rad for s in samples]),
+    )
+
+
+def start_configuration(machine: MachineSpecification, seed: int) -> np.ndarray:
+    """A configuration in the middle of W+, chisel about straight down, (n_joint,), rad.
+
+    Raises:
+        InputError: the machine has no workspace.
+    """
+    if machine.workspace is None:
+        raise InputError(f"conf/machine/{machine.name}.yaml: workspace is missing; sessions start inside it")
+    random = np.random.default_rng(seed)
+    workspace = machine.workspace
+    while True:
+        share = random.uniform(0.3, 0.7, 3)
+        radius = workspace.radius_min_m + share[0] * (workspace.radius_max_m - workspace.radius_min_m)
+        height = workspace.z_min_m + share[1] * (workspace.z_max_m - workspace.z_min_m)
+        yaw = workspace.yaw_max_rad * (2.0 * share[2] - 1.0)
+        q = configuration(np.array([radius, height]), float(random.uniform(-0.3, 0.3)), yaw)
+        if q is not None and np.all(q > machine.lower) and np.all(q < machine.upper):
+            return q
+
+
+def _absolute(seconds: list[np.ndarray], start_time_ns: int) -> np.ndarray:
+    return start_time_ns + np.round(np.concatenate(seconds) * NANOSECONDS).astype(np.int64)

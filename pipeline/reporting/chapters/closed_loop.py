@@ -1,0 +1,107 @@
+"""The index page's chapter on the closed loop: the verdict, errors before and after, and what the seal said."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from pipeline.machine.specification import MachineSpecification
+from pipeline.reporting.closed_loop.figures import BASELINES
+from pipeline.reporting.closed_loop.quantities import number, readable_unit, significant
+from pipeline.reporting.closed_loop.verdict import HORIZON, affected_joints, held_out_error, verdict_sentence
+from pipeline.reporting.page import Section
+from pipeline.reporting.results.artifacts import ClosedLoopResult
+from pipeline.reporting.table import Table
+
+TITLE = "Closing the loop"
+
+
+@dataclass(frozen=True)
+class MachineUnits:
+    """Joints and units of a machine, for the verdict's sentence."""
+
+    joints: Sequence[str]
+    units: Sequence[str]
+
+
+def closed_loop_section(machine: MachineSpecification, result: ClosedLoopResult, output: Path) -> Section:
+    """What the measured logs showed that the model lacks, and whether that is so.
+
+    Args:
+        machine: The machine.
+        result: What `close_loop` and `unseal` left.
+        output: Folder of the page, from which the link to the loop's own report starts.
+    """
+    document = result.document
+    if "verdict" not in document:
+        return Section(TITLE, "The loop was not closed.", paragraphs=[f"{document['note']}."])
+    table = closed_loop_table(machine, result)
+    link = Markup('Evidence, rivals and the next experiment: <a href="{0}">{1}</a>.').format(
+        os.path.relpath(result.page, output), result.page
+    )
+    return Section(
+        TITLE,
+        verdict_sentence(document, MachineUnits(machine.joint_names, machine.units)),
+        tables=[table] if table is not None else [],
+        paragraphs=[seal_sentence(result.judgement), link],
+    )
+
+
+def closed_loop_table(machine: MachineSpecification, result: ClosedLoopResult) -> Table | None:
+    """Four-second errors before and after per joint, beside the baselines; None where the loop was not closed."""
+    document = result.document
+    if "verdict" not in document:
+        return None
+    baselines = document.get("baselines") or {}
+    shown = {name: label for name, (label, _) in BASELINES.items() if name in baselines}
+    affected = affected_joints(document)
+    rows = []
+    for joint, unit in zip(machine.joint_names, machine.units, strict=True):
+        factor, name = readable_unit(unit)
+        values = [held_out_error(document, when, joint) for when in ("before", "after")]
+        values += [_error(baselines[baseline], joint) for baseline in (*shown, "nominal_floor")]
+        label = f"{joint}, affected" if joint in affected else joint
+        rows.append([f"{label} [{name}]", *(significant(factor * value) for value in values)])
+    n_steps = document["held_out"]["n_steps"]
+    return Table(
+        f"4 s error (RMSE) of the model before and after, on {n_steps} measured steps that no fit saw",
+        [
+            "Joint",
+            "Before",
+            "With what was found",
+            *(label.capitalize() for label in shown.values()),
+            "On nominal logs",
+        ],
+        rows,
+        ["On nominal logs: the uncorrected model on validation rows of the machine as it was."],
+    )
+
+
+def seal_sentence(judgement: Mapping[str, Any]) -> str:
+    """What the seal said, in two sentences."""
+    if "note" in judgement:
+        return f"No seal was opened: {judgement['note']}."
+    truth = "; ".join(judgement["truth"]) or "nothing"
+    return f"The seal, opened last, says that the simulated machine has {truth}. The verdict is {_grade(judgement)}."
+
+
+def _grade(judgement: Mapping[str, Any]) -> str:
+    truth, said = judgement["truth"], judgement["said"]
+    if judgement["verdict_right"]:
+        return "right"
+    if not said:
+        return "wrong: nothing was found" if truth else "undecided: the logs could not tell"
+    if not truth:
+        return "wrong: a false alarm"
+    if judgement["family_right"]:
+        return "undecided: what it names is true" if judgement["joints_right"] else "wrong about the joints"
+    if judgement["among_equivalents"]:
+        return "not right: the truth is among what it names, but not alone"
+    return f"wrong: it says {'; '.join(said)}"
+
+
+def _error(baseline: Mapping[str, Any], joint: str) -> float:
+    return number((baseline.get(HORIZON) or {}).get(joint))

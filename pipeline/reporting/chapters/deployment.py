@@ -1,0 +1,96 @@
+"""The report's chapter on deployment: the controllers where they would run, with delays, and on the plant."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from pipeline.machine.specification import MachineSpecification
+from pipeline.reaching.metrics import PITCH_THRESHOLDS_RAD, POSITION_THRESHOLDS_M
+from pipeline.reporting.chapters.models import worst_joint
+from pipeline.reporting.figures.arrays import success_rate_figure
+from pipeline.reporting.page import SVG, Figure, Points, Section
+from pipeline.reporting.results.controllers import controller_title
+from pipeline.reporting.results.deployments import Deployment, Drive
+from pipeline.reporting.table import Table
+from pipeline.reporting.tables.deployment import (
+    delays_table,
+    drops,
+    sim2real_table,
+    sim2sim_table,
+    until_goal_table,
+)
+
+TITLE = "Deployment"
+SIM2SIM_RATES, SIM2REAL_RATES = "sim2sim_success_rates", "sim2real_success_rates"
+FIGURES = (SIM2SIM_RATES, SIM2REAL_RATES)  # names, among all pictures
+
+
+def deployment_section(
+    machine: MachineSpecification,
+    deployments: Sequence[Deployment],
+    figures: Mapping[str, Figure],
+    origin: str,
+) -> Section:
+    """What becomes of the success rates once delays and another machine come in."""
+    tables = deployment_tables(machine, deployments, origin)
+    delays = tables.pop("delays", None)
+    return Section(
+        TITLE,
+        "The controllers in the asynchronous graph in which they would drive the machine, and through it on the plant.",
+        [figures[name] for name in FIGURES if name in figures],
+        list(tables.values()),
+        paragraphs=_paragraphs(machine, deployments),
+        points=[Points("What the transfer costs", drops(deployments))],
+        folded_tables=[delays] if delays is not None else [],
+    )
+
+
+def deployment_tables(
+    machine: MachineSpecification, deployments: Sequence[Deployment], origin: str
+) -> dict[str, Table]:
+    """All tables of the chapter that there are, by name."""
+    tables = {
+        "sim2sim": sim2sim_table(deployments, origin),
+        "sim2real": sim2real_table(deployments, origin),
+        "until_goal": until_goal_table(machine, deployments),
+        "delays": delays_table(deployments),
+    }
+    return {name: table for name, table in tables.items() if table is not None}
+
+
+def deployment_figures(deployments: Sequence[Deployment]) -> dict[str, Figure]:
+    """Success-rate matrices, side by side as in the paper's figures; by name."""
+    sides: dict[str, tuple[str, Callable[[Deployment], Sequence[Drive]]]] = {
+        SIM2SIM_RATES: ("Sim2Sim: success rates in Brax and in the graph", lambda d: d.sim2sim),
+        SIM2REAL_RATES: ("Sim2Real: success rates in the graph and on the plant", lambda d: d.sim2real),
+    }
+    figures = {}
+    for name, (title, drives_of) in sides.items():
+        rates = {
+            f"{controller_title(drive.name)}, {drive.where.lower()} ({drive.n_trials})": drive.success_rates
+            for deployment in deployments
+            for drive in drives_of(deployment)
+        }
+        if rates:
+            figures[name] = Figure(
+                title,
+                "Percentage of trials in which distance and pitch error were below their thresholds at the same tick; "
+                "number of trials in brackets.",
+                success_rate_figure(rates, np.array(POSITION_THRESHOLDS_M), np.array(PITCH_THRESHOLDS_RAD)),
+                SVG,
+            )
+    return figures
+
+
+def _paragraphs(machine: MachineSpecification, deployments: Sequence[Deployment]) -> list[str]:
+    paragraphs = []
+    for deployment in deployments:
+        if not deployment.model_error:
+            continue
+        joint, unit = worst_joint(machine, deployment.model_error)
+        stops = deployment.safety.get("emergency_stops", 0)
+        paragraphs.append(
+            f"{controller_title(deployment.name)} on the plant: over four seconds of its drive the model's worst joint "
+            f"({joint}) is off by {deployment.model_error[joint]:.3f} {unit}; emergency stops: {stops}."
+        )
+    return paragraphs

@@ -1,0 +1,1 @@
+"""What the stages left in the artifacts folder, read back."""

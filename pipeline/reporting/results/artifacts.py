@@ -1,0 +1,107 @@
+"""What the stages left in the artifacts folder, read back for tables and figures."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.reporting.results.controllers import ControllerResult, read_controllers
+from pipeline.reporting.results.deployments import Deployment, read_deployments
+from pipeline.reporting.results.files import existing, read_json
+
+
+@dataclass(frozen=True)
+class ModelResult:
+    """A dynamics model: content of `artifacts/identify/<kind>`."""
+
+    kind: str  # <parameterization>_<target>
+    specification: dict[str, Any]
+    lineage: dict[str, Any]
+    metrics: dict[str, Any]
+    open_loop: dict[str, np.ndarray]
+
+    @property
+    def architecture(self) -> str:
+        """As the paper writes it, `MLP(512, 128)`."""
+        hidden = ", ".join(str(units) for units in self.specification["hidden"])
+        return f"{self.specification['parameterization'].upper()}({hidden})"
+
+
+@dataclass(frozen=True)
+class JudgementResult:
+    """A model beside the references: content of `artifacts/judge/<kind>`."""
+
+    kind: str
+    comparisons: dict[str, dict[str, Any]]  # errors, error_growth, extrapolation: sentence and table
+    figures: dict[str, bytes]  # SVG by name
+
+
+@dataclass(frozen=True)
+class ClosedLoopResult:
+    """The closed loop and what its seal said: content of `artifacts/close_loop`."""
+
+    document: dict[
+        str, Any
+    ]  # contract, section 4; or a `note` where there was nothing to close the loop with
+    judgement: dict[str, Any]  # of the stage unseal; or a `note` where there is no seal
+    page: Path  # the loop's own report
+
+
+@dataclass(frozen=True)
+class PipelineResults:
+    """Everything that the report shows."""
+
+    quality: dict[str, Any]
+    models: list[ModelResult]
+    judgements: list[JudgementResult]
+    controllers: list[ControllerResult]
+    closed_loop: ClosedLoopResult
+    deployments: list[Deployment] = field(default_factory=list)
+
+
+def read_results(
+    artifacts: Path, kinds: Sequence[str], controllers: Mapping[str, Sequence[int]]
+) -> PipelineResults:
+    """Read what the stages wrote.
+
+    Args:
+        artifacts: The folder that they write into.
+        kinds: Model kinds, `<parameterization>_<target>`.
+        controllers: Names and seeds of the controllers that must be there.
+
+    Raises:
+        InputError: a file of a stage is missing or damaged.
+    """
+    models = [_model(artifacts / "identify" / kind) for kind in kinds]
+    judgements = [_judgement(artifacts / "judge" / kind) for kind in kinds]
+    quality = read_json(artifacts / "ingest/sessions/quality.json")
+    evaluated = read_controllers(artifacts, controllers)
+    return PipelineResults(
+        quality,
+        models,
+        judgements,
+        evaluated,
+        _closed_loop(artifacts / "close_loop"),
+        read_deployments(artifacts, evaluated),
+    )
+
+
+def _model(folder: Path) -> ModelResult:
+    meta = read_json(folder / "meta.json")
+    with np.load(existing(folder / "open_loop.npz"), allow_pickle=False) as content:
+        open_loop = dict(content)
+    return ModelResult(
+        folder.name, meta["specification"], meta["metadata"], read_json(folder / "metrics.json"), open_loop
+    )
+
+
+def _judgement(folder: Path) -> JudgementResult:
+    figures = {path.stem: path.read_bytes() for path in sorted((folder / "figures").glob("*.svg"))}
+    return JudgementResult(folder.name, read_json(folder / "comparisons.json"), figures)
+
+
+def _closed_loop(folder: Path) -> ClosedLoopResult:
+    document, judgement = (read_json(folder / name) for name in ("closed_loop.json", "judgement.json"))
+    return ClosedLoopResult(document, judgement, folder / "report.html")

@@ -1,0 +1,136 @@
+"""Deployments as the stages left them: `artifacts/sim2sim`, `artifacts/sim2real`, `artifacts/evaluate_logs`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.reaching.metrics import Traces, load_traces, reaching_metrics, success_rate_matrix
+from pipeline.reporting.results.controllers import ControllerResult
+from pipeline.reporting.results.files import existing, read_json
+from pipeline.reporting.results.paper import DEPLOYED
+
+
+class Where(StrEnum):
+    """Where a controller drove; the values are headings of the tables."""
+
+    brax = "Brax"
+    graph = "Graph"  # the asynchronous graph in simulated time, where the paper has Gazebo
+    plant = "Plant"  # the simulated machine through the same graph, where the paper has the real one
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Trials of one controller in one place.
+
+    Attributes:
+        name: of the controller, `<algorithm>_<model kind>`.
+        where: it drove.
+        metrics: over the trials; names as in `metrics.json`.
+        success_rates: over the paper's grid of thresholds, (17, 8).
+        n_trials: how many.
+    """
+
+    name: str
+    where: Where
+    metrics: Mapping[str, float]
+    success_rates: np.ndarray
+    n_trials: int
+
+
+@dataclass(frozen=True)
+class Deployment:
+    """What one controller did.
+
+    Attributes:
+        name: of the controller.
+        sim2sim: Brax (where it was evaluated) and the graph, over the same episodes.
+        sim2real: the graph and the plant, over the same first targets; empty where it did not drive the plant.
+        until_goal: content of `goals.json` of the run whose trials end on the goal; None without one.
+        model_error: 4-second error of its model on the plant's bag by joint, rad or m; empty without one.
+        delays: that were seen in the plant's bag (`evaluate_logs`); empty without one.
+        safety: what safety did in it (`evaluate_logs`).
+    """
+
+    name: str
+    sim2sim: Sequence[Drive]
+    sim2real: Sequence[Drive]
+    until_goal: dict[str, Any] | None
+    model_error: Mapping[str, float]
+    delays: Mapping[str, Any]
+    safety: Mapping[str, Any]
+
+
+def files_of(
+    artifacts: Path, controllers: Sequence[ControllerResult], deployments: Sequence[Deployment]
+) -> list[Path]:
+    """What evaluations and deployments are read from, as their stages wrote it; what is not there is left out."""
+    evaluated = [controller.evaluation / "traces.npz" for controller in controllers]
+    deployed = [
+        path
+        for deployment in deployments
+        for path in (
+            artifacts / "sim2sim" / deployment.name / "traces.npz",
+            artifacts / "sim2real" / deployment.name,
+        )
+    ]
+    return [path for path in evaluated + deployed if path.exists()]
+
+
+def read_deployments(artifacts: Path, controllers: Sequence[ControllerResult]) -> list[Deployment]:
+    """Read every deployment that there is, in the order of the paper's tables; others after them.
+
+    Metrics without traces are what an earlier run left under git: the graph no longer makes them.
+
+    Args:
+        artifacts: the folder that the stages write into.
+        controllers: evaluated in Brax; the lowest seed of each is the one that is deployed.
+
+    Raises:
+        InputError: a file is missing or damaged.
+    """
+    names = sorted(path.parent.name for path in (artifacts / "sim2sim").glob("*/traces.npz"))
+    ordered = [name for name in DEPLOYED if name in names] + [name for name in names if name not in DEPLOYED]
+    evaluated: dict[str, ControllerResult] = {}
+    for controller in sorted(controllers, key=lambda controller: controller.seed):
+        evaluated.setdefault(controller.name, controller)
+    return [_deployment(artifacts, name, evaluated.get(name)) for name in ordered]
+
+
+def first_trials(traces: Traces, n: int) -> Traces:
+    """The first `n` of the episodes."""
+    return Traces(*(values[:n] for values in traces))
+
+
+def _deployment(artifacts: Path, name: str, evaluated: ControllerResult | None) -> Deployment:
+    graph = load_traces(existing(artifacts / "sim2sim" / name / "traces.npz"))
+    n_episodes = len(graph.q)
+    sim2sim = [_drive(name, Where.graph, graph)]
+    if evaluated is not None:
+        brax = load_traces(existing(evaluated.evaluation / "traces.npz"))
+        if len(brax.q) >= n_episodes:
+            sim2sim.insert(0, _drive(name, Where.brax, first_trials(brax, n_episodes)))
+    path = artifacts / "evaluate_logs" / name / "time_out.json"
+    content = read_json(path) if path.exists() else {}
+    if "reaching" not in content:  # not driven; or a note, where there is no plant of the machine
+        return Deployment(name, sim2sim, (), None, {}, {}, {})
+    reaching, goals = content["reaching"], artifacts / "sim2real" / name / "goal" / "goals.json"
+    matrix = np.array(reaching["success_rates"]["matrix"])
+    n_targets = int(reaching["n_episodes"])
+    plant = Drive(name, Where.plant, reaching, matrix, n_targets)
+    return Deployment(
+        name,
+        sim2sim,
+        (_drive(name, Where.graph, first_trials(graph, n_targets)), plant),
+        read_json(goals) if goals.exists() else None,
+        content["open_loop_rmse_80"],
+        content.get("delays", {}),
+        content.get("safety", {}),
+    )
+
+
+def _drive(name: str, where: Where, traces: Traces) -> Drive:
+    return Drive(name, where, reaching_metrics(traces).as_dict(), success_rate_matrix(traces), len(traces.q))

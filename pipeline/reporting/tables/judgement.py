@@ -1,0 +1,284 @@
+"""Tables of the judgement: every figure of every model and reference, the best marked, and who wins in words."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from pipeline.dynamics.evaluation.extrapolation import SPEED_STEPS, Extrapolation, ExtrapolationConfig
+from pipeline.dynamics.judgement import Judgement
+from pipeline.dynamics.references.grey_box import GreyBoxPredictor
+from pipeline.dynamics.references.narx import NarxPredictor
+from pipeline.dynamics.training.data_split import HELD_OUT, VALIDATION
+from pipeline.machine.specification import MachineSpecification
+from pipeline.reporting.results.paper import KIND_NAMES
+from pipeline.reporting.table import Table
+
+REFERENCE_NAMES = {
+    "arx_dq": "ARX Δq",
+    "arx_dqdot": "ARX Δq̇",
+    "narx": "NARX (FROLS)",
+    "grey_box": "grey box",
+}
+JUDGED_ON = {
+    HELD_OUT: "On a recording that neither training nor selection saw.",
+    VALIDATION: "On the validation rows, which early stopping saw: nothing was held out.",
+}
+GROWTH_HORIZONS_S = (0.05, 0.5, 1.0, 2.0, 4.0, 10.0, 20.0, 50.0)
+EXTRAPOLATION_LABELS = {  # what is measured, and in which unit; shares and ratios have none
+    "left_limits": ("leaves its limits under constant command, share", ""),
+    "beyond_median": ("beyond its limits, median", "{unit}"),
+    "beyond_largest": ("beyond its limits, largest", "{unit}"),
+    "moved_uncommanded": ("moves while only others are commanded, largest", "{unit}"),
+    "drift_at_rest": ("drifts from rest without command, largest", "{unit}"),
+    "residual_speed_median": ("speed after the stop, median", "{unit}/s"),
+    "residual_speed_largest": ("speed after the stop, largest", "{unit}/s"),
+    "creep_after_stop": ("creeps after the stop, largest", "{unit}"),
+    "unbounded": ("unbounded rollouts, share", ""),
+    "speed_ratio": ("largest speed / training's", ""),
+    "speed_ratio_inside": ("largest speed / training's, inside the limits", ""),
+}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Figures of several predictors, smaller is better.
+
+    Attributes:
+        title: What was measured.
+        rows: (quantity, joint, unit) and the value by predictor.
+        references: Which predictors are references.
+        notes: Footnotes.
+        indifferent_below: Quantities of which values below this are as good as one another.
+    """
+
+    title: str
+    rows: Sequence[tuple[tuple[str, str, str], Mapping[str, float]]]
+    references: Sequence[str]
+    notes: Sequence[str] = ()
+    indifferent_below: Mapping[str, float] = field(default_factory=dict)
+
+    def won_by_references(self) -> list[tuple[str, str, list[str]]]:
+        """Quantity, joint and the best references (several if they tie) where these are better than every model."""
+        won = []
+        for (quantity, joint, _), values in self.rows:
+            best = self._best(quantity, values)
+            if all(name in self.references for name in best):
+                won.append((quantity, joint, best))
+        return won
+
+    def lost_to_references(self) -> dict[str, int]:
+        """By model, on how many figures some reference is better than it."""
+        lost: dict[str, int] = {}
+        for (quantity, _, _), values in self.rows:
+            ranks = self._ranks(quantity, values)
+            best = min(ranks[reference] for reference in self.references)
+            for name, rank in ranks.items():
+                if name not in self.references:
+                    lost[name] = lost.get(name, 0) + (best < rank)
+        return lost
+
+    def sentence(self) -> str:
+        """Says plainly whether references win, on what and which."""
+        won, lost = self.won_by_references(), self.lost_to_references()
+        n_figures = len(self.rows)
+        if won:
+            by_quantity: dict[tuple[str, str], list[str]] = {}
+            for quantity, joint, best in won:
+                by_quantity.setdefault((quantity, _names(best)), []).append(joint)
+            named = "; ".join(
+                f"{quantity}: {names} ({', '.join(joints)})"
+                for (quantity, names), joints in by_quantity.items()
+            )
+            text = (
+                f"A reference is better than every model on {len(won)} of these {n_figures} figures. "
+                f"{named[0].upper()}{named[1:]}."
+            )
+        else:
+            text = f"No reference is better than the best model on any of these {n_figures} figures."
+        if len(lost) > 1:
+            counts = ", ".join(f"{display_name(name)} on {count}" for name, count in lost.items())
+            text += f" Taken alone, models are behind some reference so often: {counts}."
+        return text
+
+    def table(self) -> Table:
+        """One row per figure, one column per predictor; the best is bold, a reference's win is said so."""
+        names = list(self.rows[0][1])
+        rows = []
+        for (quantity, joint, unit), values in self.rows:
+            best = self._best(quantity, values)
+            cells = [_cell(values[name], name in best) for name in names]
+            rows.append([quantity, f"{joint} [{unit}]" if unit else joint, *cells, self._winner(best)])
+        columns = ["Figure", "Joint", *(display_name(name) for name in names), "Winner"]
+        return Table(
+            self.title, columns, rows, [*self.notes, "Smaller is better; the best of a row is bold."]
+        )
+
+    def _winner(self, best: Sequence[str]) -> str:
+        if all(name in self.references for name in best):
+            return f"reference: {_names(best)}"
+        return "tie" if any(name in self.references for name in best) else _names(best)
+
+    def _best(self, quantity: str, values: Mapping[str, float]) -> list[str]:
+        ranks = self._ranks(quantity, values)
+        return [name for name, rank in ranks.items() if rank == min(ranks.values())]
+
+    def _ranks(self, quantity: str, values: Mapping[str, float]) -> dict[str, float]:
+        floor = self.indifferent_below.get(quantity, 0.0)
+        return {name: np.inf if np.isnan(value) else max(value, floor) for name, value in values.items()}
+
+    def markdown(self) -> str:
+        """The sentence, and the table below it."""
+        return f"{self.sentence()}\n\n{self.table().markdown()}"
+
+    def content(self) -> dict[str, Any]:
+        """Sentence and table, for the report."""
+        return {"sentence": self.sentence(), **json.loads(self.table().json())}
+
+    def tidy(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows for CSV: one row per predictor, quantity and joint."""
+        rows = [
+            [name, quantity, joint, unit, repr(float(value))]
+            for (quantity, joint, unit), values in self.rows
+            for name, value in values.items()
+        ]
+        return ["predictor", "quantity", "joint", "unit", "value"], rows
+
+
+def error_comparison(
+    judgements: Mapping[str, Judgement],
+    references: Sequence[str],
+    machine: MachineSpecification,
+    judged_on: str,
+) -> Comparison:
+    """One-step and open-loop errors (contract, section 3)."""
+    any_ = next(iter(judgements.values())).errors
+    sources: dict[str, Callable[[Judgement], np.ndarray]] = {
+        "one step": lambda judgement: judgement.errors.one_step_rmse,
+        "open loop, 80 steps": lambda judgement: judgement.errors.open_loop_rmse_80,
+    }
+    rows = [
+        ((quantity, joint, unit), {name: float(read(one)[j]) for name, one in judgements.items()})
+        for quantity, read in sources.items()
+        for j, (joint, unit) in enumerate(zip(machine.joint_names, machine.units, strict=True))
+    ]
+    title = (
+        f"Root mean square errors over {any_.n_steps} single steps and {any_.n_windows} windows of 80 steps"
+    )
+    return Comparison(title, rows, references, [JUDGED_ON[judged_on]])
+
+
+def growth_comparison(
+    judgements: Mapping[str, Judgement],
+    references: Sequence[str],
+    machine: MachineSpecification,
+    confidence: float,
+) -> Comparison:
+    """Error after several horizons; the bands stand in the CSV and the figure."""
+    any_ = next(iter(judgements.values())).growth
+    steps = [round(horizon_s / machine.dt_s) for horizon_s in GROWTH_HORIZONS_S]
+    steps = [step for step in dict.fromkeys(steps) if 1 <= step <= len(any_.rmse)]
+    rows = [
+        (
+            (f"after {step * machine.dt_s:g} s", joint, unit),
+            {name: float(one.growth.rmse[step - 1, j]) for name, one in judgements.items()},
+        )
+        for step in steps
+        for j, (joint, unit) in enumerate(zip(machine.joint_names, machine.units, strict=True))
+    ]
+    note = (
+        f"Root mean square over {any_.n_windows} overlapping windows; {100 * confidence:g} % bands (moving-block "
+        f"bootstrap, {any_.n_blocks} independent stretches) stand in error_growth.csv."
+    )
+    return Comparison("Open-loop error at the end of the horizon", rows, references, [note])
+
+
+def growth_rows(
+    judgements: Mapping[str, Judgement], machine: MachineSpecification
+) -> tuple[list[str], list[list[str]]]:
+    """Header and rows for CSV: the error with its band at every horizon, by predictor and joint."""
+    rows = [
+        [
+            name,
+            joint,
+            str(step + 1),
+            f"{(step + 1) * machine.dt_s:g}",
+            *(f"{values[step, j]:.6g}" for values in (one.growth.rmse, one.growth.lower, one.growth.upper)),
+        ]
+        for name, one in judgements.items()
+        for j, joint in enumerate(machine.joint_names)
+        for step in range(len(one.growth.rmse))
+    ]
+    return ["predictor", "joint", "steps", "horizon_s", "rmse", "lower", "upper"], rows
+
+
+def extrapolation_comparison(
+    judgements: Mapping[str, Judgement],
+    references: Sequence[str],
+    machine: MachineSpecification,
+    config: ExtrapolationConfig,
+) -> Comparison:
+    """Behaviour under constant commands from random configurations."""
+    rows = []
+    for quantity in fields(Extrapolation):
+        label, unit = EXTRAPOLATION_LABELS[quantity.name]
+        for j, joint in enumerate(machine.joint_names):
+            values = {
+                name: float(getattr(one.extrapolation, quantity.name)[j]) for name, one in judgements.items()
+            }
+            if not all(np.isnan(value) for value in values.values()):
+                rows.append(((label, joint, unit.format(unit=machine.units[j])), values))
+    notes = [
+        f"From rest at random configurations inside the limits, {config.steps} steps of constant commands "
+        f"({config.configurations} configurations per pattern); for stopping, {config.motion_steps} steps of "
+        f"command and then zero; the speed is measured after {config.settle_steps} steps of zero command, over "
+        f"{SPEED_STEPS} steps.",
+        "No predictor is given the joint limits here: an environment adds end stops of its own.",
+        "A speed ratio above 1 is faster than the machine ever was in the training rows; values below 1 are alike.",
+    ]
+    ratios = {EXTRAPOLATION_LABELS[name][0]: 1.0 for name in ("speed_ratio", "speed_ratio_inside")}
+    return Comparison("Behaviour outside the training distribution", rows, references, notes, ratios)
+
+
+def narx_table(predictor: NarxPredictor, machine: MachineSpecification) -> Table:
+    """The selected terms of every joint, strongest first."""
+    names = predictor.term_names(machine.joint_names)
+    rows = []
+    for j, joint in enumerate(machine.joint_names):
+        ratios = predictor.error_reduction_ratios[:, j]
+        for i in np.argsort(-ratios, kind="stable")[: int(np.sum(ratios > 0))]:
+            rows.append([joint, names[i], f"{predictor.coefficients[i, j]:.4g}", f"{100 * ratios[i]:.3f} %"])
+    note = "ERR: error reduction ratio, the share of the next step's motion that the term explains."
+    return Table("Terms of the NARX model", ["Joint", "Term", "Coefficient", "ERR"], rows, [note])
+
+
+def grey_box_table(predictor: GreyBoxPredictor, machine: MachineSpecification) -> Table:
+    """Dead time, lag and gains of every joint."""
+    rows = [
+        [
+            f"{joint} [{unit}/s]",
+            f"{predictor.dead_time_s[j]:.3f}",
+            f"{predictor.lag_s[j]:.3f}",
+            f"{predictor.gain_positive[j]:.4g}",
+            f"{predictor.gain_negative[j]:.4g}",
+        ]
+        for j, (joint, unit) in enumerate(zip(machine.joint_names, machine.units, strict=True))
+    ]
+    columns = ["Joint", "Dead time [s]", "Lag [s]", "Speed at command 1", "Speed at command -1"]
+    return Table("Parameters of the grey-box model", columns, rows)
+
+
+def display_name(name: str) -> str:
+    """The name that tables and figures show."""
+    return REFERENCE_NAMES.get(name) or KIND_NAMES.get(name, name)
+
+
+def _names(predictors: Sequence[str]) -> str:
+    return ", ".join(display_name(name) for name in predictors)
+
+
+def _cell(value: float, best: bool) -> str:
+    text = "–" if np.isnan(value) else f"{value:.3g}"
+    return f"**{text}**" if best else text

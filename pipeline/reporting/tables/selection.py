@@ -1,0 +1,139 @@
+"""The paper's table of selected dynamics models: ours, and the published ones beside them."""
+
+import csv
+import dataclasses
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.dynamics.evaluation.inference_time import StepTime
+from pipeline.dynamics.search.selection import Candidate, SelectionRule
+from pipeline.dynamics.settings import TrainingConfig
+from pipeline.reporting.results.paper import KIND_NAMES, SELECTED_MODELS
+from pipeline.reporting.table import Table
+
+_COLUMNS = [
+    "Prediction",
+    "From",
+    "Parameterization",
+    "k",
+    "H",
+    "lr",
+    "n_B",
+    "L|eval at H = 80 [rad²]",
+    "Parameters",
+    "Step time [µs]",
+    "Why",
+]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was selected for one model kind.
+
+    Attributes:
+        kind: `<parameterization>_<target>`.
+        winner: The selected trial.
+        reason: Why it is preferred to the best.
+        shortlist: The trials within the margin.
+        times: Measured step times by trial.
+        published_n_parameters: Size of what the paper selected, here.
+        published_time: Its step time, here.
+    """
+
+    kind: str
+    winner: Candidate
+    reason: str
+    shortlist: list[Candidate]
+    times: dict[int, StepTime]
+    published_n_parameters: int
+    published_time: StepTime
+
+
+def published_training(kind: str) -> TrainingConfig:
+    """Hyper-parameters that the paper selected; its table states no epochs."""
+    name, lags, horizon, learning_rate, batch_size, _ = SELECTED_MODELS[kind]
+    hidden = [int(units) for units in name.partition("(")[2].rstrip(")").split(",")]
+    return TrainingConfig(hidden, lags, horizon, learning_rate, batch_size, maximum_epochs=1)
+
+
+def selection_table(selections: Sequence[Selection], rule: SelectionRule, profile: str, device: str) -> Table:
+    """The paper's table of selected models: a row with ours, then one with the published."""
+    rows = []
+    for selection in selections:
+        winner, published = selection.winner, published_training(selection.kind)
+        ours = _row(
+            selection.kind,
+            winner.training,
+            winner.evaluation_loss,
+            winner.n_parameters,
+            selection.times[winner.trial],
+        )
+        theirs = _row(
+            selection.kind,
+            published,
+            SELECTED_MODELS[selection.kind][5],
+            selection.published_n_parameters,
+            selection.published_time,
+        )
+        rows.append([ours[0], f"ours, trial {winner.trial}", *ours[1:], selection.reason])
+        rows.append([theirs[0], "paper", *theirs[1:], ""])
+    preferred = ", then ".join(criterion.value for criterion in rule.prefer)
+    n_calls = selections[0].published_time.n_calls
+    return Table(
+        f"Selected parameterizations and training hyperparameters, profile {profile}",
+        _COLUMNS,
+        rows,
+        [
+            f"Rule: of the trials whose L|eval is within {rule.margin:.1%} of the smallest, the one with the smallest "
+            f"{preferred}.",
+            "The paper's L|eval was measured on its own machine, so the two do not compare.",
+            f"Step time: one compiled step of a single state, median (quartiles) of {n_calls} calls on {device}; "
+            "the paper's networks are timed here, too.",
+        ],
+    )
+
+
+def table_csv(table: Table) -> str:
+    """The table as comma-separated values."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table.columns)
+    writer.writerows(table.rows)
+    return text.getvalue()
+
+
+def record(selection: Selection) -> dict[str, Any]:
+    """A selection as plain data, with every trial that was within the margin."""
+    return {
+        "kind": selection.kind,
+        "reason": selection.reason,
+        "selected": _candidate_record(selection, selection.winner),
+        "shortlist": [_candidate_record(selection, candidate) for candidate in selection.shortlist],
+    }
+
+
+def _candidate_record(selection: Selection, candidate: Candidate) -> dict[str, Any]:
+    content = dataclasses.asdict(candidate)
+    del content["inference_time_s"]
+    return content | {"step_time": dataclasses.asdict(selection.times[candidate.trial])}
+
+
+def _row(
+    kind: str, training: TrainingConfig, evaluation_loss: float, n_parameters: int, step_time: StepTime
+) -> list[str]:
+    parameterization, prediction = KIND_NAMES[kind].split()
+    quartiles = (step_time.lower_quartile_s, step_time.median_s, step_time.upper_quartile_s)
+    lower, median, upper = (f"{1e6 * quartile:.1f}" for quartile in quartiles)
+    return [
+        prediction,
+        f"{parameterization}({', '.join(map(str, training.hidden))})",
+        str(training.lags),
+        str(training.horizon),
+        f"{training.learning_rate:g}",
+        str(training.batch_size),
+        f"{evaluation_loss:.3e}",
+        str(n_parameters),
+        f"{median} ({lower} to {upper})",
+    ]

@@ -1,0 +1,77 @@
+"""Logs a model folder to a stage's run and registers it."""
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import pipeline
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.logs.tuples import Trajectory
+from pipeline.tracking import StageRun
+from pipeline.tracking.registry import MODEL_FOLDER
+
+if TYPE_CHECKING:
+    import pandas
+
+CODE = Path(__file__).with_name("dynamics_model.py")  # MLflow runs it; importing it would import MLflow
+# What a dynamics model is made with; MLflow installs it where the model is served.
+REQUIREMENTS = ("mlflow", "jax", "flax", "jaxkan", "numpy", "pandas", "polars", "pyarrow", "scipy")
+EXAMPLE_HORIZON = 20  # rows that the input example asks for: a second at 20 Hz
+
+
+def publish_dynamics_model(
+    run: StageRun,
+    folder: Path,
+    model: DynamicsModel,
+    registered_name: str,
+    trajectory: Trajectory,
+    name: str = "model",
+    alias: str | None = None,
+) -> None:
+    """Log a model that `identify` or `close_loop` wrote, with its signature, as a new version of a registered model.
+
+    It loads in one line wherever the tracking store is known:
+    `mlflow.pyfunc.load_model("models:/<registered_name>/<version>")`.
+
+    Args:
+        run: The stage's run; without tracking nothing is done.
+        folder: The model folder.
+        model: What it holds.
+        registered_name: Name in the registry.
+        trajectory: Rows for the input example.
+        name: Of the model in the run.
+        alias: Of the new version.
+    """
+    if not run.is_tracked:
+        return
+    n_measured = model.specification.lags + 2
+    example = example_rows(model, trajectory, n_measured, EXAMPLE_HORIZON)
+    run.model(
+        code=CODE,
+        package=Path(pipeline.__file__).parent,
+        artifacts={MODEL_FOLDER: folder},
+        requirements=[f"{name}=={version(name)}" for name in REQUIREMENTS],
+        registered_name=registered_name,
+        example=example,
+        name=name,
+        alias=alias,
+    )
+
+
+def example_rows(
+    model: DynamicsModel, trajectory: Trajectory, n_measured: int, horizon: int
+) -> "pandas.DataFrame":
+    """Rows as the model takes them: `n_measured` measured ones, then `horizon` with commands alone."""
+    import pandas  # takes a second; only tracked runs come here
+
+    rows = slice(0, n_measured + horizon)
+    columns = {}
+    for prefix, values in (("q", trajectory.q), ("qd", trajectory.qd), ("a", trajectory.a)):
+        for number, joint in enumerate(model.specification.joints):
+            column = values[rows, number].astype(np.float64)
+            if prefix != "a":
+                column[n_measured:] = np.nan
+            columns[f"{prefix}_{joint}"] = column
+    return pandas.DataFrame(columns)

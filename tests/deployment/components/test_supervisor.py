@@ -1,0 +1,244 @@
+"""The supervisor's rules, each against the property that it stands for."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.configuration.stage import MACHINE_DIRECTORY
+from pipeline.deployment.component import nanoseconds
+from pipeline.deployment.components.control_supervisor import ControlSupervisor
+from pipeline.deployment.components.self_collision import SelfCollision
+from pipeline.deployment.components.supervisor_rules import (
+    CommandDelay,
+    CommandFrequency,
+    CommandOrder,
+    CommandValue,
+    EncoderReading,
+    FrozenEncoder,
+    JointLimits,
+    StateFrequency,
+    build_rules,
+)
+from pipeline.deployment.messages import EmergencyStop, JointCommand, JointState, Topic
+from pipeline.errors import InputError
+from tests.deployment.machines import MIDDLE, bobcat, paper, supervised
+
+CONFIG = paper().supervisor
+LOWER, UPPER = bobcat().lower, bobcat().upper
+RANGE = UPPER - LOWER
+
+
+def command(
+    stamp_s: float = 0.0, sequence: int = 1, values=(1, 0, 0, 0), is_last: bool = False, observed_s=None
+):
+    observed_ns = nanoseconds(stamp_s if observed_s is None else observed_s)
+    return JointCommand(
+        nanoseconds(stamp_s), "server", sequence, observed_ns, np.array(values, float), is_last
+    )
+
+
+def state(stamp_s: float, position=MIDDLE, velocity=(0, 0, 0, 0)) -> JointState:
+    return JointState(nanoseconds(stamp_s), np.array(position, float), np.array(velocity, float))
+
+
+@given(st.lists(st.floats(0.001, 0.4), min_size=1, max_size=20))
+def test_silence_is_noticed_exactly_beyond_the_longest_gap(gaps: list[float]) -> None:
+    rule, now = CommandFrequency(CONFIG), 1.0
+    rule.on_command(command(), nanoseconds(now))
+    for gap in gaps:
+        objection = rule.on_tick(nanoseconds(now + gap))
+        assert (objection is not None) == (
+            nanoseconds(now + gap) - nanoseconds(now) > nanoseconds(CONFIG.maximum_command_gap_s)
+        )
+        now += gap
+        rule.on_command(command(), nanoseconds(now))
+
+
+@given(st.integers(1, 60))
+def test_too_many_commands_are_noticed(rate_hz: int) -> None:
+    rule = CommandFrequency(CONFIG)
+    heard = [rule.on_command(command(), nanoseconds(1.0 + n / rate_hz)) for n in range(3 * rate_hz)]
+    assert any(heard) == (rate_hz > CONFIG.maximum_command_rate_hz)
+
+
+def test_a_server_that_said_its_last_word_may_be_silent() -> None:
+    rule = CommandFrequency(CONFIG)
+    rule.on_command(command(is_last=True), 0)
+    assert rule.on_tick(nanoseconds(100.0)) is None
+
+
+@given(st.floats(-0.5, 0.5), st.floats(0.0, 1.0))
+def test_delays_are_bounded_on_both_sides(delay_s: float, age_s: float) -> None:
+    now_ns = nanoseconds(10.0)
+    sent = command(10.0 - delay_s, observed_s=10.0 - age_s)
+    delay_ns, age_ns = now_ns - sent.stamp_ns, now_ns - sent.observed_ns
+    fine = -nanoseconds(CONFIG.clock_tolerance_s) <= delay_ns <= nanoseconds(CONFIG.maximum_command_delay_s)
+    fine &= age_ns <= nanoseconds(CONFIG.maximum_decision_age_s)
+    assert (CommandDelay(CONFIG).on_command(sent, now_ns) is None) == fine
+
+
+@given(st.lists(st.integers(1, 6), min_size=1, max_size=8))
+def test_only_consecutive_commands_are_in_order(sequences: list[int]) -> None:
+    rule = CommandOrder()
+    heard = [rule.on_command(command(sequence=number), 0) for number in sequences]
+    assert (not any(heard)) == all(b == a + 1 for a, b in itertools.pairwise(sequences))
+
+
+@given(st.lists(st.floats(allow_nan=True, allow_infinity=True, width=32), min_size=0, max_size=6))
+def test_only_minus_one_zero_and_one_per_joint_are_commands(values: list[float]) -> None:
+    fine = len(values) == bobcat().n_joint and set(values) <= {-1.0, 0.0, 1.0}
+    assert (CommandValue(bobcat()).on_command(command(values=values), 0) is None) == fine
+
+
+@given(st.lists(st.floats(0.001, 0.3), min_size=2, max_size=20), st.floats(-0.05, 0.2))
+def test_joint_states_come_in_order_in_time_and_often(gaps: list[float], delay_s: float) -> None:
+    rule, now = StateFrequency(CONFIG), 1.0
+    fine_delay = -CONFIG.clock_tolerance_s + 1e-6 < delay_s < CONFIG.maximum_state_delay_s - 1e-6
+    for gap in gaps:
+        heard = rule.on_state(state(now - delay_s), nanoseconds(now))
+        if fine_delay:
+            assert heard is None
+        if abs(gap - CONFIG.maximum_state_gap_s) > 1e-6:
+            assert (rule.on_tick(nanoseconds(now + gap)) is not None) == (gap > CONFIG.maximum_state_gap_s)
+        now += gap
+    assert rule.on_state(state(now - gaps[-1] - delay_s - 0.01), nanoseconds(now)) is not None
+
+
+@given(st.integers(0, 3), st.floats(-1.0, 1.0), st.floats(0.005, 0.1))
+def test_a_jump_is_what_no_joint_can_do(joint: int, step: float, dt_s: float) -> None:
+    rule = EncoderReading(bobcat(), CONFIG)
+    rule.on_state(state(1.0), 0)
+    moved = MIDDLE.copy()
+    moved[joint] += step
+    allowed = (CONFIG.jump_tolerance + CONFIG.maximum_speed * dt_s) * RANGE[joint]
+    if abs(abs(step) - allowed) > 1e-6:
+        assert (rule.on_state(state(1.0 + dt_s, moved), 0) is not None) == (abs(step) > allowed)
+
+
+@given(st.integers(0, 3), st.sampled_from([np.nan, np.inf, -np.inf]), st.booleans())
+def test_readings_are_finite(joint: int, value: float, in_velocity: bool) -> None:
+    position, velocity = MIDDLE.copy(), np.zeros(4)
+    (velocity if in_velocity else position)[joint] = value
+    assert EncoderReading(bobcat(), CONFIG).on_state(state(1.0, position, velocity), 0) is not None
+
+
+@pytest.mark.parametrize(
+    ("commanded", "moves", "objects"), [(1, False, True), (0, False, False), (1, True, False)]
+)
+def test_a_frozen_encoder_is_one_of_a_commanded_joint(commanded: int, moves: bool, objects: bool) -> None:
+    rule = FrozenEncoder(bobcat(), CONFIG)
+    heard = []
+    for n in range(100):
+        now_ns = nanoseconds(n * 0.05)
+        rule.on_command(command(values=(commanded, 0, 0, 0)), now_ns)
+        rule.on_state(state(n * 0.05, MIDDLE + (1e-6 * n if moves else 0.0)), now_ns)
+        heard.append(rule.on_tick(now_ns))
+    assert any(heard) == objects
+
+
+def test_an_arm_at_its_end_stop_is_not_frozen() -> None:
+    rule = FrozenEncoder(bobcat(), CONFIG)
+    for n in range(100):
+        rule.on_command(command(values=(-1, -1, -1, -1)), nanoseconds(n * 0.05))
+        rule.on_state(state(n * 0.05, LOWER), nanoseconds(n * 0.05))
+        assert rule.on_tick(nanoseconds(n * 0.05)) is None
+
+
+@given(
+    st.lists(st.floats(-0.2, 1.2), min_size=4, max_size=4),
+    st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4),
+    st.sampled_from([0.0, 0.15]),
+)
+def test_a_reading_beyond_its_limit_is_no_end_stop(
+    shares: list[float], velocity: list[float], prediction_s: float
+) -> None:
+    config = dataclasses.replace(CONFIG, limit_prediction_s=prediction_s)
+    q, speed = LOWER + np.array(shares) * RANGE, np.array(velocity)
+    margin = config.limit_tolerance * RANGE
+    both = np.stack([q, q + prediction_s * speed])
+    fine = bool((both >= LOWER - margin).all() and (both <= UPPER + margin).all())
+    assert (JointLimits(bobcat(), config).on_state(state(1.0, q, speed), 0) is None) == fine
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([-1, 0, 1]), st.booleans(), st.integers(1, 80)), min_size=1, max_size=8
+    ),
+    st.integers(0, 3),
+    st.booleans(),
+)
+def test_a_joint_is_pressed_into_its_stop_for_so_long_and_no_longer(
+    stretches, joint: int, upper: bool
+) -> None:
+    """Stretches of one command at one place, of so many ticks: the objection is that of a counter of ticks."""
+    period_s = 0.05
+    rule = JointLimits(bobcat(), dataclasses.replace(CONFIG, maximum_stop_s=1.0))
+    stop = MIDDLE.copy()
+    stop[joint] = (UPPER if upper else LOWER)[joint]
+    n, pressed, before = 0, -1, (0, False)
+    for direction, at_stop, ticks in stretches:
+        for _ in range(ticks):
+            now_ns = nanoseconds(n * period_s)
+            values = np.zeros(4)
+            values[joint] = direction
+            rule.on_command(command(values=values), now_ns)
+            assert rule.on_state(state(n * period_s, stop if at_stop else MIDDLE), now_ns) is None
+            goes_on = direction != 0 and at_stop and before == (direction, at_stop)
+            pressed, before = pressed + 1 if goes_on else 0, (direction, at_stop)
+            assert (rule.on_tick(now_ns) is not None) == (pressed > 20)
+            n += 1
+
+
+def test_a_joint_that_runs_into_its_stop_and_away_again_is_ordinary_work() -> None:
+    """At the fastest joint's speed: two and a half seconds of way, as long at the stop, and back."""
+    rule, q, period_s = JointLimits(bobcat(), CONFIG), MIDDLE.copy(), 0.05
+    for n in range(2000):
+        direction = 1 if n % 200 < 100 else -1
+        before = q[0]
+        q[0] = np.clip(before + 0.4 * RANGE[0] * direction * period_s, LOWER[0], UPPER[0])
+        velocity = [(q[0] - before) / period_s, 0, 0, 0]
+        now_ns = nanoseconds(n * period_s)
+        rule.on_command(command(values=(direction, 0, 0, 0)), now_ns)
+        assert rule.on_state(state(n * period_s, q, velocity), now_ns) is None
+        assert rule.on_tick(now_ns) is None
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4), st.floats(0.02, 0.2))
+def test_a_clearance_is_cut_off_at_its_horizon(shares: list[float], horizon_m: float) -> None:
+    q = LOWER + np.array(shares) * RANGE
+    shapes = SelfCollision(bobcat(), MACHINE_DIRECTORY)
+    assert shapes.clearance(q, horizon_m) == pytest.approx(min(shapes.clearance(q, 1.0), horizon_m), abs=1e-6)
+
+
+def test_a_hammer_folded_into_the_boom_is_a_collision() -> None:
+    rules = build_rules(bobcat(), dataclasses.replace(CONFIG, rules=["self_collision"]), MACHINE_DIRECTORY)
+    rule = rules["self_collision"]
+    rule.on_state(state(1.0, MIDDLE), 0)
+    assert rule.on_tick(0) is None
+    rule.on_state(
+        state(1.0, [0.0, 0.3, -2.4, -2.2]), 0
+    )  # the hammer's tip in the boom: all joints within limits
+    assert rule.on_tick(0) is not None
+
+
+def test_the_supervisor_stops_once_and_goes_on_saying_so() -> None:
+    config = supervised().supervisor
+    supervisor = ControlSupervisor(build_rules(bobcat(), config, MACHINE_DIRECTORY), config.period_s)
+    outputs = [
+        *supervisor.on_message(Topic.requested_commands, command(values=(2, 0, 0, 0)), 0),
+        *supervisor.on_message(Topic.requested_commands, command(values=(2, 0, 0, 0)), 0),
+        *supervisor.on_timer(1),
+    ]
+    stops = [output.message for output in outputs if isinstance(output.message, EmergencyStop)]
+    assert [stop.rule for stop in stops] == ["command_value"]
+    assert outputs[-1].message.rule == "command_value"
+
+
+def test_an_unknown_rule_is_refused() -> None:
+    with pytest.raises(InputError, match="no rule `gravity`"):
+        build_rules(bobcat(), dataclasses.replace(CONFIG, rules=["gravity"]), MACHINE_DIRECTORY)

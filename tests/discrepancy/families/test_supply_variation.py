@@ -1,0 +1,163 @@
+"""A common change of speed of known size and correlation time, beside a gain that is no part of it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.families.plausibility import is_plausible
+from pipeline.discrepancy.families.supply_onset import supply_onset, supply_since
+from pipeline.discrepancy.families.supply_variation import (
+    FAMILY,
+    supply_candidates,
+    supply_p,
+    supply_parameters,
+    without_common_change,
+)
+from pipeline.discrepancy.selection.onset import rows_since
+from pipeline.discrepancy.selection.regression import Folds
+
+N_ROWS, N_JOINT, DT_S = 40_000, 3, 0.05
+STD, TIME_S, SLOW_S, RATIO, NOISE = 0.12, 4.0, 17.0, 0.6, 0.01
+STEP_NS = 50_000_000
+
+
+def machine(
+    seed: int,
+    std: float,
+    ratio: float,
+    time_s: float = TIME_S,
+    n_rows: int = N_ROWS,
+    onset_row: int = 0,
+    is_common: bool = True,
+    alone_until: int = 0,
+):
+    """Joints that move at random, all of them by e^z as fast, the first by `ratio` as well; with encoder noise.
+
+    From a row on; or each by a z of its own; or with the first joint moving alone until a row.
+    """
+    draw = np.random.default_rng(seed)
+    commands = np.repeat(draw.integers(-1, 2, size=(n_rows // 20, N_JOINT)), 20, axis=0)[None].astype(float)
+    commands[:, :alone_until, 1:] = 0.0
+    z, decay = np.zeros((n_rows, 1 if is_common else N_JOINT)), np.exp(-DT_S / time_s)
+    noise = draw.normal(size=z.shape)
+    for row in range(1, n_rows):
+        z[row] = decay * z[row - 1] + std * np.sqrt(1.0 - decay**2) * noise[row]
+    z[:onset_row] = 0.0
+    ratios = np.array([ratio, 1.0, 1.0])
+    measured = commands * ratios * np.exp(z) + NOISE * draw.normal(size=commands.shape)
+
+    def velocities(hypotheses):
+        return np.stack([commands * (ratios if "gain" in h else 1.0) for h in hypotheses])
+
+    simulation = SimpleNamespace(
+        velocities=velocities,
+        sequences=SimpleNamespace(velocity=measured, stamp_ns=STEP_NS * np.arange(n_rows)[None]),
+        setting=SimpleNamespace(dt_s=DT_S),
+    )
+    n = n_rows // 2
+    folds = Folds((np.arange(n) // 600) % 2, np.arange(n) // 200, n // 200)
+    rows = Rows(np.ones((1, n_rows), bool), folds, np.full(N_JOINT, NOISE**2), np.ones((n, N_JOINT)))
+    return simulation, rows
+
+
+@pytest.mark.parametrize("ratio", [1.0, RATIO])
+def test_size_and_time_are_of_what_the_effects_beside_it_leave(ratio) -> None:
+    told = supply_parameters(machine(0, STD, ratio), machine(1, 0.0, 1.0), {"gain": {}})
+    assert told["std_log_speed"] == pytest.approx(STD, rel=0.2)
+    assert told["correlation_time"] == pytest.approx(TIME_S, rel=0.3)
+
+
+def test_a_gain_that_is_not_known_is_taken_for_a_part_of_it() -> None:
+    """Why the effects beside it have to be known: a test that the one above could fail."""
+    told = supply_parameters(machine(0, STD, RATIO), machine(1, 0.0, 1.0), {})
+    assert told["correlation_time"] > 2.0 * TIME_S
+
+
+def test_what_other_joints_show_is_taken_off_each() -> None:
+    simulation, rows = machine(0, STD, RATIO)
+    left = without_common_change(simulation, {"gain": {}}, rows, {0: 3.0, 2: 3.0})
+    assert set(left) == {0, 2}
+    for before, after in left.values():
+        # commanded two rows of three: the change of speed beside the noise, a third of which is slower than the mean
+        assert np.mean(after**2) < 0.6 * np.mean(before**2)
+    nothing, rows = machine(2, 0.0, RATIO)
+    (before, after), *_ = without_common_change(nothing, {"gain": {}}, rows, {0: 3.0}).values()
+    assert np.mean(after**2) == pytest.approx(np.mean(before**2), rel=0.01)
+
+
+@pytest.mark.parametrize("time_s", [2.0, 4.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_strong_supply_is_no_jitter_of_starts_though_the_shortest_time_explains_most(seed, time_s) -> None:
+    simulation, rows = machine(seed, 0.3, 1.0, time_s)
+    assert is_plausible(FAMILY, supply_candidates(simulation, {}, rows))
+
+
+@pytest.mark.parametrize("lasting_s", [0.2, 0.4, 1.0])
+def test_what_is_off_alike_at_starts_is_no_supply(lasting_s) -> None:
+    simulation, rows = machine(1, 0.0, 1.0)
+    of_start = np.repeat(np.random.default_rng(3).normal(0.0, 0.3, N_ROWS // 20), 20)
+    during = np.arange(N_ROWS) % 20 < lasting_s / DT_S
+    simulation.sequences.velocity = simulation.sequences.velocity * (1.0 + during * of_start)[:, None]
+    candidates = supply_candidates(simulation, {}, rows)
+    assert min(c.share for c in candidates) > 0.1
+    assert not is_plausible(FAMILY, candidates)
+
+
+def test_a_slow_supply_beats_changes_that_joints_do_not_have_in_common() -> None:
+    """Of 17 s in ten minutes: some thirty independent values, whose correlation no count of placebos reaches."""
+    for seed in range(3):
+        common = p_of(machine(seed, STD, 1.0, SLOW_S, n_rows=12_000))
+        assert common < 1e-4
+    apart = [p_of(machine(seed, STD, 1.0, SLOW_S, n_rows=12_000, is_common=False)) for seed in range(20)]
+    assert np.mean(np.array(apart) < 0.05) <= 0.15
+    assert min(apart) > 1e-3
+
+
+def test_placebos_of_a_supply_that_sets_in_are_shifted_within_the_rows_after_it() -> None:
+    """Shifted over the whole logs, most would be nothing at all there, and whatever is there would beat them."""
+    late = []
+    for seed in range(20):
+        simulation, rows = machine(seed, STD, 1.0, 2.0, n_rows=12_000, is_common=False)
+        since, _ = rows_since(simulation, rows, 10_000 * STEP_NS)
+        widths_s = {c.joint: c.point["width"] for c in supply_candidates(simulation, {}, rows)}
+        late.append(supply_p(simulation, {}, [since], widths_s, seed=0))
+    assert min(late) > 1e-3
+
+
+def test_a_supply_does_not_set_in_where_joints_begin_to_move_at_once() -> None:
+    """One joint at a time tells nothing of what joints have in common."""
+    for seed in range(4):
+        simulation, rows = machine(seed, STD, 1.0, 2.0, n_rows=12_000, alone_until=4000)
+        assert supply_onset(simulation, {}, rows, supply_candidates(simulation, {}, rows)) is None
+
+
+def p_of(logs) -> float:
+    simulation, rows = logs
+    widths_s = {c.joint: c.point["width"] for c in supply_candidates(simulation, {}, rows)}
+    return supply_p(simulation, {}, [rows], widths_s, seed=0)
+
+
+@pytest.mark.parametrize("time_s", [2.0, 5.0])
+def test_the_moment_at_which_a_supply_begins_to_vary_is_found(time_s) -> None:
+    onset_row = 4000
+    simulation, rows = machine(0, STD, 1.0, time_s, n_rows=12_000, onset_row=onset_row)
+    members = supply_candidates(simulation, {}, rows)
+    moment = supply_onset(simulation, {}, rows, members)
+    assert moment is not None
+    assert moment[0] / STEP_NS == pytest.approx(onset_row, abs=5.0 / DT_S)
+    since = supply_since(simulation, {}, rows, moment, members)
+    for always, later in zip(members, since, strict=True):
+        assert later.onset == moment[0]
+        # where there is nothing to gain, little is lost
+        assert later.gain == pytest.approx(always.gain, rel=0.05)
+        assert later.gain_by_block[: onset_row // 400].sum() == 0.0
+        assert later.t > always.t
+
+
+@pytest.mark.parametrize("time_s", [2.0, 5.0, SLOW_S])
+def test_a_supply_that_always_varied_does_not_set_in(time_s) -> None:
+    for seed in range(6):
+        simulation, rows = machine(seed, STD, 1.0, time_s, n_rows=12_000)
+        assert supply_onset(simulation, {}, rows, supply_candidates(simulation, {}, rows)) is None
