@@ -144,11 +144,11 @@ def serve_training(case: dict, data_file: Path) -> None:
 
     from pipeline.dynamics.training.epoch import compile_epoch
     from pipeline.dynamics.training.loss import open_loop_loss
-    from pipeline.dynamics.training.windows import Rows, gather_windows
+    from pipeline.dynamics.training.windows import TrainingRows, gather_windows
 
     model = model_of(case)
     with np.load(data_file) as data:
-        rows = Rows(*(jnp.asarray(data[name]) for name in ("q", "qd", "a")))
+        rows = TrainingRows(*(jnp.asarray(data[name]) for name in ("q", "qd", "a")))
         starts = jnp.asarray(data["starts"])
     parameters = model.initialise(jax.random.key(0))
 

@@ -5,7 +5,7 @@ import sys
 import time
 
 from pipeline.dynamics.search.search_space import Choose
-from pipeline.study.settings import Pruner, Sampler, StudySettings
+from pipeline.study.settings import Pruner, SamplerKind, StudySettings
 from pipeline.study.worker import DivergedError, RunningTrial, Study
 
 OPTIONS = [0, 1, 2, 3, 4, 5, 6, 7]
@@ -15,7 +15,7 @@ EPOCHS = 5
 def settings(**changes) -> StudySettings:
     values = {
         "seed": 3,
-        "sampler": Sampler.tpe,
+        "sampler": SamplerKind.tpe,
         "startup_trials": 4,
         "pruner": Pruner.none,
         "pruner_warmup_epochs": 1,

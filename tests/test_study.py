@@ -14,9 +14,9 @@ from optuna.trial import TrialState
 
 from pipeline.errors import InputError
 from pipeline.study.liveness import is_known_dead, own_identity
-from pipeline.study.settings import Pruner, Sampler
+from pipeline.study.settings import Pruner, SamplerKind
 from pipeline.study.storage import open_storage, refuse_password, shown
-from pipeline.study.trials import Outcome
+from pipeline.study.trials import TrialOutcome
 from pipeline.study.worker import DivergedError, Study
 
 from . import study_worker
@@ -85,7 +85,7 @@ def test_four_workers_finish_exactly_the_total_though_one_is_killed(tmp_path):
     assert [worker.wait(60) for worker in workers] == [-signal.SIGKILL, 0, 0, 0]
     trials = Study(storage, "study", settings(), EPOCHS).trials()
     assert [trial.number for trial in trials] == list(range(24))
-    assert Outcome.open not in {trial.outcome for trial in trials}
+    assert TrialOutcome.open not in {trial.outcome for trial in trials}
     ends = Counter(line[1] for line in lines(log) if line[0] == "end")
     assert set(ends.values()) == {1}
     attempts = optuna.load_study(study_name="study", storage=open_storage(storage)).trials
@@ -103,7 +103,7 @@ def test_proposals_depend_on_the_seed_and_the_results_alone(tmp_path):
 
     assert proposals("first") == proposals("second")
     assert proposals("first") != proposals("third", seed=4)
-    assert proposals("fourth", sampler=Sampler.random) != proposals("first")
+    assert proposals("fourth", sampler=SamplerKind.random) != proposals("first")
 
 
 def test_the_total_grows_and_never_shrinks(tmp_path):
@@ -143,12 +143,14 @@ def test_divergence_is_a_result_and_the_sampler_sees_it(tmp_path):
     outcomes = {
         (trial.parameters["x"] >= 4 or trial.parameters["y"] == 0, trial.outcome) for trial in study.trials()
     }
-    assert outcomes == {(True, Outcome.diverged), (False, Outcome.complete)}
+    assert outcomes == {(True, TrialOutcome.diverged), (False, TrialOutcome.complete)}
     assert all(
-        "not finite" in t.reason or "nan" in t.reason for t in study.trials() if t.outcome is Outcome.diverged
+        "not finite" in t.reason or "nan" in t.reason
+        for t in study.trials()
+        if t.outcome is TrialOutcome.diverged
     )
     late = [trial.outcome for trial in study.trials()][10:]
-    assert late.count(Outcome.diverged) < 5  # a uniform draw would give half of ten and more
+    assert late.count(TrialOutcome.diverged) < 5  # a uniform draw would give half of ten and more
 
 
 @pytest.mark.parametrize("pruner", [Pruner.median, Pruner.hyperband])
@@ -163,7 +165,7 @@ def test_a_pruned_trial_ends_early(pruner, tmp_path):
 
     study = Study(str(tmp_path / "a.journal"), "study", settings(pruner=pruner), 20)
     run_here(study, 25, evaluate)
-    pruned = [trial for trial in study.trials() if trial.outcome is Outcome.pruned]
+    pruned = [trial for trial in study.trials() if trial.outcome is TrialOutcome.pruned]
     assert pruned and len(study.trials()) == 25
     for trial in pruned:
         assert trial.reason == f"pruned after epoch {seen[trial.number]}" and seen[trial.number] < 20
@@ -181,7 +183,7 @@ def test_what_the_user_must_mend_is_raised_and_the_trial_is_taken_up_again(tmp_p
             run_here(study, 3, refuse)
     proposed = study.trials()[0].parameters
     run_here(study, 3)
-    assert [trial.outcome for trial in study.trials()] == [Outcome.complete] * 3
+    assert [trial.outcome for trial in study.trials()] == [TrialOutcome.complete] * 3
     assert study.trials()[0].parameters == proposed
 
 
@@ -214,9 +216,9 @@ def test_a_trial_that_kills_every_worker_is_given_up(tmp_path):
             run_here(study, 3, crash)
     run_here(study, 3, crash)
     assert [trial.outcome for trial in study.trials()] == [
-        Outcome.complete,
-        Outcome.given_up,
-        Outcome.complete,
+        TrialOutcome.complete,
+        TrialOutcome.given_up,
+        TrialOutcome.complete,
     ]
     assert study.trials()[1].reason == "3 workers died over it"
 

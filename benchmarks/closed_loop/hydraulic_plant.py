@@ -6,7 +6,7 @@ from benchmarks.closed_loop import simulator
 from benchmarks.closed_loop.machines import Variant
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant import effects
-from pipeline.plant.effects import Effect
+from pipeline.plant.effects import PlantEffect
 from pipeline.plant.machines.simulated import simulated_machine
 from pipeline.plant.machines.variants import draw_variant
 from pipeline.plant.parameters import Parameters
@@ -51,7 +51,7 @@ class HydraulicPlant(simulator.Simulator):
         """See `Simulator`."""
         return draw_variant(simulated_machine(specification.name), seed)
 
-    def draw_effect(self, kind: str, seed: int, variant: Variant, size: float) -> Effect:
+    def draw_effect(self, kind: str, seed: int, variant: Variant, size: float) -> PlantEffect:
         """See `Simulator`."""
         return effects.draw(kind, seed, variant.parameters, size)
 

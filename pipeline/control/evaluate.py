@@ -15,7 +15,7 @@ from pipeline.reaching.reward import RewardTerms
 from pipeline.reaching.task import ReachingTask, TaskState
 
 
-class Controller(NamedTuple):
+class EpisodeController(NamedTuple):
     """What decides: pure functions for one episode, of explicit parameters and an explicit carry.
 
     Attributes:
@@ -41,7 +41,7 @@ class EvaluatedEpisodes(NamedTuple):
 
 
 def controller_evaluation(
-    controller: Controller, task: ReachingTask, action_repeats: int, episode_ticks: int
+    controller: EpisodeController, task: ReachingTask, action_repeats: int, episode_ticks: int
 ) -> Callable[[Any, Episodes, jax.Array], EvaluatedEpisodes]:
     """A function from a controller's parameters, N episodes and N keys, compiled once per shape of its arguments.
 
@@ -97,13 +97,13 @@ def controller_evaluation(
     return evaluate
 
 
-def policy_controller(task: ReachingTask) -> Controller:
+def policy_controller(task: ReachingTask) -> EpisodeController:
     """A learned policy, the parameters, as a controller that carries nothing and needs no randomness."""
 
     def decide(policy: Policy, carry: None, state: TaskState) -> tuple[None, jax.Array]:
         return carry, task.command(policy.act(task.observe(state)))
 
-    return Controller(lambda policy, key: None, decide)
+    return EpisodeController(lambda policy, key: None, decide)
 
 
 def policy_evaluation(

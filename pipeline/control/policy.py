@@ -21,7 +21,7 @@ POLICY_FILE = "policy.msgpack"
 META_FILE = "meta.json"
 
 
-class Layer(NamedTuple):
+class PolicyLayer(NamedTuple):
     """Affine layer: kernel (n_in, n_out), bias (n_out,)."""
 
     kernel: jax.Array
@@ -39,7 +39,7 @@ class Policy(NamedTuple):
 
     mean: jax.Array
     std: jax.Array
-    layers: tuple[Layer, ...]
+    layers: tuple[PolicyLayer, ...]
 
     @property
     def observation_size(self) -> int:
@@ -80,7 +80,7 @@ def policy_from_brax(normalizer: Any, parameters: Mapping[str, Any], normalized:
     return Policy(
         mean,
         std,
-        tuple(Layer(jnp.asarray(layer["kernel"]), jnp.asarray(layer["bias"])) for layer in ordered),
+        tuple(PolicyLayer(jnp.asarray(layer["kernel"]), jnp.asarray(layer["bias"])) for layer in ordered),
     )
 
 
@@ -97,7 +97,9 @@ def policy_to_content(policy: Policy) -> dict[str, Any]:
 def policy_from_content(content: Mapping[str, Any]) -> Policy:
     """Inverse of `policy_to_content`."""
     kernels, biases = content["kernels"], content["biases"]
-    layers = (Layer(jnp.asarray(kernels[str(i)]), jnp.asarray(biases[str(i)])) for i in range(len(kernels)))
+    layers = (
+        PolicyLayer(jnp.asarray(kernels[str(i)]), jnp.asarray(biases[str(i)])) for i in range(len(kernels))
+    )
     return Policy(jnp.asarray(content["mean"]), jnp.asarray(content["std"]), tuple(layers))
 
 

@@ -61,7 +61,7 @@ class RewardAblationConfig:
             )
 
 
-class Cell(NamedTuple):
+class AblationCell(NamedTuple):
     """A training of the ablation."""
 
     terms: tuple[RewardTerm, ...]
@@ -94,17 +94,19 @@ class Ablation:
     action_repeats: int
     ppo: PPOConfig
 
-    def rewarded(self, cell: Cell) -> RewardConfig:
+    def rewarded(self, cell: AblationCell) -> RewardConfig:
         """The reward with the cell's terms alone."""
         return dataclasses.replace(self.reward, terms=list(cell.terms))
 
-    def identity(self, cell: Cell) -> str:
+    def identity(self, cell: AblationCell) -> str:
         """Hash of everything that the cell's result depends on."""
         settings = (self.machine, self.rewarded(cell), self.episodes, self.ppo)
         content = json.dumps([dataclasses.asdict(part) for part in settings], sort_keys=True, default=str)
         return identity(content, self.fingerprint, self.action_repeats, cell.seed)
 
-    def run(self, cell: Cell, progress: Callable[[CurvePoint], None], checkpoints: Path | None) -> CellResult:
+    def run(
+        self, cell: AblationCell, progress: Callable[[CurvePoint], None], checkpoints: Path | None
+    ) -> CellResult:
         """Train the cell's policy, and evaluate it on the same fixed episodes as every controller.
 
         Args:
@@ -136,14 +138,14 @@ def terms_of(row: Sequence[str]) -> tuple[RewardTerm, ...]:
     return tuple(RewardTerm(term) for term in row)
 
 
-def cells(config: RewardAblationConfig) -> Iterator[Cell]:
+def cells(config: RewardAblationConfig) -> Iterator[AblationCell]:
     """Every row's first seed before any row's second: an interrupted ablation compares all rows."""
     for seed in config.seeds:
         for row in config.rows:
-            yield Cell(terms_of(row), seed)
+            yield AblationCell(terms_of(row), seed)
 
 
-def load_cell(directory: Path, cell: Cell, training: str) -> CellResult | None:
+def load_cell(directory: Path, cell: AblationCell, training: str) -> CellResult | None:
     """The cell's result, or None where it is not finished or of another training.
 
     Args:
@@ -168,14 +170,14 @@ def load_cell(directory: Path, cell: Cell, training: str) -> CellResult | None:
         ) from None
 
 
-def save_cell(directory: Path, cell: Cell, training: str, result: CellResult) -> None:
+def save_cell(directory: Path, cell: AblationCell, training: str, result: CellResult) -> None:
     """Write the cell's file, whole or not at all; arguments as of `load_cell`."""
     content = {"training": training, "steps": result.steps, "metrics": result.metrics}
     write_whole(directory / f"{cell.name}.json", (json.dumps(content, indent=1) + "\n").encode())
 
 
 def finished(
-    directory: Path, config: RewardAblationConfig, identify: Callable[[Cell], str]
+    directory: Path, config: RewardAblationConfig, identify: Callable[[AblationCell], str]
 ) -> dict[tuple[RewardTerm, ...], Sequence[CellResult]]:
     """Results of the finished cells by row, in the order of rows and seeds."""
     results: dict[tuple[RewardTerm, ...], list[CellResult]] = {terms_of(row): [] for row in config.rows}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.messages import EmergencyStop, JointCommand, Outcome, ReachResult, Topic
+from pipeline.deployment.messages import EmergencyStop, GoalOutcome, JointCommand, ReachResult, Topic
 from pipeline.deployment.transports.mcap_file import RecordedTopic, write_mcap_file
 from pipeline.logs.formats.bags import STORAGE_READERS
 from pipeline.logs.formats.discover import LogEntry
@@ -64,7 +64,7 @@ KINDS: Mapping[Topic, _Kind] = {
             "outcome": m.outcome.value,
             "n_ticks": m.n_ticks,
         },
-        lambda r: ReachResult(_ns(r.stamp), r.goal_id, Outcome(r.outcome), r.n_ticks),
+        lambda r: ReachResult(_ns(r.stamp), r.goal_id, GoalOutcome(r.outcome), r.n_ticks),
     ),
     Topic.emergency_stop: _Kind(
         "EmergencyStop",

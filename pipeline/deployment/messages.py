@@ -63,7 +63,7 @@ class CancelGoal:
     goal_id: int
 
 
-class Outcome(enum.StrEnum):
+class GoalOutcome(enum.StrEnum):
     """How the pursuit of a goal ended."""
 
     reached = "reached"
@@ -82,7 +82,7 @@ class ReachResult:
 
     stamp_ns: int
     goal_id: int
-    outcome: Outcome
+    outcome: GoalOutcome
     n_ticks: int
 
 

@@ -12,16 +12,16 @@ import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.graph_topics import GraphRecord
-from pipeline.deployment.messages import JointCommand, Outcome
+from pipeline.deployment.messages import GoalOutcome, JointCommand
 from pipeline.logs.messages.columns import whole
 from pipeline.logs.messages.raw_log import RawLog
 
 QUANTILES = {"median": 0.5, "p99": 0.99, "p999": 0.999, "maximum": 1.0}
 BY_SAFETY = (  # outcomes of a goal that a safety measure of the server ended
-    Outcome.left_workspace,
-    Outcome.oscillated,
-    Outcome.stopped,
-    Outcome.controller_failed,
+    GoalOutcome.left_workspace,
+    GoalOutcome.oscillated,
+    GoalOutcome.stopped,
+    GoalOutcome.controller_failed,
 )
 
 

@@ -20,7 +20,7 @@ from pipeline.deployment.components.termination import TerminalConditions
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.drivers.machine import LearnedMachine, LearnedStep, Machine, TracedMachine
-from pipeline.deployment.messages import Outcome, ReachGoal, Topic
+from pipeline.deployment.messages import GoalOutcome, ReachGoal, Topic
 from pipeline.deployment.settings import DeploymentConfig
 from pipeline.deployment.transports.simulated_time.delays import Distribution
 from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
@@ -147,7 +147,9 @@ class _Trial:
         if self.rows_before is None:
             self.rows_before = len(recorder.states) if recorder.targets else None
             return False
-        if recorder.results and any(result.outcome is not Outcome.timed_out for result in recorder.results):
+        if recorder.results and any(
+            result.outcome is not GoalOutcome.timed_out for result in recorder.results
+        ):
             return True
         return len(recorder.states) - self.rows_before > self.maximum_ticks
 

@@ -19,7 +19,7 @@ from pipeline.discrepancy.acceptance.size_of_an_effect import SIZES, why_it_is_n
 from pipeline.discrepancy.baselines.all_baselines import trained_baselines, wrong_effect
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, alternating_folds, rows_in_blocks
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, alternating_folds, rows_in_blocks
 from pipeline.discrepancy.diagnosis.sequences import side_by_side
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.diagnosis.splits import Purpose, split_rows
@@ -30,11 +30,11 @@ from pipeline.discrepancy.families.plausibility import OSCILLATION, TIMING
 from pipeline.discrepancy.families.ring_down import ring_down
 from pipeline.discrepancy.families.stops import Encoder, encoders_of
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
-from pipeline.discrepancy.selection.grouping import Effect, effects_of, without_lags_of_one_cause
+from pipeline.discrepancy.selection.grouping import MachineEffect, effects_of, without_lags_of_one_cause
 from pipeline.discrepancy.selection.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.selection.refine import parameter_covariance, refine
 from pipeline.discrepancy.selection.search import Search
-from pipeline.discrepancy.selection.selected_effect import Found, onsets_of, residual_of, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_of, residual_of, values_of
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.discrepancy.verdict.build_report_data import evidence_of
@@ -104,7 +104,7 @@ class Loop:
         self.units = list(machine.units)
         self.seconds: dict[str, float] = {}
         self.steps: list[str] = []
-        self._predictors: dict[tuple[int, ...], tuple[list[Effect], Predictor]] = {}
+        self._predictors: dict[tuple[int, ...], tuple[list[MachineEffect], Predictor]] = {}
         self._tell = say
         self.nominal_behaviour: NominalBehaviour | None = nominal_behaviour
         self.kept: Path | None = kept
@@ -177,7 +177,7 @@ class Loop:
         confirm = self.sequences.is_row & (self.label == Purpose.confirm)
         self.confirm = in_blocks(confirm, alternating_folds(confirm, block_rows, FOLD_ROWS))
 
-    def _search(self) -> list[Found]:
+    def _search(self) -> list[SelectedEffect]:
         moving = np.abs(self.simulation.velocities([{}])[0]) > 0.3 * self.usual.diagnosis.scales.speed
         is_used = moving & self.rows.is_used[..., None]
         n_known = (is_used & self.is_known).sum(axis=(0, 1))
@@ -211,11 +211,11 @@ class Loop:
         lower, upper, speed = self.machine.lower, self.machine.upper, self.usual.setting.speed_scale
         return encoders_of(self.usual.simulation.sequences, rows, lower, upper, speed)
 
-    def residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
+    def residual(self, rows: ScoredRows, found: Sequence[SelectedEffect]) -> np.ndarray:
         """(N, n_joint) residual of the diagnosis model with the effects found."""
         return residual_of(self.simulation, rows, found)
 
-    def _gate(self, found: list[Found]) -> list[Effect]:
+    def _gate(self, found: list[SelectedEffect]) -> list[MachineEffect]:
         """Open the confirmation rows."""
         self.searched = found
         confirmation = Confirmation(
@@ -254,7 +254,7 @@ class Loop:
         self.lap("gate")
         return effects
 
-    def _beyond_misfit(self, effects: list[Effect]) -> list[Effect]:
+    def _beyond_misfit(self, effects: list[MachineEffect]) -> list[MachineEffect]:
         """Without what is no more than the diagnosis model is off by on nominal logs."""
         small = []
         for effect in (e for e in effects if e.family in SIZES):
@@ -271,10 +271,10 @@ class Loop:
         kept = [member for e in effects if e not in small for member in e.members]
         return self._refitted(doubted_by_what_varies(kept, self.searched, self.search.first))
 
-    def _grouped(self, found: Sequence[Found]) -> list[Effect]:
+    def _grouped(self, found: Sequence[SelectedEffect]) -> list[MachineEffect]:
         return effects_of(found, self.excited, TIMING not in self.config.exclude)
 
-    def _refitted(self, found: list[Found]) -> list[Effect]:
+    def _refitted(self, found: list[SelectedEffect]) -> list[MachineEffect]:
         """Effects with values that no longer make room for what was dropped; fitted on the rows for fitting."""
         self.search.found = refine(self.simulation, self.rows, found)
         self.__dict__.pop("covariance", None)  # of what was found until now
@@ -292,7 +292,7 @@ class Loop:
             ).items()
         }
 
-    def _active(self, effects: Sequence[Effect]) -> ActiveEffects | None:
+    def _active(self, effects: Sequence[MachineEffect]) -> ActiveEffects | None:
         found = [member for effect in effects if effect.has_wrapper for member in effect.members]
         if not found:
             return None
@@ -301,7 +301,7 @@ class Loop:
             onset_ns.setdefault(family, {})[joint] = onset
         return ActiveEffects(self.usual.setting, values_of(self.simulation, found), onset_ns)
 
-    def predictor(self, effects: Sequence[Effect]) -> Predictor:
+    def predictor(self, effects: Sequence[MachineEffect]) -> Predictor:
         """The frozen model with these effects; compiled once, however often it is asked for."""
         key = tuple(id(member) for effect in effects for member in effect.members)
         if key not in self._predictors:
@@ -315,7 +315,7 @@ class Loop:
         allowed = [purpose == Purpose.confirm for purpose in self.purposes]
         return window_errors(of, self.measured, allowed, horizon)
 
-    def _confirm(self, effects: list[Effect]) -> ClosedLoop:
+    def _confirm(self, effects: list[MachineEffect]) -> ClosedLoop:
         before = LearnedPredictor(self.model, self.parameters)
         of_before = {horizon: self.errors(before, horizon) for horizon in LEVELS}
         self.open_loop = OpenLoopGate(
@@ -353,7 +353,7 @@ class Loop:
         self.lap("evidence")
         return ClosedLoop(document, self._active(effects), evidence)
 
-    def _shows(self, effect: Effect) -> bool:
+    def _shows(self, effect: MachineEffect) -> bool:
         """Whether an effect that removes little of the open-loop error shows in a good part of the speeds' residual.
 
         Of what is seldom met, confirmation rows may show but a moment: on the rows that it was found on.
@@ -364,7 +364,7 @@ class Loop:
         share = max(max(c.share, self.judgements[c.key].share) for c in candidates)
         return share > self.config.gate.smallest_share or self._rings(effect)
 
-    def _rings(self, effect: Effect) -> bool:
+    def _rings(self, effect: MachineEffect) -> bool:
         """Whether it is a resonance that stops show: of one whose phase is soon lost, no prediction removes much."""
         if effect.family != OSCILLATION:
             return False

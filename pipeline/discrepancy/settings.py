@@ -6,7 +6,7 @@ from pipeline.discrepancy.acceptance.gate import GateConfig
 from pipeline.discrepancy.baselines.continued_training import BaselinesConfig
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModelConfig
 from pipeline.discrepancy.diagnosis.splits import SplitConfig
-from pipeline.discrepancy.selection.search_thresholds import SearchConfig
+from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
 from pipeline.dynamics.settings import TrainingConfig
 
 
@@ -29,7 +29,7 @@ class CloseLoopConfig:
     baseline: TrainingConfig
     diagnosis: DiagnosisModelConfig
     split: SplitConfig
-    search: SearchConfig
+    search: EffectSearchConfig
     gate: GateConfig
     baselines: BaselinesConfig
     exclude: list[str] = field(default_factory=list)

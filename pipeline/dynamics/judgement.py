@@ -71,7 +71,7 @@ class OpenLoopPrediction:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ModelJudgement:
     """All that is measured of one predictor."""
 
     errors: PredictionErrors
@@ -87,7 +87,7 @@ def judge_fully(
     machine: MachineSpecification,
     config: JudgeConfig,
     progress: Callable[[str], None] = lambda name: None,
-) -> dict[str, Judgement]:
+) -> dict[str, ModelJudgement]:
     """Judge several predictors on the same rows, windows and rollouts.
 
     Args:
@@ -104,7 +104,7 @@ def judge_fully(
     speed = largest_speed(learning, machine.dt_s)
     judgements = {}
     for name, predictor in predictors.items():
-        judgements[name] = Judgement(
+        judgements[name] = ModelJudgement(
             prediction_errors(predictor, held_out),
             error_growth(predictor, held_out, config.growth),
             extrapolate(predictor, machine, speed, config.extrapolation),
@@ -114,7 +114,7 @@ def judge_fully(
     return judgements
 
 
-def flat_metrics(judgements: Mapping[str, Judgement], machine: MachineSpecification) -> dict[str, float]:
+def flat_metrics(judgements: Mapping[str, ModelJudgement], machine: MachineSpecification) -> dict[str, float]:
     """All figures as `<predictor>.<quantity>.<joint>`; what could not be measured is left out."""
     metrics: dict[str, float] = {}
     for name, judgement in judgements.items():

@@ -53,7 +53,7 @@ class TaskState(NamedTuple):
     goal: Goal
 
 
-class Outcome(NamedTuple):
+class TickOutcome(NamedTuple):
     """What one tick led to; any leading axes.
 
     Attributes:
@@ -127,7 +127,7 @@ class ReachingTask:
         """The machine's command from a proto-action, both (..., n_joint)."""
         return command_from_proto_action(self.machine.command_kind, proto_action)
 
-    def tick(self, state: TaskState, command: jax.Array) -> tuple[TaskState, Outcome]:
+    def tick(self, state: TaskState, command: jax.Array) -> tuple[TaskState, TickOutcome]:
         """Advance by one control period under `command` (..., n_joint), which the machine takes as it is."""
         history = self.dynamics.step(self.parameters, state.history, command)
         history = self.dynamics.stopped(self.parameters, history, self._lower, self._upper)
@@ -135,7 +135,7 @@ class ReachingTask:
         outcome = self.outcome(history.q, pose, state.goal, command, state.command)
         return TaskState(history, pose, command, state.goal), outcome
 
-    def hold(self, state: TaskState, command: jax.Array, n_ticks: int) -> tuple[TaskState, Outcome]:
+    def hold(self, state: TaskState, command: jax.Array, n_ticks: int) -> tuple[TaskState, TickOutcome]:
         """As `n_ticks` calls of `tick`, up to rounding, at less cost; kinematics and reward of all ticks at once.
 
         Args:
@@ -177,12 +177,12 @@ class ReachingTask:
 
     def outcome(
         self, q: jax.Array, pose: Pose, goal: Goal, command: jax.Array, previous: jax.Array
-    ) -> Outcome:
+    ) -> TickOutcome:
         """What ticks led to that reached `q` (..., n_joint) under `command`, each after the command `previous`."""
         deviation = self._deviation(q, pose, goal)
         inside = contains(self._workspace, pose.position, self.arm.yaw(q))
         terms = reward_terms(self.reward, deviation, command, previous, inside)
-        return Outcome(
+        return TickOutcome(
             deviation=deviation,
             inside=inside,
             below=below_lower_plane(self._workspace, pose.position),

@@ -44,7 +44,7 @@ from pipeline.logs.formats.recorded_folders import refuse_foreign
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.machines.simulated import simulated_machine
-from pipeline.plant.recording.operator import Operator as Painter
+from pipeline.plant.recording.operator import ScriptedOperator as Painter
 from pipeline.plant.recording.operator import draw_style
 from pipeline.reaching.episodes import Episodes, evaluation_episodes
 from pipeline.reaching.task import ReachingTask

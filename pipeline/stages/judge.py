@@ -10,7 +10,7 @@ from omegaconf import MISSING
 
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.dynamics.evaluation.errors import Predictor
-from pipeline.dynamics.judgement import JudgeConfig, Judgement, check_unseen, flat_metrics, judge_fully
+from pipeline.dynamics.judgement import JudgeConfig, ModelJudgement, check_unseen, flat_metrics, judge_fully
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.references.all_references import References, fit_references
 from pipeline.dynamics.training.data_split import VALIDATION, split_by_purpose
@@ -19,7 +19,7 @@ from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.figures.models import error_growth_band_figure, open_loop_prediction_figure
 from pipeline.reporting.tables.judgement import (
-    Comparison,
+    ReferenceComparison,
     display_name,
     error_comparison,
     extrapolation_comparison,
@@ -109,8 +109,8 @@ def load_models(paths: Sequence[str], machine: MachineSpecification) -> dict[str
 
 def write_tables(
     folder: Path,
-    comparisons: Mapping[str, Comparison],
-    judgements: Mapping[str, Judgement],
+    comparisons: Mapping[str, ReferenceComparison],
+    judgements: Mapping[str, ModelJudgement],
     references: References,
     machine: MachineSpecification,
 ) -> None:
@@ -129,7 +129,7 @@ def write_tables(
 
 def write_figures(
     folder: Path,
-    judgements: Mapping[str, Judgement],
+    judgements: Mapping[str, ModelJudgement],
     references: Sequence[str],
     machine: MachineSpecification,
 ) -> None:

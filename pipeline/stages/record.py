@@ -14,7 +14,7 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.recorded_folders import clear_recorded, list_recorded
 from pipeline.logs.formats.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
-from pipeline.plant.effects import Effect
+from pipeline.plant.effects import PlantEffect
 from pipeline.plant.machines.simulated import simulated_machine
 from pipeline.plant.recording.operator import draw_style
 from pipeline.plant.recording.session import NANOSECONDS, SESSION_NAME, RecordConfig, record_session
@@ -45,7 +45,7 @@ def main(configuration: RecordStage, run: StageRun) -> None:
     output, record, machine = Path(configuration.output), configuration.record, configuration.machine
     folders = {"sessions": record.session_minutes, "held_out": [record.held_out_minutes]}
     own_logs = own_logs_among({"logs": (configuration.logs, output / "sessions")})
-    effects: list[Effect] = []
+    effects: list[PlantEffect] = []
     if not own_logs:
         effects = draw_effects(
             configuration.effects,
@@ -104,7 +104,7 @@ def operator_and_sessions(seed: int, n_sessions: int) -> tuple[int, list[int]]:
 def record_bag(
     path: Path,
     machine: MachineSpecification,
-    effects: Sequence[Effect],
+    effects: Sequence[PlantEffect],
     number: int,
     style_seed: int,
     minutes: float,

@@ -26,7 +26,7 @@ from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.study.configuration import SearchConfig
 from pipeline.study.storage import refuse_password
-from pipeline.study.trials import Outcome, Trial
+from pipeline.study.trials import Trial, TrialOutcome
 from pipeline.study.worker import DivergedError, RunningTrial, Study
 from pipeline.tracking import StageRun, progress_bar
 
@@ -83,7 +83,7 @@ def main(configuration: SearchStage, run: StageRun) -> None:
         bar.update(n_ended(study))
         study.run(n_trials, lambda choose: propose(space, choose), trainer, finished)
     shutil.rmtree(checkpoints, ignore_errors=True)
-    ended = [trial for trial in study.trials() if trial.outcome is not Outcome.open]
+    ended = [trial for trial in study.trials() if trial.outcome is not TrialOutcome.open]
     write_trials(output / "trials.csv", [row(trial, configuration) for trial in ended])
     meta = {"schema_version": SCHEMA_VERSION, "study": name, **definition}
     (output / "meta.json").write_text(json.dumps(meta, indent=1, sort_keys=True) + "\n", encoding="utf-8")
@@ -96,7 +96,7 @@ def main(configuration: SearchStage, run: StageRun) -> None:
 
 def n_ended(study: Study[TrainingConfig]) -> int:
     """Number of trials that are done with."""
-    return sum(trial.outcome is not Outcome.open for trial in study.trials())
+    return sum(trial.outcome is not TrialOutcome.open for trial in study.trials())
 
 
 class Trainer:

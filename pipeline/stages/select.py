@@ -19,7 +19,7 @@ from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
 from pipeline.reporting.results.paper import KIND_NAMES
 from pipeline.reporting.tables.selection import (
-    Selection,
+    SelectedModels,
     published_training,
     record,
     selection_table,
@@ -76,7 +76,7 @@ def main(configuration: SelectStage, run: StageRun) -> None:
     print(table.markdown())
 
 
-def select_kind(configuration: SelectStage, kind: str) -> Selection:
+def select_kind(configuration: SelectStage, kind: str) -> SelectedModels:
     """Measure the candidates within the margin, and select."""
     rule, n_calls = configuration.search.selection, configuration.search.timed_calls
     degree = configuration.identify.legendre_degree
@@ -97,7 +97,7 @@ def select_kind(configuration: SelectStage, kind: str) -> Selection:
         measured.append(dataclasses.replace(candidate, inference_time_s=times[candidate.trial].median_s))
     winner = select(measured, rule)
     published = unit_scale_model(configuration.machine, *parts(kind), published_training(kind), degree)
-    return Selection(
+    return SelectedModels(
         kind,
         winner,
         explain(winner, measured, rule),

@@ -8,7 +8,7 @@ from optuna.distributions import BaseDistribution
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial
 
-from pipeline.study.settings import Pruner, Sampler, StudySettings
+from pipeline.study.settings import Pruner, SamplerKind, StudySettings
 from pipeline.study.trials import trial_number
 
 
@@ -68,7 +68,7 @@ def build_pruner(settings: StudySettings, maximum_epochs: int) -> optuna.pruners
 def _build(settings: StudySettings, number: int) -> BaseSampler:
     seed = int(np.random.SeedSequence([settings.seed, number]).generate_state(1)[0])
     match settings.sampler:
-        case Sampler.tpe:
+        case SamplerKind.tpe:
             return optuna.samplers.TPESampler(n_startup_trials=settings.startup_trials, seed=seed)
-        case Sampler.random:
+        case SamplerKind.random:
             return optuna.samplers.RandomSampler(seed=seed)

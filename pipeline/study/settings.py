@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pipeline.errors import InputError
 
 
-class Sampler(enum.StrEnum):
+class SamplerKind(enum.StrEnum):
     """How hyper-parameters are proposed; the paper names none."""
 
     tpe = "tpe"  # tree-structured Parzen estimator (Bergstra et al., 2011)
@@ -38,7 +38,7 @@ class StudySettings:
     """
 
     seed: int
-    sampler: Sampler
+    sampler: SamplerKind
     startup_trials: int
     pruner: Pruner
     pruner_warmup_epochs: int

@@ -25,7 +25,7 @@ SURPLUS = "surplus"  # of two workers that wanted the study's last trial at once
 FINISHED = (AttemptState.COMPLETE, AttemptState.PRUNED)
 
 
-class Outcome(enum.StrEnum):
+class TrialOutcome(enum.StrEnum):
     """How far a trial is."""
 
     complete = "complete"
@@ -52,7 +52,7 @@ class Trial:
     """
 
     number: int
-    outcome: Outcome
+    outcome: TrialOutcome
     parameters: dict[str, Any] = field(default_factory=dict)
     value: float | None = None
     facts: dict[str, Any] = field(default_factory=dict)
@@ -110,20 +110,20 @@ def read_trial(number: int, attempts: Sequence[FrozenTrial], maximum_attempts: i
         shown = started[-1] if started else attempts[-1]
         return Trial(
             number,
-            Outcome.given_up if given_up else Outcome.open,
+            TrialOutcome.given_up if given_up else TrialOutcome.open,
             dict(shown.params),
             reason=f"{deaths(attempts)} workers died over it" if given_up else "",
             **spent,
         )
     reason = final.user_attrs.get(REASON, "")
-    outcome = Outcome.complete
+    outcome = TrialOutcome.complete
     if final.state is AttemptState.PRUNED:
-        outcome = Outcome.diverged if reason.startswith(DIVERGED) else Outcome.pruned
+        outcome = TrialOutcome.diverged if reason.startswith(DIVERGED) else TrialOutcome.pruned
     return Trial(
         number,
         outcome,
         dict(final.params),
-        final.value if outcome is Outcome.complete else None,
+        final.value if outcome is TrialOutcome.complete else None,
         dict(final.user_attrs.get(FACTS, {})),
         worker=final.user_attrs.get(WORKER, ""),
         reason=reason,

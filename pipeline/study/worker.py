@@ -37,8 +37,8 @@ from pipeline.study.trials import (
     SECONDS,
     SURPLUS,
     WORKER,
-    Outcome,
     Trial,
+    TrialOutcome,
     group_attempts,
     read_trial,
     trial_number,
@@ -171,7 +171,7 @@ class Study(Generic[Proposal]):
                 for number in range(n_trials)
                 if number not in grouped
                 or read_trial(number, grouped[number], self._settings.maximum_attempts).outcome
-                is Outcome.open
+                is TrialOutcome.open
             }
             if not unfinished:
                 return None
@@ -263,7 +263,7 @@ class Study(Generic[Proposal]):
                 trial
                 for trial in self.trials()
                 if trial.number != number
-                and trial.outcome is Outcome.complete
+                and trial.outcome is TrialOutcome.complete
                 and trial.parameters == parameters
                 and "same_as" not in trial.facts
             ),

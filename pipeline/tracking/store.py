@@ -27,7 +27,7 @@ STATUSES = ("FAILED", "KILLED", "FINISHED")
 
 
 @dataclass(frozen=True)
-class Group:
+class RunGroup:
     """Runs that belong together: those of one `dvc repro`, or of one sweep.
 
     Attributes:
@@ -134,7 +134,7 @@ def end_killed_runs(client: Any, writes: str | None = None) -> None:
 
 
 def open_parent(
-    client: Any, experiment: str, group: Group, tags: Mapping[str, str], parameters: Mapping[str, Any]
+    client: Any, experiment: str, group: RunGroup, tags: Mapping[str, str], parameters: Mapping[str, Any]
 ) -> str:
     """The parent run of a group's runs in an experiment, made by the first of them."""
     with locked(client.tracking_uri):

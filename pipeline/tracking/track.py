@@ -82,12 +82,12 @@ def track(
             store.close_parent(client, experiment, parent_id)
 
 
-def _group(name: str, profile: str, sweep: tuple[str, str] | None) -> store.Group | None:
+def _group(name: str, profile: str, sweep: tuple[str, str] | None) -> store.RunGroup | None:
     """What the run belongs to."""
     if sweep is not None:
-        return store.Group(f"sweep {sweep[0]}", f"{name} sweep", None)
+        return store.RunGroup(f"sweep {sweep[0]}", f"{name} sweep", None)
     dvc = processes.dvc_process()
-    return store.Group(f"dvc {dvc}", profile, dvc) if dvc else None
+    return store.RunGroup(f"dvc {dvc}", profile, dvc) if dvc else None
 
 
 @contextlib.contextmanager

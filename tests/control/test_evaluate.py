@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.control.evaluate import evaluate_policy
-from pipeline.control.policy import Layer, Policy
+from pipeline.control.policy import Policy, PolicyLayer
 from pipeline.reaching.metrics import reaching_metrics
 
 
@@ -16,7 +16,7 @@ def towards_the_target(n_observation: int) -> Policy:
     for joint in range(4):
         kernel = kernel.at[n_observation - 8 + joint, joint].set(-10.0)
         kernel = kernel.at[n_observation - 4 + joint, joint].set(10.0)
-    return Policy(jnp.zeros(n_observation), jnp.ones(n_observation), (Layer(kernel, jnp.zeros(8)),))
+    return Policy(jnp.zeros(n_observation), jnp.ones(n_observation), (PolicyLayer(kernel, jnp.zeros(8)),))
 
 
 @pytest.fixture(scope="module")

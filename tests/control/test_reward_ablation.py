@@ -10,7 +10,7 @@ from pipeline.control import reward_ablation
 from pipeline.control.ppo import TrainingResult
 from pipeline.control.reward_ablation import (
     Ablation,
-    Cell,
+    AblationCell,
     CellResult,
     RewardAblationConfig,
     cells,
@@ -58,10 +58,10 @@ def result(rate: float) -> CellResult:
 
 def test_every_row_gets_its_first_seed_before_any_its_second(config):
     assert list(cells(config)) == [
-        Cell((POSE,), 3),
-        Cell((POSE, BONUS), 3),
-        Cell((POSE,), 5),
-        Cell((POSE, BONUS), 5),
+        AblationCell((POSE,), 3),
+        AblationCell((POSE, BONUS), 3),
+        AblationCell((POSE,), 5),
+        AblationCell((POSE, BONUS), 5),
     ]
 
 
@@ -87,10 +87,10 @@ def test_bad_configuration_is_named(change, said):
 
 
 def test_a_finished_cell_is_kept_until_what_it_depends_on_changes(ablation, config, tmp_path):
-    cell = Cell((POSE,), 3)
+    cell = AblationCell((POSE,), 3)
     save_cell(tmp_path, cell, ablation.identity(cell), result(0.5))
     assert load_cell(tmp_path, cell, ablation.identity(cell)) == result(0.5)
-    assert load_cell(tmp_path, Cell((POSE,), 5), ablation.identity(cell)) is None
+    assert load_cell(tmp_path, AblationCell((POSE,), 5), ablation.identity(cell)) is None
     for change in (
         {"fingerprint": "other"},
         {"ppo": dataclasses.replace(ablation.ppo, discount=0.9)},
@@ -114,7 +114,7 @@ def test_a_cell_is_trained_and_judged_with_its_own_terms(ablation, monkeypatch):
         return TrainingResult(idle_policy(environment.observation_size, 4), 8, [])
 
     monkeypatch.setattr(reward_ablation, "train", train)
-    outcome = ablation.run(Cell((RewardTerm.action,), 3), lambda point: None, None)
+    outcome = ablation.run(AblationCell((RewardTerm.action,), 3), lambda point: None, None)
     assert given["environment"].task.reward.terms == [RewardTerm.action]
     assert given["seed"] == 3 and len(given["episodes"].starts) == 2
     assert outcome.metrics["n_episodes"] == 4
@@ -124,9 +124,9 @@ def test_a_cell_is_trained_and_judged_with_its_own_terms(ablation, monkeypatch):
 def idle_policy(n_observation: int, n_joint: int):
     import jax.numpy as jnp
 
-    from pipeline.control.policy import Layer, Policy
+    from pipeline.control.policy import Policy, PolicyLayer
 
-    layer = Layer(jnp.zeros((n_observation, 2 * n_joint)), jnp.zeros(2 * n_joint))
+    layer = PolicyLayer(jnp.zeros((n_observation, 2 * n_joint)), jnp.zeros(2 * n_joint))
     return Policy(jnp.zeros(n_observation), jnp.ones(n_observation), (layer,))
 
 

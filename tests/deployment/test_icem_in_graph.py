@@ -23,9 +23,9 @@ from pipeline.deployment.drivers.machine import LearnedStep
 from pipeline.deployment.messages import JointState, ReachGoal, Topic
 from pipeline.deployment.transports.simulated_time.delays import (
     PLANNING,
+    DelaySampler,
     Distribution,
     PlannerEffort,
-    Sampler,
     delays_of,
     load_delays,
     no_delays,
@@ -143,7 +143,7 @@ def test_a_planner_s_decisions_take_their_own_time(tmp_path) -> None:
     assert is_measured and policy["inference"] is measured["inference"]
     assumed, is_measured = delays_of(measured, ControllerKind.icem, 0.05)
     assert not is_measured
-    assert Sampler(assumed["inference"], np.random.SeedSequence(0)).draw_ns() == nanoseconds(0.05)
+    assert DelaySampler(assumed["inference"], np.random.SeedSequence(0)).draw_ns() == nanoseconds(0.05)
     with pytest.raises(InputError, match="unmeasured_planning_s"):
         delays_of(measured, ControllerKind.icem, None)
     save_delays(tmp_path / "delays.json", measured | {PLANNING: Distribution.constant(0.2)}, {})

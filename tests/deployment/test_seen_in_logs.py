@@ -11,10 +11,10 @@ from pipeline.deployment.components.recording import Recorder
 from pipeline.deployment.graph_topics import DEFINITIONS, read_graph_topics
 from pipeline.deployment.messages import (
     EmergencyStop,
+    GoalOutcome,
     JointCommand,
     JointState,
     MachineCommand,
-    Outcome,
     ReachResult,
     TargetPose,
     Topic,
@@ -49,7 +49,7 @@ def bag(tmp_path_factory) -> Path:
         recorder(Topic.joint_commands, MachineCommand(sent_ns + 2 * MS, values), sent_ns + 2 * MS)
     stop_ns = BEGIN_NS + 50 * MS * (N // 2)
     recorder(Topic.emergency_stop, EmergencyStop(stop_ns, "joint_limits", "swing at 0.950 rad"), stop_ns)
-    recorder(Topic.result, ReachResult(stop_ns + MS, 0, Outcome.stopped, N // 2), stop_ns + MS)
+    recorder(Topic.result, ReachResult(stop_ns + MS, 0, GoalOutcome.stopped, N // 2), stop_ns + MS)
     recorder.write(folder / "logs/drive", bobcat())
     return folder / "logs"
 
@@ -64,7 +64,7 @@ def test_a_bag_gives_back_what_the_graph_said(bag) -> None:
     np.testing.assert_array_equal(request.values, [1, 0, -1, 0])
     assert record.requests[-1][1].is_last
     assert [stop.rule for _, stop in record.stops] == ["joint_limits"]
-    assert [result.outcome for _, result in record.results] == [Outcome.stopped]
+    assert [result.outcome for _, result in record.results] == [GoalOutcome.stopped]
 
 
 def test_delays_are_those_that_were_put_in(bag) -> None:

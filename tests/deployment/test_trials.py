@@ -9,12 +9,12 @@ import pytest
 
 from pipeline.configuration.stage import ControlConfiguration, load_machine, load_section
 from pipeline.control.evaluate import evaluate_policy
-from pipeline.control.policy import Layer, Policy
+from pipeline.control.policy import Policy, PolicyLayer
 from pipeline.deployment.components.controllers import PolicyController
 from pipeline.deployment.components.goals import compiled_forward, goal_solver, known_configurations
 from pipeline.deployment.components.termination import TerminalConditions
 from pipeline.deployment.drivers.machine import LearnedStep
-from pipeline.deployment.messages import Outcome
+from pipeline.deployment.messages import GoalOutcome
 from pipeline.deployment.successive import run_successive
 from pipeline.deployment.transports.simulated_time.delays import Distribution, no_delays
 from pipeline.deployment.trials import GraphParts, run_episodes
@@ -39,7 +39,7 @@ def parts() -> GraphParts:
     task = ReachingTask(bobcat(), arm(), lag_dynamics(bobcat()), {}, load_section("reward", RewardConfig))
     layer = 2.0 * jax.random.normal(jax.random.key(0), (task.observation_size, 8)) / np.sqrt(100.0)
     ones = jnp.ones(task.observation_size)
-    policy = Policy(0 * ones, ones, (Layer(layer, jnp.zeros(8)),))
+    policy = Policy(0 * ones, ones, (PolicyLayer(layer, jnp.zeros(8)),))
     return GraphParts(
         task,
         PolicyController(task, policy),
@@ -96,7 +96,7 @@ def test_successive_targets_are_a_bag_that_is_read_as_any_log(parts, episodes, t
     targets = np.concatenate([TARGETS, TARGETS[:1]])
     begin_ns = 1_775_000_000_000_000_000
     recorder = run_successive(parts, no_delays(), Integrator(), estimator(), targets, begin_ns)
-    assert [result.outcome for result in recorder.results] == [Outcome.timed_out] * 3
+    assert [result.outcome for result in recorder.results] == [GoalOutcome.timed_out] * 3
     recorder.write(tmp_path / "logs/deployment", bobcat())
     control = load_section("control", ControlConfiguration)
     ingest = dataclasses.replace(load_section("ingest", IngestConfig), minimum_trajectory_s=0.5)

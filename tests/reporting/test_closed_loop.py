@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.diagnosis.splits import Purpose
-from pipeline.discrepancy.verdict.report_data import Evidence, LevelErrors, Ranked, ResidualTrack, Signature
+from pipeline.discrepancy.verdict.report_data import (
+    LevelErrors,
+    RankedEffect,
+    ReportData,
+    ResidualTrack,
+    Signature,
+)
 from pipeline.reporting.closed_loop.errors import error_rows, winner_sentences
 from pipeline.reporting.closed_loop.quantities import estimate, percent, probability, significant
 from pipeline.reporting.closed_loop.report import closed_loop_page, write_closed_loop_report
@@ -128,7 +134,7 @@ def documents() -> dict[str, dict[str, Any]]:
     }
 
 
-def evidence_of(document: dict[str, Any], n_block: int = 60) -> Evidence:
+def evidence_of(document: dict[str, Any], n_block: int = 60) -> ReportData:
     random = np.random.default_rng(1)
     after = np.array(list(document["error"]["open_loop_rmse_80"]["after"].values()))
     tracks = []
@@ -162,13 +168,13 @@ def evidence_of(document: dict[str, Any], n_block: int = 60) -> Evidence:
         for joint in e["joints"]
     ]
     ranking = [
-        Ranked("gain", ["arm"], None, 0.84, 0.012, "found"),
-        Ranked(
+        RankedEffect("gain", ["arm"], None, 0.84, 0.012, "found"),
+        RankedEffect(
             "load", ["arm"], None, 0.61, 0.02, "nothing left to explain once the speed ratio is in the model"
         ),
-        Ranked("flow_coupling", ["arm"], "boom", 0.22, 0.04, "does as well with the joints exchanged"),
+        RankedEffect("flow_coupling", ["arm"], "boom", 0.22, 0.04, "does as well with the joints exchanged"),
     ] + [
-        Ranked(family, [joint], None, 0.02 / (i + 1), 0.03, "removes no more than on nominal logs")
+        RankedEffect(family, [joint], None, 0.02 / (i + 1), 0.03, "removes no more than on nominal logs")
         for i, (family, joint) in enumerate(
             (family, joint) for family in ("delay", "lag", "leakage", "other:hold_time") for joint in JOINTS
         )
@@ -195,7 +201,7 @@ def evidence_of(document: dict[str, Any], n_block: int = 60) -> Evidence:
     levels.append(
         LevelErrors(1000, unknown, unknown, np.stack([unknown] * 2), np.stack([unknown] * 2), {}, unknown, 0)
     )
-    return Evidence(
+    return ReportData(
         list(JOINTS),
         ["rad"] * 4,
         FLOOR * 0.7,
@@ -404,7 +410,7 @@ def test_empty_evidence_reads_well():
     document = documents()["unexcited"]
     document["error"]["open_loop_rmse_80"] = {"before": dict.fromkeys(JOINTS), "after": {}}
     unknown = np.full(4, math.nan)
-    evidence = Evidence(JOINTS, ["rad", "m", "m", "m"], unknown, unknown, unknown, unknown, [], [], [], [])
+    evidence = ReportData(JOINTS, ["rad", "m", "m", "m"], unknown, unknown, unknown, unknown, [], [], [], [])
     text = text_of(closed_loop_page(document, evidence, "machine", "a", "b"))
     assert "nan" not in text.lower().split()
     for said in ("No signature to show", "no noise floor", "No warnings"):
@@ -413,7 +419,7 @@ def test_empty_evidence_reads_well():
 
 def test_errors_come_from_the_document_where_the_evidence_has_no_levels():
     document = documents()["named"]
-    rows = error_rows(document, Evidence(**{**vars(evidence_of(document)), "levels": []}))
+    rows = error_rows(document, ReportData(**{**vars(evidence_of(document)), "levels": []}))
     assert [cell.text for cell in rows[2].cells] == ["107", "41.0", "49.2", "57.4"]
 
 

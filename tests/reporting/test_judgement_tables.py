@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from pipeline.reporting.tables.judgement import Comparison
+from pipeline.reporting.tables.judgement import ReferenceComparison
 
 REFERENCES = ["arx_dq", "grey_box"]
 
 
-def comparison(*rows, **changes) -> Comparison:
+def comparison(*rows, **changes) -> ReferenceComparison:
     named = [(key, dict(zip(["mlp_dq", "kan_dq", *REFERENCES], values, strict=True))) for key, values in rows]
-    return Comparison("Errors", named, REFERENCES, **changes)
+    return ReferenceComparison("Errors", named, REFERENCES, **changes)
 
 
 LIFT, TURN = ("one step", "lift", "m"), ("one step", "turn", "rad")

@@ -32,7 +32,7 @@ from pipeline.machine.specification import JointSpecification, MachineSpecificat
 from pipeline.stages.search import SearchStage, Trainer, learning_part
 from pipeline.study.settings import Pruner
 from pipeline.study.storage import open_storage
-from pipeline.study.trials import Outcome
+from pipeline.study.trials import TrialOutcome
 from pipeline.study.worker import DivergedError, Study
 
 from ..dynamics.conftest import lag_trajectory, make_identify, make_training
@@ -329,9 +329,9 @@ def test_a_pruned_training_closes_and_a_retry_would_go_on_from_it(tmp_path: Path
         rate: {trial.outcome for trial in study.trials() if trial.parameters["learning_rate"] == rate}
         for rate in (3e-3, 1e-7)
     }
-    assert by_rate[3e-3] == {Outcome.complete}
-    assert Outcome.pruned in by_rate[1e-7]
-    pruned = next(trial for trial in study.trials() if trial.outcome is Outcome.pruned)
+    assert by_rate[3e-3] == {TrialOutcome.complete}
+    assert TrialOutcome.pruned in by_rate[1e-7]
+    pruned = next(trial for trial in study.trials() if trial.outcome is TrialOutcome.pruned)
     epochs: list[int] = []
     went_on = SimpleNamespace(
         number=pruned.number, report=lambda epoch, evaluation_loss: epochs.append(epoch)

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.closed_loop.kinematic.machine import Work
 from pipeline.machine.specification import MachineSpecification
-from pipeline.plant.recording.operator import Operator, draw_style
+from pipeline.plant.recording.operator import ScriptedOperator, draw_style
 
 STOP_PROBABILITY = 0.75  # after a hold; else another may follow at once, which makes reversals without rest
 MIDDLE_SHARES = (0.05, 0.95)  # of the range, at which the choice of direction is as uneven as it gets
@@ -83,5 +83,5 @@ def driver(machine: MachineSpecification, work: Work, style_seed: int, seed: int
         seed: Of choices.
     """
     if work is Work.painting:
-        return Operator(machine, draw_style(style_seed), seed)
+        return ScriptedOperator(machine, draw_style(style_seed), seed)
     return RandomHolds(machine, draw_random_style(style_seed), seed)

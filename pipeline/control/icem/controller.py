@@ -4,7 +4,7 @@ from typing import Any
 
 import jax
 
-from pipeline.control.evaluate import Controller
+from pipeline.control.evaluate import EpisodeController
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.planner import Planner, PlannerState
 from pipeline.control.icem.returns import SequenceReturns
@@ -33,7 +33,7 @@ def icem_planner(
     return Planner(config, returns, task.command, task.machine.n_joint, entries)
 
 
-def icem_controller(task: ReachingTask, config: IcemConfig, action_repeats: int) -> Controller:
+def icem_controller(task: ReachingTask, config: IcemConfig, action_repeats: int) -> EpisodeController:
     """The planner for `controller_evaluation`: it has no parameters, its carry is the planner's state."""
     planner = icem_planner(task, config, action_repeats)
 
@@ -45,4 +45,4 @@ def icem_controller(task: ReachingTask, config: IcemConfig, action_repeats: int)
         del parameters
         return planner.decide(carry, state)
 
-    return Controller(begin, decide)
+    return EpisodeController(begin, decide)

@@ -20,7 +20,7 @@ from pipeline.control.icem.returns import SequenceReturns
 from pipeline.reaching.task import TaskState
 
 
-class Ranked(NamedTuple):
+class RankedPlans(NamedTuple):
     """Sequences with their returns, best first.
 
     Attributes:
@@ -43,7 +43,7 @@ class PlannerState(NamedTuple):
 
     key: jax.Array
     proposal: Proposal
-    elites: Ranked
+    elites: RankedPlans
 
 
 class Planner:
@@ -80,7 +80,7 @@ class Planner:
         return PlannerState(
             key,
             Proposal(jnp.zeros(shape), jnp.full(shape, config.initial_std)),
-            Ranked(jnp.zeros((config.elites, *shape)), jnp.full(config.elites, -jnp.inf)),
+            RankedPlans(jnp.zeros((config.elites, *shape)), jnp.full(config.elites, -jnp.inf)),
         )
 
     def decide(self, state: PlannerState, measured: TaskState) -> tuple[PlannerState, jax.Array]:
@@ -99,8 +99,8 @@ class Planner:
         return PlannerState(key, self._next(proposal), elites), self._command(first)
 
     def optimise(
-        self, key: jax.Array, proposal: Proposal, previous: Ranked, measured: TaskState
-    ) -> tuple[Proposal, Ranked]:
+        self, key: jax.Array, proposal: Proposal, previous: RankedPlans, measured: TaskState
+    ) -> tuple[Proposal, RankedPlans]:
         """All iterations of one decision.
 
         Args:
@@ -118,8 +118,8 @@ class Planner:
         last = config.iterations - 1
 
         def iterate(
-            n: int, carry: tuple[Proposal, Ranked], at: tuple[jax.Array, jax.Array]
-        ) -> tuple[tuple[Proposal, Ranked], None]:
+            n: int, carry: tuple[Proposal, RankedPlans], at: tuple[jax.Array, jax.Array]
+        ) -> tuple[tuple[Proposal, RankedPlans], None]:
             (proposal, kept), (iteration, key) = carry, at
             proto = self._sample(key, proposal, n)
             if config.mean_in_last_iteration:
@@ -158,12 +158,12 @@ class Planner:
         noise = coloured_noise(key, self._synthesis, n, self._n_joint)
         return spread(proposal, noise, self._config.bounds)
 
-    def _rank(self, prepared: object, proto: jax.Array) -> Ranked:
+    def _rank(self, prepared: object, proto: jax.Array) -> RankedPlans:
         """The sequences with their returns, in the order given; one that the model loses itself in is worth -inf."""
         returns = self._returns.evaluate(prepared, self._command(proto))
-        return Ranked(proto, jnp.where(jnp.isnan(returns), -jnp.inf, returns))
+        return RankedPlans(proto, jnp.where(jnp.isnan(returns), -jnp.inf, returns))
 
-    def _shifted(self, key: jax.Array, proposal: Proposal, elites: Ranked) -> Ranked:
+    def _shifted(self, key: jax.Array, proposal: Proposal, elites: RankedPlans) -> RankedPlans:
         """Elites moved on in time, their last entries sampled anew; with the returns that they had."""
         n = self._entries_per_decision
         fresh = self._sample(key, proposal, len(elites.proto))
@@ -180,14 +180,14 @@ class Planner:
         )
 
 
-def _best(ranked: Ranked, n: int) -> Ranked:
+def _best(ranked: RankedPlans, n: int) -> RankedPlans:
     returns, index = jax.lax.top_k(ranked.returns, n)
-    return Ranked(ranked.proto[index], returns)
+    return RankedPlans(ranked.proto[index], returns)
 
 
-def _first(ranked: Ranked, n: int) -> Ranked:
-    return Ranked(ranked.proto[:n], ranked.returns[:n])
+def _first(ranked: RankedPlans, n: int) -> RankedPlans:
+    return RankedPlans(ranked.proto[:n], ranked.returns[:n])
 
 
-def _joined(a: Ranked, b: Ranked) -> Ranked:
-    return Ranked(jnp.concatenate([a.proto, b.proto]), jnp.concatenate([a.returns, b.returns]))
+def _joined(a: RankedPlans, b: RankedPlans) -> RankedPlans:
+    return RankedPlans(jnp.concatenate([a.proto, b.proto]), jnp.concatenate([a.returns, b.returns]))

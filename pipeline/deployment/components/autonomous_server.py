@@ -20,10 +20,10 @@ from pipeline.deployment.components.termination import GoalWatch, TerminalCondit
 from pipeline.deployment.messages import (
     CancelGoal,
     EmergencyStop,
+    GoalOutcome,
     JointCommand,
     JointState,
     Message,
-    Outcome,
     ReachGoal,
     ReachResult,
     TargetPose,
@@ -64,7 +64,7 @@ class Decision(NamedTuple):
 
 
 @dataclass
-class _Pursuit:
+class _GoalPursuit:
     """A goal in hand: its target's configuration, its conditions, ticks so far, the decision in force."""
 
     goal_id: int
@@ -115,7 +115,7 @@ class AutonomousServer(ComputingComponent):
         self._command = self._idle
         self._sequence = 0
         self._state: JointState | None = None
-        self._pursuit: _Pursuit | None = None
+        self._pursuit: _GoalPursuit | None = None
         self._waiting: ReachGoal | None = None
         self._is_stopped = False
 
@@ -142,11 +142,11 @@ class AutonomousServer(ComputingComponent):
             self._waiting = message
         elif isinstance(message, CancelGoal):
             if self._pursuit is not None and self._pursuit.goal_id == message.goal_id:
-                return self._finish(Outcome.cancelled, now_ns)
+                return self._finish(GoalOutcome.cancelled, now_ns)
         elif isinstance(message, EmergencyStop):
             self._is_stopped = True
             if self._pursuit is not None:
-                return self._finish(Outcome.stopped, now_ns)
+                return self._finish(GoalOutcome.stopped, now_ns)
         return ()
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
@@ -163,7 +163,7 @@ class AutonomousServer(ComputingComponent):
         if pursuit is None:
             return outputs
         if pursuit.ticks >= self._maximum_ticks:
-            return [*outputs, *self._finish(Outcome.timed_out, now_ns)]
+            return [*outputs, *self._finish(GoalOutcome.timed_out, now_ns)]
         outcome = pursuit.watch.check(state.position, self._command, now_ns)
         if outcome is not None:
             return [*outputs, *self._finish(outcome, now_ns)]
@@ -196,7 +196,7 @@ class AutonomousServer(ComputingComponent):
             return ()  # decided for a goal that was given up
         pursuit.is_deciding = False
         if not is_command(self._machine, result.command):
-            return self._finish(Outcome.controller_failed, now_ns)
+            return self._finish(GoalOutcome.controller_failed, now_ns)
         self._command = result.command
         pursuit.observed_ns = result.observed_ns
         return (self._send(now_ns, result.observed_ns),)
@@ -205,18 +205,18 @@ class AutonomousServer(ComputingComponent):
         assert self._state is not None
         goal = aim.goal
         if self._is_stopped or aim.target is None:
-            outcome = Outcome.stopped if self._is_stopped else Outcome.refused
+            outcome = GoalOutcome.stopped if self._is_stopped else GoalOutcome.refused
             return (Publication(Topic.result, ReachResult(now_ns, goal.goal_id, outcome, 0)),)
         ended: list[Output] = []
         if self._pursuit is not None:
-            replaced = ReachResult(now_ns, self._pursuit.goal_id, Outcome.cancelled, self._pursuit.ticks)
+            replaced = ReachResult(now_ns, self._pursuit.goal_id, GoalOutcome.cancelled, self._pursuit.ticks)
             ended.append(Publication(Topic.result, replaced))
         self._controller.begin(goal.goal_id)
         watch = self._conditions.begin(goal.position, goal.quaternion)
-        self._pursuit = _Pursuit(goal.goal_id, aim.target, watch, 0, self._state.stamp_ns)
+        self._pursuit = _GoalPursuit(goal.goal_id, aim.target, watch, 0, self._state.stamp_ns)
         return [*ended, Publication(Topic.target_pose, TargetPose(now_ns, goal.position, goal.quaternion))]
 
-    def _finish(self, outcome: Outcome, now_ns: int) -> Sequence[Output]:
+    def _finish(self, outcome: GoalOutcome, now_ns: int) -> Sequence[Output]:
         assert self._pursuit is not None
         result = ReachResult(now_ns, self._pursuit.goal_id, outcome, self._pursuit.ticks)
         observed_ns = self._state.stamp_ns if self._state else now_ns

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from pipeline.deployment.component import nanoseconds
-from pipeline.deployment.messages import Outcome
+from pipeline.deployment.messages import GoalOutcome
 from pipeline.deployment.settings import TerminationConfig
 from pipeline.machine.kinematics import Arm
 from pipeline.machine.orientation import yaw_pitch
@@ -78,11 +78,11 @@ class GoalWatch:
             config.oscillation_window_s, config.oscillation_reversals, conditions.n_joint
         )
 
-    def check(self, q: np.ndarray, command: np.ndarray, now_ns: int) -> Outcome | None:
+    def check(self, q: np.ndarray, command: np.ndarray, now_ns: int) -> GoalOutcome | None:
         """Whether the goal ends at this tick: present configuration and command, each (n_joint,)."""
         config = self._conditions.config
         if config.on_oscillation and self._oscillation.oscillates(command, now_ns):
-            return Outcome.oscillated
+            return GoalOutcome.oscillated
         if not (config.at_goal or config.outside_workspace):
             return None
         position, pitch_rad, inside = self._conditions.locate(q)
@@ -94,8 +94,8 @@ class GoalWatch:
             and distance < config.position_tolerance_m
             and abs(turn) < config.pitch_tolerance_rad
         ):
-            return Outcome.reached
+            return GoalOutcome.reached
         if config.outside_workspace and self._was_inside and not inside:
-            return Outcome.left_workspace
+            return GoalOutcome.left_workspace
         self._was_inside |= inside
         return None

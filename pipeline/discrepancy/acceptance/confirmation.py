@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from pipeline.discrepancy.acceptance.agreement import Size, agree, sizes_by_log
 from pipeline.discrepancy.acceptance.gate import GateConfig, lower_bound, pooled, rank_p, where_it_acts
 from pipeline.discrepancy.acceptance.placebos import can_be_shifted, explains_other_joints, placebo_p
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, averaged
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, averaged
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.stops import Encoder
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
@@ -20,7 +20,7 @@ from pipeline.discrepancy.families.time_varying_gain import beyond_constants
 from pipeline.discrepancy.families.whole_machine import of_one_cause
 from pipeline.discrepancy.selection.candidate import Key
 from pipeline.discrepancy.selection.onset import rows_since
-from pipeline.discrepancy.selection.selected_effect import Found, onsets_in, residual_of, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_in, residual_of, values_of
 
 WithoutSupply = Mapping[int, tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Per joint (N,) residuals on confirmation rows with a common change of speed, with it taken off, and which rows count:
@@ -30,7 +30,7 @@ ENCODER_LOSS = 0.02  # of the squares, that an encoder's error seen at the stops
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Confirmed:
     """Of one effect on one joint.
 
     Attributes:
@@ -90,8 +90,8 @@ class Confirmation:
     """
 
     simulation: Simulation
-    fitted: Rows
-    held_out: Rows
+    fitted: ScoredRows
+    held_out: ScoredRows
     encoders: Mapping[int, Encoder]
     config: GateConfig
     n_hypotheses: int
@@ -99,7 +99,7 @@ class Confirmation:
     n_joint: int
     seed: int
 
-    def judge(self, found: Sequence[Found]) -> list[Judgement]:
+    def judge(self, found: Sequence[SelectedEffect]) -> list[Confirmed]:
         """One judgement per effect, beside all others."""
         with_all = self._residual(self.held_out, found), self._residual(self.fitted, found)
         without_supply = self._without_common_change(found)
@@ -114,12 +114,16 @@ class Confirmation:
             smallest_p[family] = min(of.p_value, smallest_p.get(family, 1.0))
         return [self._of(effect, of, together, smallest_p) for effect, of in zip(found, seen, strict=True)]
 
-    def _residual(self, rows: Rows, found: Sequence[Found]) -> np.ndarray:
+    def _residual(self, rows: ScoredRows, found: Sequence[SelectedEffect]) -> np.ndarray:
         return residual_of(self.simulation, rows, found)
 
     def _of(
-        self, effect: Found, seen: Seen, together: Mapping[str, float], smallest_p: Mapping[str, float]
-    ) -> Judgement:
+        self,
+        effect: SelectedEffect,
+        seen: Seen,
+        together: Mapping[str, float],
+        smallest_p: Mapping[str, float],
+    ) -> Confirmed:
         candidate = effect.candidate
         share, bound, p_value, largest_p, sizes, is_local = seen
         is_confirmed = bound > self.config.smallest_improvement
@@ -136,10 +140,10 @@ class Confirmation:
             p_value = float(min(1.0, ndtr(-self.encoders[candidate.joint].z) * self.n_joint))
             is_confirmed, sizes = share > -ENCODER_LOSS, ()
         is_confirmed = is_confirmed and p_value < largest_p and agree(sizes, self.config.largest_disagreement)
-        return Judgement(share, bound, p_value, is_confirmed, is_pooled, sizes, is_local and not is_pooled)
+        return Confirmed(share, bound, p_value, is_confirmed, is_pooled, sizes, is_local and not is_pooled)
 
     def _beside_others(
-        self, effect: Found, found: Sequence[Found], with_all: tuple[np.ndarray, np.ndarray]
+        self, effect: SelectedEffect, found: Sequence[SelectedEffect], with_all: tuple[np.ndarray, np.ndarray]
     ) -> Seen:
         joint = effect.candidate.joint
         others = [f for f in found if f is not effect]
@@ -188,7 +192,7 @@ class Confirmation:
             return -np.inf
         return self._bounded(before, after, where_it_acts(before, after, self.held_out))[1]
 
-    def _supply(self, found: Sequence[Found], without: WithoutSupply) -> dict[Key, Seen]:
+    def _supply(self, found: Sequence[SelectedEffect], without: WithoutSupply) -> dict[Key, Seen]:
         """A common change of speed, per joint, averaged over the time that the rows for fitting chose."""
         if not without:
             return {}
@@ -202,7 +206,7 @@ class Confirmation:
             for joint, of_joint in without.items()
         }
 
-    def _without_common_change(self, found: Sequence[Found]) -> WithoutSupply:
+    def _without_common_change(self, found: Sequence[SelectedEffect]) -> WithoutSupply:
         """Confirmation rows' residuals per joint that has a common change of speed, with it and with it taken off."""
         widths_s = _widths_s(found)
         if not widths_s:
@@ -219,7 +223,7 @@ class Confirmation:
             result[joint] = before, after, counting
         return result
 
-    def _since(self, found: Sequence[Found], rows: Rows) -> tuple[Rows, np.ndarray]:
+    def _since(self, found: Sequence[SelectedEffect], rows: ScoredRows) -> tuple[ScoredRows, np.ndarray]:
         """The rows in which a common change of speed acts, all if there are none; and which they are, (N,)."""
         onset = next((f.candidate.onset for f in found if f.candidate.family == SUPPLY), None)
         if onset is not None:
@@ -228,7 +232,7 @@ class Confirmation:
                 return since, kept
         return rows, np.ones(len(rows.folds.fold), bool)
 
-    def _courses(self, found: Sequence[Found]) -> dict[Key, Seen]:
+    def _courses(self, found: Sequence[SelectedEffect]) -> dict[Key, Seen]:
         """Joints' own courses in time, of which the rows for fitting tell between others, too."""
         judged: dict[Key, Seen] = {}
         active, folds = values_of(self.simulation, found), self.held_out.folds
@@ -243,7 +247,7 @@ class Confirmation:
             judged[COURSE, joint, None] = Seen(share, bound, p_value, self.config.largest_rank_p)
         return judged
 
-    def _may_set_in(self, found: Found) -> np.ndarray:
+    def _may_set_in(self, found: SelectedEffect) -> np.ndarray:
         """(N,) confirmation rows of which the rows for fitting cannot say whether the effect has set in by then."""
         between = found.candidate.onset_between
         if between is None:
@@ -253,7 +257,7 @@ class Confirmation:
         return averaged(is_between.astype(float), self.held_out.is_used) > 0.0
 
     def _together(
-        self, found: Sequence[Found], everything: np.ndarray, without_supply: WithoutSupply
+        self, found: Sequence[SelectedEffect], everything: np.ndarray, without_supply: WithoutSupply
     ) -> dict[str, float]:
         """Lower bound of what a cause removes on all its joints together, for causes that several joints have."""
         bounds = {}
@@ -290,16 +294,16 @@ def _index_of_log(is_used: np.ndarray) -> np.ndarray:
     return np.broadcast_to(np.arange(float(len(is_used)))[:, None], is_used.shape)
 
 
-def _points(found: Sequence[Found], family: str) -> dict[int, Mapping[str, float]]:
+def _points(found: Sequence[SelectedEffect], family: str) -> dict[int, Mapping[str, float]]:
     """Per joint, over which times an effect without a wrapper is averaged."""
     return {f.candidate.joint: f.candidate.point for f in found if f.candidate.family == family}
 
 
-def _widths_s(found: Sequence[Found]) -> dict[int, float]:
+def _widths_s(found: Sequence[SelectedEffect]) -> dict[int, float]:
     return {joint: point["width"] for joint, point in _points(found, SUPPLY).items()}
 
 
-def in_words(effect: Found, judgement: Judgement, joint: str) -> str:
+def in_words(effect: SelectedEffect, judgement: Confirmed, joint: str) -> str:
     """The judgement as a sentence."""
     of_what = (
         "with its other joints " if judgement.is_pooled else "where it acts " if judgement.is_local else ""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.errors import InputError
 
 MOST_OF_CHANGE = 0.95
@@ -65,7 +65,7 @@ class GateConfig:
 def lower_bound(
     before: np.ndarray,
     after: np.ndarray,
-    rows: Rows,
+    rows: ScoredRows,
     resamples: int,
     confidence: float,
     seed: int,
@@ -96,7 +96,7 @@ def lower_bound(
     return float(total), float(np.quantile(share, 1.0 - confidence))
 
 
-def where_it_acts(before: np.ndarray, after: np.ndarray, rows: Rows) -> np.ndarray:
+def where_it_acts(before: np.ndarray, after: np.ndarray, rows: ScoredRows) -> np.ndarray:
     """(N,) rows of the fewest blocks that hold `MOST_OF_CHANGE` of the squares by which an effect changes a residual.
 
     A bound over all blocks is one over how often the effect is met, too: of two blocks in thirty that show it clearly,

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.discrepancy.acceptance.gate import GateConfig
 from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors
-from pipeline.discrepancy.selection.grouping import Effect
+from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.effects.catalogue import KNOWN
 
 
@@ -24,12 +24,14 @@ class OpenLoopGate:
     """
 
     before: WindowErrors
-    errors: Callable[[Sequence[Effect]], WindowErrors]
-    refit: Callable[[list[Effect]], list[Effect]]
+    errors: Callable[[Sequence[MachineEffect]], WindowErrors]
+    refit: Callable[[list[MachineEffect]], list[MachineEffect]]
     config: GateConfig
     say: Callable[[str], None]
 
-    def passing(self, effects: list[Effect], shows_otherwise: Callable[[Effect], bool]) -> list[Effect]:
+    def passing(
+        self, effects: list[MachineEffect], shows_otherwise: Callable[[MachineEffect], bool]
+    ) -> list[MachineEffect]:
         """Effects that do no harm and are worth a name, all beside one another.
 
         Args:
@@ -42,7 +44,7 @@ class OpenLoopGate:
             if effects is harmless:
                 return effects  # what stays has not been refitted since it was tried
 
-    def without_harm(self, effects: list[Effect]) -> list[Effect]:
+    def without_harm(self, effects: list[MachineEffect]) -> list[MachineEffect]:
         """Drop the weakest effect of a joint whose error rises beyond the margin, until none does."""
         while effects:
             worse = self._worse(effects)
@@ -62,7 +64,7 @@ class OpenLoopGate:
             )
         return effects
 
-    def _worse(self, effects: Sequence[Effect]) -> set[int]:
+    def _worse(self, effects: Sequence[MachineEffect]) -> set[int]:
         """Joints whose error rises beyond the margin, and by more than blocks differ by chance."""
         errors = self.errors(effects)
         is_beyond = errors.rmse > self.before.rmse * (1.0 + self.config.worse_margin)
@@ -71,7 +73,7 @@ class OpenLoopGate:
         most = np.quantile(errors.improvement(self.before), self.config.confidence, axis=0)
         return set(np.flatnonzero(is_beyond & (most < 0.0)).tolist())
 
-    def error_reduction(self, effect: Effect) -> float:
+    def error_reduction(self, effect: MachineEffect) -> float:
         """Share of the squared error that an effect removes by itself, its joints scaled alike."""
         if not effect.has_wrapper:
             return 0.0  # it predicts nothing
@@ -82,7 +84,9 @@ class OpenLoopGate:
         scale = np.maximum(self.before.squares.mean(axis=0)[joints], 1e-18)
         return 1.0 - float(np.sum(alone.squares.mean(axis=0)[joints] / scale) / len(joints))
 
-    def worth_a_name(self, effects: list[Effect], shows_otherwise: Callable[[Effect], bool]) -> list[Effect]:
+    def worth_a_name(
+        self, effects: list[MachineEffect], shows_otherwise: Callable[[MachineEffect], bool]
+    ) -> list[MachineEffect]:
         """Effects that show: in the prediction or, the first and those that predict nothing, otherwise.
 
         Args:
@@ -100,16 +104,16 @@ class OpenLoopGate:
         return effects if len(kept) == len(effects) else self.refit(kept)
 
 
-def _may_harm(effect: Effect, joints: set[int]) -> bool:
+def _may_harm(effect: MachineEffect, joints: set[int]) -> bool:
     if not effect.has_wrapper:
         return False
     reaches = any(KNOWN[m.candidate.family].reaches_other_joints for m in effect.members)
     return reaches or bool(set(effect.joints) & joints)
 
 
-def _without(effects: Sequence[Effect], guilty: Effect, worse: set[int]) -> list[Effect]:
+def _without(effects: Sequence[MachineEffect], guilty: MachineEffect, worse: set[int]) -> list[MachineEffect]:
     """The effects without one; of one cause on several joints, its part on joints that are not worse stays."""
     spared = [m for m in guilty.members if m.candidate.joint not in worse]
     is_spared = guilty.can_lose_joints and 0 < len(spared) < len(guilty.members)
-    rest = [Effect(guilty.family, spared)] if is_spared else []
+    rest = [MachineEffect(guilty.family, spared)] if is_spared else []
     return [part for e in effects for part in (rest if e is guilty else [e])]

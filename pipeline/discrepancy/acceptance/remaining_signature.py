@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import ROWS_AVERAGED, Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ROWS_AVERAGED, ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.plausibility import (
     BACKLASH,
@@ -24,7 +24,7 @@ from pipeline.discrepancy.families.plausibility import (
     STICTION,
 )
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.selected_effect import Found, residual_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import SMALLEST_COMMAND
 
@@ -40,12 +40,12 @@ SMALLEST_OF_REST = 0.08
 
 def doubted_by_what_is_left(
     simulation: Simulation,
-    rows: Rows,
-    found: Sequence[Found],
+    rows: ScoredRows,
+    found: Sequence[SelectedEffect],
     screened: Sequence[Candidate],
     largest: float,
     dt_s: float,
-) -> list[Found]:
+) -> list[SelectedEffect]:
     """Effects after which a signature of starts and stops is still there have others among their equivalents.
 
     Args:
@@ -75,7 +75,7 @@ def doubted_by_what_is_left(
     return doubted
 
 
-def _others(effect: Found, screened: Sequence[Candidate]) -> list[Candidate]:
+def _others(effect: SelectedEffect, screened: Sequence[Candidate]) -> list[Candidate]:
     """What its card is confounded with, of an encoder what starts and stops show, on its joint and not told yet."""
     candidate, told = effect.candidate, {c.family for c in effect.equivalents}
     is_encoder = candidate.family == SENSOR_BIAS
@@ -116,7 +116,9 @@ def remaining_share(without: np.ndarray, after: np.ndarray, columns: np.ndarray,
     return explained / removed
 
 
-def starts_and_stops(simulation: Simulation, rows: Rows, candidate: Candidate, dt_s: float) -> np.ndarray:
+def starts_and_stops(
+    simulation: Simulation, rows: ScoredRows, candidate: Candidate, dt_s: float
+) -> np.ndarray:
     """(N, k) how long ago the joint's command began, to reverse it or to go on, or ceased to be of either sign.
 
     One column per kind and moment.

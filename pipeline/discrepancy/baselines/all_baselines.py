@@ -16,8 +16,8 @@ from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.families.plausibility import is_dependence
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.grouping import Effect
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.grouping import MachineEffect
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.dynamics.evaluation.errors import Predictor
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
@@ -67,7 +67,7 @@ def _stretches(measured: Sequence[Trajectory], purposes: Sequence[np.ndarray]) -
                 yield replace(trajectory, **rows, is_validation=is_validation)
 
 
-def wrong_effect(effects: Sequence[Effect], screened: Sequence[Candidate]) -> Effect | None:
+def wrong_effect(effects: Sequence[MachineEffect], screened: Sequence[Candidate]) -> MachineEffect | None:
     """A middling fit of another family than was found, on the same joint.
 
     Args:
@@ -89,4 +89,4 @@ def wrong_effect(effects: Sequence[Effect], screened: Sequence[Candidate]) -> Ef
     if not others:
         return None
     middling = sorted(others, key=lambda c: -c.gain)[len(others) // 2]
-    return Effect(middling.family, [Found(middling)])
+    return MachineEffect(middling.family, [SelectedEffect(middling)])

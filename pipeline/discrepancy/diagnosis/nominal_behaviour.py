@@ -20,7 +20,7 @@ from pipeline.discrepancy.diagnosis.nominal_cache import (
 )
 from pipeline.discrepancy.diagnosis.null_gains import null_gains
 from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, alternating_folds, averaged, rows_in_blocks
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, alternating_folds, averaged, rows_in_blocks
 from pipeline.discrepancy.diagnosis.sequences import Sequences, side_by_side
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.selection.candidate import Nominal
@@ -56,7 +56,7 @@ class NominalBehaviour:
     effects: list[type[Effect]]
     sequences: Sequences
     simulation: Simulation
-    rows: Rows
+    rows: ScoredRows
     phases: np.ndarray
     floor: np.ndarray
     at_rest: np.ndarray

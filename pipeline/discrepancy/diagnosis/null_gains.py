@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.plausibility import THERMAL_DRIFT, is_plausible
 from pipeline.discrepancy.families.uncorrectable import screen_without_wrapper
@@ -26,7 +26,7 @@ class Null(NamedTuple):
     present: tuple[str, ...]
 
 
-def null_gains(simulation: Simulation, rows: Rows, excluded: Sequence[str], factor: float) -> Null:
+def null_gains(simulation: Simulation, rows: ScoredRows, excluded: Sequence[str], factor: float) -> Null:
     """The candidates that gain on rows of nominal logs that their values were not fitted to.
 
     Args:

@@ -10,7 +10,7 @@ ROWS_AVERAGED = 2  # velocities over one step carry the encoders' noise twice
 
 
 @dataclass(frozen=True)
-class Rows:
+class ScoredRows:
     """Rows on which candidates are scored.
 
     Attributes:
@@ -32,20 +32,22 @@ class Rows:
 
 def rows_in_blocks(
     is_used: np.ndarray, fold: np.ndarray, is_known: np.ndarray, floor: np.ndarray, block_rows: int
-) -> Rows:
+) -> ScoredRows:
     """Rows to score candidates on, in blocks of the bootstrap.
 
     Args:
         is_used: (B, T) bool.
         fold: (B, T) 0 or 1.
         is_known: (B, T, n_joint) bool: where the nominal logs show how the joint moves.
-        floor: (n_joint,) see `Rows`.
+        floor: (n_joint,) see `ScoredRows`.
         block_rows: Rows of a block; none crosses from one log into the next.
     """
     numbers = averaged(_blocks(is_used, block_rows).astype(float), is_used).astype(int)
     unique, index = np.unique(numbers, return_inverse=True)
     folds = Folds((averaged(fold.astype(float), is_used) > 0.5).astype(int), index, max(len(unique), 1))
-    return Rows(is_used, folds, floor, (averaged(is_known.astype(float), is_used) > 0.999).astype(float))
+    return ScoredRows(
+        is_used, folds, floor, (averaged(is_known.astype(float), is_used) > 0.999).astype(float)
+    )
 
 
 def alternating_folds(is_used: np.ndarray, block_rows: int, fold_rows: int) -> np.ndarray:

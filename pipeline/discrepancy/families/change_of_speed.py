@@ -11,10 +11,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal, scored
-from pipeline.discrepancy.selection.regression import Evidence, evidence
+from pipeline.discrepancy.selection.regression import CrossValidatedFit, evidence
 
 PRIOR_STD = 0.1  # of z: keeps the estimate at zero where nothing moves
 MOST_OF_ESTIMATE = 2.0  # the most that a joint follows an estimate of z, which is shrunk towards zero
@@ -35,7 +35,9 @@ class ChangeOfSpeed(ABC):
     family: ClassVar[str]
     widths_s: ClassVar[tuple[float, ...]]
 
-    def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows, known: np.ndarray) -> None:
+    def __init__(
+        self, simulation: Simulation, active: Hypothesis, rows: ScoredRows, known: np.ndarray
+    ) -> None:
         """Predict once.
 
         Args:
@@ -95,7 +97,7 @@ class ChangeOfSpeed(ABC):
         """What is tried on a joint; the arguments of `of` are each one's `point`."""
         return [self.candidate(joint, {"width": width_s}) for width_s in self.widths_s]
 
-    def evidence(self, joint: int, shape: Mapping[str, float]) -> Evidence:
+    def evidence(self, joint: int, shape: Mapping[str, float]) -> CrossValidatedFit:
         """How well the estimate of z of a shape explains the joint's residual."""
         reference = self.reference[:, joint]
         regressor = self.regressor(joint, self.of(joint, **shape))[:, None]

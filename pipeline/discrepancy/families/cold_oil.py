@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.late_channel import late_channel
 from pipeline.discrepancy.families.plausibility import DELAY, GAIN, LAG, STICTION, THERMAL_DRIFT, is_plausible
@@ -14,7 +14,7 @@ from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.comparison import DOUBT_FACTOR, Comparison
 from pipeline.discrepancy.selection.refine import completed, refine, refined_together, the_better
 from pipeline.discrepancy.selection.regression import t_statistic
-from pipeline.discrepancy.selection.selected_effect import Found, residual_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 from pipeline.effects.effect import Variant
 from pipeline.effects.thermal_drift import EQUALLY_LATE
 
@@ -34,12 +34,12 @@ OF_OWN_CAUSES = {LAG: 0.85, DELAY: 1.0}
 
 def cold_oil(
     simulation: Simulation,
-    rows: Rows,
-    found: Sequence[Found],
+    rows: ScoredRows,
+    found: Sequence[SelectedEffect],
     candidates: Sequence[Candidate],
     comparison: Comparison,
     excited: Collection[int],
-) -> list[Found]:
+) -> list[SelectedEffect]:
     """Cold oil on all joints that move enough, with how late it makes them, where all are as late by themselves.
 
     The screen knows it by its speeds alone, and so as less than it is.
@@ -75,15 +75,15 @@ def cold_oil(
         if explained < DOUBT_FACTOR * otherwise and t_statistic(more) < comparison.config.equivalent_t:
             equivalents += own
     return [
-        Found(c, [e for e in equivalents if e.joint == c.joint])
+        SelectedEffect(c, [e for e in equivalents if e.joint == c.joint])
         for c in sorted(oil, key=comparison.net, reverse=True)
     ]
 
 
 def channel_beside(
     simulation: Simulation,
-    rows: Rows,
-    found: Sequence[Found],
+    rows: ScoredRows,
+    found: Sequence[SelectedEffect],
     passes: Callable[[Candidate], bool],
     excited: Collection[int],
 ) -> list[Candidate]:
@@ -106,7 +106,7 @@ def channel_beside(
     if not oily.issuperset(excited) or any(f.candidate.family == DELAY for f in found):
         return []
     first = [_constant(DELAY, {"added_delay": FIRST_DELAY_S}, (), joint) for joint in sorted(excited)]
-    fitted = refine(simulation, rows, [*found, *map(Found, first)])
+    fitted = refine(simulation, rows, [*found, *map(SelectedEffect, first)])
     before, after = (residual_of(simulation, rows, of) for of in (found, fitted))
     delays = [
         the_better(delay, of.candidate, rows, before[:, delay.joint], after[:, delay.joint])
@@ -115,7 +115,7 @@ def channel_beside(
     return late_channel(delays, excited) if all(map(passes, delays)) else []
 
 
-def hardly_warms(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> bool:
+def hardly_warms(simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect]) -> bool:
     """Whether lags and gains of the same joints, which stay as they are, explain as much as the oil that was found.
 
     Oil is told from them by its warming up: of a log much shorter than that takes, its equation fits whatever makes
@@ -133,7 +133,7 @@ def hardly_warms(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> 
     had = {f.candidate.key for f in others}
     tried = [family for family in CONSTANT if family in simulation.effects]
     constant = [_constant(family, *CONSTANT[family], joint) for family in tried for joint in joints]
-    instead = refine(simulation, rows, [*others, *(Found(c) for c in constant if c.key not in had)])
+    instead = refine(simulation, rows, [*others, *(SelectedEffect(c) for c in constant if c.key not in had)])
     squares = [
         np.sum(residual_of(simulation, rows, of)[:, joints] ** 2 / rows.floor[joints], axis=1)
         for of in (instead, found)
@@ -150,7 +150,9 @@ def _constant(family: str, point: Mapping[str, float], freed: Variant, joint: in
     )
 
 
-def with_doubts_of_the_oil(found: Sequence[Found], screened: Sequence[Candidate]) -> list[Found]:
+def with_doubts_of_the_oil(
+    found: Sequence[SelectedEffect], screened: Sequence[Candidate]
+) -> list[SelectedEffect]:
     """Joints that respond late one like the other need no cause each: oil that stays cold does that to several.
 
     Args:

@@ -6,25 +6,25 @@ from functools import partial
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.plausibility import BACKLASH, GAIN, SENSOR_BIAS
 from pipeline.discrepancy.families.stops import Encoder
 from pipeline.discrepancy.selection.candidate import Candidate, scored
 from pipeline.discrepancy.selection.regression import evidence, t_statistic
-from pipeline.discrepancy.selection.selected_effect import Found, residual_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 
 REFUTING_T = 2.5  # of the loss by blocks that speaks against an encoder's error
 
 
 def encoder_errors(
     simulation: Simulation,
-    rows: Rows,
+    rows: ScoredRows,
     encoders: Mapping[int, Encoder],
     excluded: Sequence[str],
     joints: Sequence[str],
     say: Callable[[str], None],
-) -> list[Found]:
+) -> list[SelectedEffect]:
     """Where stops have moved, the encoder's error is known before anything else is looked for.
 
     Args:
@@ -52,12 +52,15 @@ def encoder_errors(
             say(
                 f"the stops of {joints[joint]} have moved by {encoder.z:.0f} standard deviations: its encoder"
             )
-            found.append(Found(candidate))
+            found.append(SelectedEffect(candidate))
     return found
 
 
 def is_refuted_by_stops(
-    candidate: Candidate, encoders: Mapping[int, Encoder], found: Sequence[Found], excluded: Sequence[str]
+    candidate: Candidate,
+    encoders: Mapping[int, Encoder],
+    found: Sequence[SelectedEffect],
+    excluded: Sequence[str],
 ) -> bool:
     """Whether what the stops say of a joint's encoder speaks against a candidate on it.
 
@@ -78,7 +81,9 @@ def is_refuted_by_stops(
     return has_play or (encoder is not None and not encoder.allows(candidate.point))
 
 
-def _is_play(simulation: Simulation, rows: Rows, joint: int, encoder: Encoder, candidate: Candidate) -> bool:
+def _is_play(
+    simulation: Simulation, rows: ScoredRows, joint: int, encoder: Encoder, candidate: Candidate
+) -> bool:
     """Whether stops are read further in, and play by as much explains more of the speeds than the encoder's error."""
     width, deviation = {"width": 2.0 * encoder.inward}, 2.0 * encoder.errors[0].deviation
     return encoder.inward > 0.0 and (
@@ -88,7 +93,7 @@ def _is_play(simulation: Simulation, rows: Rows, joint: int, encoder: Encoder, c
 
 def _at_stops(
     simulation: Simulation,
-    rows: Rows,
+    rows: ScoredRows,
     family: str,
     joint: int,
     point: Mapping[str, float],
@@ -100,6 +105,6 @@ def _at_stops(
     seen_at_stops = partial(replace, onset=onset, deviation=deviation)
     blank = seen_at_stops(Candidate(family, joint, None, point, (), nothing, 0.0, 0.0, nothing))
     before = residual_of(simulation, rows, [])[:, joint]
-    after = residual_of(simulation, rows, [Found(blank)])[:, joint]
+    after = residual_of(simulation, rows, [SelectedEffect(blank)])[:, joint]
     seen = evidence(before, after, np.zeros((len(before), 0)), rows.folds, nothing, nothing)
     return seen_at_stops(scored(seen, before, rows.floor[joint], family, joint, None, point, ()))

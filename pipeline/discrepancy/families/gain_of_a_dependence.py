@@ -16,14 +16,14 @@ from pipeline.discrepancy.families.plausibility import GAIN
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.effects.dependence import DEPENDENCES, N_DIRECTION
 from pipeline.effects.effect import Freed
 
 NAMES = ("ratio_negative", "ratio_positive")  # in the order of a dependence's directions
 
 
-def with_its_gain(found: Sequence[Found]) -> list[Found]:
+def with_its_gain(found: Sequence[SelectedEffect]) -> list[SelectedEffect]:
     """The effects, a gain taken into the dependence on its joint that counts from a reference, or is as good."""
     result = list(found)
     for gain in found:
@@ -40,8 +40,8 @@ def with_its_gain(found: Sequence[Found]) -> list[Found]:
 
 
 def doubted_by_what_varies(
-    passed: Sequence[Found], found: Sequence[Found], screened: Sequence[Candidate]
-) -> list[Found]:
+    passed: Sequence[SelectedEffect], found: Sequence[SelectedEffect], screened: Sequence[Candidate]
+) -> list[SelectedEffect]:
     """Effects that passed the gate; a gain beside a variation that did not has the joint's course as its equivalent.
 
     Args:
@@ -68,7 +68,7 @@ def doubted_by_what_varies(
     return result
 
 
-def _instead_of_both(candidate: Candidate, gain: Found) -> Candidate | None:
+def _instead_of_both(candidate: Candidate, gain: SelectedEffect) -> Candidate | None:
     if candidate.joint != gain.candidate.joint:
         return None
     if candidate.family == COURSE:  # nothing takes it off what is left: it is as it was without the gain

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.plausibility import GAIN
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.selected_effect import Found, velocity_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, velocity_of
 
 ON_POSITION = "other:position"
 MOVING_SHARE = 0.3  # of the usual speed
@@ -22,7 +22,11 @@ LEAST_SHARE = 0.5  # of the change in the middle of all rows, on nearly all
 
 
 def is_a_gain_over_poses(
-    simulation: Simulation, rows: Rows, found: Sequence[Found], dependence: Candidate, name: Candidate
+    simulation: Simulation,
+    rows: ScoredRows,
+    found: Sequence[SelectedEffect],
+    dependence: Candidate,
+    name: Candidate,
 ) -> bool:
     """Whether a dependence is on the own place of a joint whose name is a gain, and is nowhere without it.
 
@@ -37,7 +41,9 @@ def is_a_gain_over_poses(
     is_own_place = dependence.family == ON_POSITION and dependence.source == joint == dependence.joint
     if name.family != GAIN or not is_own_place:
         return False
-    without, having = (velocity_of(simulation, of)[..., joint] for of in (found, [*found, Found(dependence)]))
+    without, having = (
+        velocity_of(simulation, of)[..., joint] for of in (found, [*found, SelectedEffect(dependence)])
+    )
     smallest = MOVING_SHARE * simulation.setting.speed_scale[joint]
     told = [way for one in name.freed for way, _ in one]
     ways = {"ratio_positive": 1.0, "ratio_negative": -1.0}

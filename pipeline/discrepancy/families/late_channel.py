@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.discrepancy.families.plausibility import DELAY
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 
 EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE = 0.06, 0.25  # joints respond differently after one channel
 SMALLEST_DELAY_SHARE = 0.5  # of the largest
@@ -53,7 +53,9 @@ def late_channel(delays: Sequence[Candidate], excited: Collection[int]) -> list[
     ]
 
 
-def shortened(found: Sequence[Found], excited: Collection[int]) -> tuple[Found, Found] | None:
+def shortened(
+    found: Sequence[SelectedEffect], excited: Collection[int]
+) -> tuple[SelectedEffect, SelectedEffect] | None:
     """The delay of the one joint that is later than the others, which are late alike; and the same as late as they are.
 
     Args:
@@ -79,4 +81,4 @@ def shortened(found: Sequence[Found], excited: Collection[int]) -> tuple[Found, 
     latest = delays[later[0]]
     if sum(f.candidate.joint == latest.candidate.joint for f in found) > 1:
         return None
-    return latest, Found(replace(latest.candidate, point={"added_delay": common}))
+    return latest, SelectedEffect(replace(latest.candidate, point={"added_delay": common}))

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import gammainc
 
-from pipeline.discrepancy.diagnosis.scored_rows import ROWS_AVERAGED, Rows, averaged
+from pipeline.discrepancy.diagnosis.scored_rows import ROWS_AVERAGED, ScoredRows, averaged
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.families.supply_variation import (
     SHORTEST_S,
@@ -26,7 +26,7 @@ LEAST_SHARE = 0.1  # of what it explains later, per motion, that is told from no
 
 
 def supply_onset(
-    simulation: Simulation, active: Hypothesis, rows: Rows, members: Sequence[Candidate]
+    simulation: Simulation, active: Hypothesis, rows: ScoredRows, members: Sequence[Candidate]
 ) -> tuple[int, tuple[int, int]] | None:
     """When a common change of speed set in, and between which moments rows do not tell; None: it was always there.
 
@@ -81,7 +81,7 @@ def _so_little_by_chance(share: float, n_values: float) -> float:
 def supply_since(
     simulation: Simulation,
     active: Hypothesis,
-    rows: Rows,
+    rows: ScoredRows,
     moment: tuple[int, tuple[int, int]],
     members: Sequence[Candidate],
 ) -> list[Candidate]:

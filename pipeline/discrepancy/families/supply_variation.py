@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr, ndtri
 
 from pipeline.discrepancy.acceptance.placebos import shifted_p
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.families.change_of_speed import ChangeOfSpeed
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal
@@ -43,7 +43,7 @@ class _Common(ChangeOfSpeed):
         is_lost = longer[0].gain < KEPT_SHARE * shortest.gain
         return [shortest, *longer] if is_lost else longer
 
-    def __init__(self, simulation: Simulation, active: Hypothesis, rows: Rows) -> None:
+    def __init__(self, simulation: Simulation, active: Hypothesis, rows: ScoredRows) -> None:
         super().__init__(simulation, active, rows, rows.is_used[..., None])
 
     def known_share(self, joint: int, width: float) -> np.ndarray:
@@ -70,7 +70,7 @@ class _Common(ChangeOfSpeed):
 
 
 def supply_candidates(
-    simulation: Simulation, active: Hypothesis, rows: Rows, nominal: Nominal = MappingProxyType({})
+    simulation: Simulation, active: Hypothesis, rows: ScoredRows, nominal: Nominal = MappingProxyType({})
 ) -> list[Candidate]:
     """One candidate per joint, at the best width; arguments as of `ChangeOfSpeed`, and of its `candidates`."""
     return _Common(simulation, active, rows).candidates(nominal)
@@ -79,7 +79,7 @@ def supply_candidates(
 def supply_p(
     simulation: Simulation,
     active: Hypothesis,
-    parts: Sequence[Rows],
+    parts: Sequence[ScoredRows],
     widths_s: Mapping[int, float],
     seed: int,
 ) -> float:
@@ -127,7 +127,7 @@ def _rolled(z: np.ndarray, is_used: np.ndarray, share: float) -> np.ndarray:
 
 
 def without_common_change(
-    simulation: Simulation, active: Hypothesis, rows: Rows, widths_s: Mapping[int, float]
+    simulation: Simulation, active: Hypothesis, rows: ScoredRows, widths_s: Mapping[int, float]
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Residuals (N,) of each joint, and what is left of them without what the other joints predict; as `supply_p`."""
     common = _Common(simulation, active, rows)
@@ -138,7 +138,7 @@ def without_common_change(
 
 
 def supply_parameters(
-    measured: tuple[Simulation, Rows], nominal: tuple[Simulation, Rows], active: Hypothesis
+    measured: tuple[Simulation, ScoredRows], nominal: tuple[Simulation, ScoredRows], active: Hypothesis
 ) -> dict[str, float]:
     """Standard deviation and correlation time of z, from products of residuals at a distance in time.
 
@@ -185,7 +185,7 @@ class Course(NamedTuple):
 
 
 def course_of_the_supply(
-    simulation: Simulation, active: Hypothesis, rows: Rows, widths_s: Mapping[int, float]
+    simulation: Simulation, active: Hypothesis, rows: ScoredRows, widths_s: Mapping[int, float]
 ) -> Course:
     """What it explains when; arguments as of `supply_candidates`, and the width of each joint that has it."""
     common = _Common(simulation, active, rows)
@@ -200,7 +200,7 @@ def course_of_the_supply(
 
 
 def gains_of_the_supply(
-    simulation: Simulation, active: Hypothesis, rows: Rows, widths_s: Mapping[int, float]
+    simulation: Simulation, active: Hypothesis, rows: ScoredRows, widths_s: Mapping[int, float]
 ) -> dict[int, np.ndarray]:
     """Per joint (N,) what it explains when, in units of the noise floor; arguments as of `course_of_the_supply`."""
     common = _Common(simulation, active, rows)

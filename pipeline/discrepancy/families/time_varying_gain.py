@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import fftconvolve, find_peaks
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, spread
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, spread
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.families.change_of_speed import MOST_OF_ESTIMATE, ChangeOfSpeed
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal
@@ -46,7 +46,7 @@ class _Course(ChangeOfSpeed):
     widths_s = (3.0, 6.0, 12.0, 24.0)
 
     def __init__(
-        self, simulation: Simulation, active: Hypothesis, rows: Rows, beside: Rows | None = None
+        self, simulation: Simulation, active: Hypothesis, rows: ScoredRows, beside: ScoredRows | None = None
     ) -> None:
         known = sum(spread(of.weight, of.is_used) for of in (rows, beside) if of is not None)
         super().__init__(simulation, active, rows, np.asarray(known))
@@ -127,7 +127,7 @@ def _power(signal: np.ndarray, n: int) -> np.ndarray:
 
 
 def course_candidates(
-    simulation: Simulation, active: Hypothesis, rows: Rows, nominal: Nominal = MappingProxyType({})
+    simulation: Simulation, active: Hypothesis, rows: ScoredRows, nominal: Nominal = MappingProxyType({})
 ) -> list[Candidate]:
     """One candidate per joint, of the best shape; arguments as of `ChangeOfSpeed`, and of its `candidates`."""
     return _Course(simulation, active, rows).candidates(nominal)
@@ -136,8 +136,8 @@ def course_candidates(
 def beyond_constants(
     simulation: Simulation,
     active: Hypothesis,
-    rows: Rows,
-    beside: Rows,
+    rows: ScoredRows,
+    beside: ScoredRows,
     joint: int,
     shape: Mapping[str, float],
 ) -> tuple[np.ndarray, np.ndarray]:

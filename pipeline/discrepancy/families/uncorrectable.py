@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from types import MappingProxyType
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.supply_variation import supply_candidates
@@ -23,7 +23,7 @@ def has_wrapper(candidate: Candidate) -> bool:
 def screen_without_wrapper(
     simulation: Simulation,
     active: Hypothesis,
-    rows: Rows,
+    rows: ScoredRows,
     excluded: Collection[str],
     nominal: Nominal = MappingProxyType({}),
 ) -> list[Candidate]:

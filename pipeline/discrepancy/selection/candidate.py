@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
-from pipeline.discrepancy.selection.regression import Evidence, t_statistic
+from pipeline.discrepancy.selection.regression import CrossValidatedFit, t_statistic
 from pipeline.effects.effect import Variant
 
 FEWEST_ACTING = 4  # blocks
@@ -97,7 +97,7 @@ Nominal = Mapping[Key, Misfit]
 
 
 def scored(
-    found: Evidence,
+    found: CrossValidatedFit,
     reference: np.ndarray,
     floor: float,
     family: str,

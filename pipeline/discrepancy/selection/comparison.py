@@ -18,7 +18,7 @@ from pipeline.discrepancy.families.plausibility import (
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds, t_statistic
-from pipeline.discrepancy.selection.search_thresholds import SearchConfig
+from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
 
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
 REPRODUCED_SHARE = 0.2
@@ -44,7 +44,7 @@ class Comparison:
     """
 
     folds: Folds
-    config: SearchConfig
+    config: EffectSearchConfig
     at_rest: tuple[float, ...] = ()
 
     def net(self, candidate: Candidate) -> float:

@@ -4,23 +4,23 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.plausibility import is_dependence
 from pipeline.discrepancy.families.whole_machine import OF_ONE_CAUSE
 from pipeline.discrepancy.selection.comparison import NEGLIGIBLE
 from pipeline.discrepancy.selection.refine import refine
 from pipeline.discrepancy.selection.regression import t_statistic
-from pipeline.discrepancy.selection.selected_effect import Found, residual_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 
 
 def decide_again(
     simulation: Simulation,
-    rows: Rows,
-    found: list[Found],
+    rows: ScoredRows,
+    found: list[SelectedEffect],
     equivalent_t: float,
     say: Callable[[str], None],
-) -> list[Found]:
+) -> list[SelectedEffect]:
     """Fit each named equivalent in the place of its effect; keep the best, and those that are still as good.
 
     Args:
@@ -41,7 +41,9 @@ def decide_again(
             continue
         trials = [found]
         for option in named:
-            trials.append(refine(simulation, rows, [*found[:place], Found(option), *found[place + 1 :]]))
+            trials.append(
+                refine(simulation, rows, [*found[:place], SelectedEffect(option), *found[place + 1 :]])
+            )
         squares = [_squares_by_block(simulation, rows, trial, joint) for trial in trials]
         best = squares[int(np.argmin([of_trial.sum() for of_trial in squares]))]
         even = [
@@ -58,13 +60,15 @@ def decide_again(
             say(f"beside the others {candidate.family} explains better what {first.candidate.family} did")
         found = [
             *found[:place],
-            Found(candidate, [*(c for c in rest if c is not candidate), *others], first.losers),
+            SelectedEffect(candidate, [*(c for c in rest if c is not candidate), *others], first.losers),
             *found[place + 1 :],
         ]
     return found
 
 
-def _squares_by_block(simulation: Simulation, rows: Rows, found: Sequence[Found], joint: int) -> np.ndarray:
+def _squares_by_block(
+    simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect], joint: int
+) -> np.ndarray:
     """(n_blocks,) squared residual of a joint, in units of its noise floor."""
     residual = residual_of(simulation, rows, found)[:, joint]
     return np.bincount(rows.folds.block, residual**2, minlength=rows.folds.n_blocks) / rows.floor[joint]

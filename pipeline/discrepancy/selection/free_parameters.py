@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.effects.effect import Effect
 
 RELATIVE_STEP = 0.04
@@ -30,7 +30,7 @@ class Coordinate:
     size: float = 1.0
 
 
-def coordinates_of(simulation: Simulation, found: Sequence[Found]) -> dict[int, list[Coordinate]]:
+def coordinates_of(simulation: Simulation, found: Sequence[SelectedEffect]) -> dict[int, list[Coordinate]]:
     """Per joint, what can be moved of the effects found on it."""
     result: dict[int, list[Coordinate]] = {}
     for number, one in enumerate(found):
@@ -52,7 +52,7 @@ def coordinates_of(simulation: Simulation, found: Sequence[Found]) -> dict[int, 
     return result
 
 
-def value_of(found: Sequence[Found], coordinate: Coordinate) -> float:
+def value_of(found: Sequence[SelectedEffect], coordinate: Coordinate) -> float:
     """Of the parameter or the coefficient."""
     candidate = found[coordinate.effect].candidate
     return float(
@@ -60,7 +60,7 @@ def value_of(found: Sequence[Found], coordinate: Coordinate) -> float:
     )
 
 
-def with_value(found: list[Found], coordinate: Coordinate, value: float) -> list[Found]:
+def with_value(found: list[SelectedEffect], coordinate: Coordinate, value: float) -> list[SelectedEffect]:
     """The effects, one of them with another value."""
     candidate = found[coordinate.effect].candidate
     if coordinate.name:
@@ -74,7 +74,7 @@ def with_value(found: list[Found], coordinate: Coordinate, value: float) -> list
     return result
 
 
-def difference_step(found: Sequence[Found], coordinate: Coordinate) -> float:
+def difference_step(found: Sequence[SelectedEffect], coordinate: Coordinate) -> float:
     """By how much a value is moved for a finite difference."""
     value = value_of(found, coordinate)
     step = max(RELATIVE_STEP * abs(value), SMALLEST_STEP * coordinate.size)
@@ -86,7 +86,7 @@ Column = tuple[Coordinate, ...]
 
 
 @dataclass(frozen=True)
-class Group:
+class ParameterGroup:
     """Joints that are fitted together, as their effects have values in common; mostly one joint by itself.
 
     Attributes:
@@ -98,7 +98,10 @@ class Group:
     columns: tuple[Column, ...]
 
     def stacked(
-        self, jacobian: Mapping[int, np.ndarray], coordinates: Mapping[int, Sequence[Coordinate]], rows: Rows
+        self,
+        jacobian: Mapping[int, np.ndarray],
+        coordinates: Mapping[int, Sequence[Coordinate]],
+        rows: ScoredRows,
     ) -> np.ndarray:
         """(n_joint_of_group * N, k) derivatives by the columns, joint after joint, in units of the noise floor.
 
@@ -122,19 +125,21 @@ class Group:
         places = [next(i for i, column in enumerate(self.columns) if of in column) for of in coordinates]
         return matrix[np.ix_(places, places)]
 
-    def of_its_joints(self, residual: np.ndarray, rows: Rows) -> np.ndarray:
+    def of_its_joints(self, residual: np.ndarray, rows: ScoredRows) -> np.ndarray:
         """(N, n_joint) to (n_joint_of_group * N,), in the same order and units."""
         joints = list(self.joints)
         return (residual[:, joints] / np.sqrt(rows.floor[joints])).T.ravel()
 
-    def squares(self, residual: np.ndarray, rows: Rows) -> float:
+    def squares(self, residual: np.ndarray, rows: ScoredRows) -> float:
         """Of a residual (N, n_joint) on its joints, in units of the noise floor."""
         return float(np.sum(self.of_its_joints(residual, rows) ** 2))
 
 
 def groups_of(
-    effects: Mapping[str, Effect], found: Sequence[Found], coordinates: Mapping[int, Sequence[Coordinate]]
-) -> list[Group]:
+    effects: Mapping[str, Effect],
+    found: Sequence[SelectedEffect],
+    coordinates: Mapping[int, Sequence[Coordinate]],
+) -> list[ParameterGroup]:
     """Every joint that has something to move, with those that it shares a value with."""
     in_common: dict[tuple[str, str], list[Coordinate]] = {}
     alone: list[Column] = []
@@ -152,10 +157,10 @@ def groups_of(
         groups = [group for group in groups if not group[0] & joints]
         merged = joints.union(*(of for of, _ in touching))
         groups.append((merged, [*(c for _, of in touching for c in of), column]))
-    return [Group(tuple(sorted(joints)), tuple(of)) for joints, of in groups]
+    return [ParameterGroup(tuple(sorted(joints)), tuple(of)) for joints, of in groups]
 
 
-def with_common_values(found: list[Found], groups: Sequence[Group]) -> list[Found]:
+def with_common_values(found: list[SelectedEffect], groups: Sequence[ParameterGroup]) -> list[SelectedEffect]:
     """The effects, with one value of what they have in common: the mean, by what each explains."""
     for column in (column for group in groups for column in group.columns if len(column) > 1):
         gains = [max(found[coordinate.effect].candidate.gain, 1e-9) for coordinate in column]

@@ -19,7 +19,7 @@ from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.families.whole_machine import OF_ONE_CAUSE
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 
@@ -29,7 +29,7 @@ FEWEST_LAGS = 3  # joints
 
 
 @dataclass(frozen=True)
-class Effect:
+class MachineEffect:
     """One effect of the verdict.
 
     Attributes:
@@ -38,7 +38,7 @@ class Effect:
     """
 
     family: str
-    members: list[Found]
+    members: list[SelectedEffect]
 
     @property
     def card(self) -> str:
@@ -77,7 +77,9 @@ class Effect:
         return sum(member.candidate.gain for member in self.members)
 
 
-def effects_of(found: Sequence[Found], excited: Collection[int], allow_timing: bool = True) -> list[Effect]:
+def effects_of(
+    found: Sequence[SelectedEffect], excited: Collection[int], allow_timing: bool = True
+) -> list[MachineEffect]:
     """Group what was found on single joints, strongest first.
 
     Args:
@@ -93,18 +95,18 @@ def effects_of(found: Sequence[Found], excited: Collection[int], allow_timing: b
     if channel:
         joints = {candidate.joint for candidate in channel}
         late = [f for f in delays if f.candidate.joint in joints]
-        effects.append(Effect(TIMING if allow_timing else OTHER, late))
+        effects.append(MachineEffect(TIMING if allow_timing else OTHER, late))
         left = [f for f in left if f not in late]
     for family in (*OF_ONE_CAUSE, COURSE):
         members = [f for f in left if f.candidate.family == family]
         if members:
-            effects.append(Effect(contract_family(members[0].candidate), members))
+            effects.append(MachineEffect(contract_family(members[0].candidate), members))
             left = [f for f in left if f not in members]
-    effects += [Effect(contract_family(f.candidate), [f]) for f in left]
+    effects += [MachineEffect(contract_family(f.candidate), [f]) for f in left]
     return sorted(effects, key=lambda effect: -effect.gain)
 
 
-def without_lags_of_one_cause(effects: Sequence[Effect]) -> list[Effect]:
+def without_lags_of_one_cause(effects: Sequence[MachineEffect]) -> list[MachineEffect]:
     """Lags of three joints at once are no wear of each but one cause: `other`, where they may not be called cold oil.
 
     A joint counts whose effect may be a lag just as well.
@@ -127,7 +129,8 @@ def without_lags_of_one_cause(effects: Sequence[Effect]) -> list[Effect]:
     if is_oil or not all(set_in_together(lags[0].candidate, lag.candidate) for lag in lags):
         return list(effects)
     return sorted(
-        [Effect(OTHER, lags), *(e for e in effects if e.family != LAG)], key=lambda effect: -effect.gain
+        [MachineEffect(OTHER, lags), *(e for e in effects if e.family != LAG)],
+        key=lambda effect: -effect.gain,
     )
 
 
@@ -136,7 +139,7 @@ def contract_family(candidate: Candidate) -> str:
     return OTHER if is_dependence(candidate) else candidate.family
 
 
-def depends_on(effect: Effect, joints: Sequence[str]) -> list[str]:
+def depends_on(effect: MachineEffect, joints: Sequence[str]) -> list[str]:
     """Entries as in the contract: `variable` or `variable:joint`."""
     entries: list[str] = []
     for member in effect.members:

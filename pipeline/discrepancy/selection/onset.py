@@ -9,14 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, averaged
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, averaged
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal, with_candidate
 from pipeline.discrepancy.selection.refine import refine
 from pipeline.discrepancy.selection.regression import Folds, t_statistic
 from pipeline.discrepancy.selection.screen import screen
-from pipeline.discrepancy.selection.selected_effect import Found, residual_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 
@@ -33,7 +33,7 @@ WHOLE = 0.999
 def with_onsets(
     simulation: Simulation,
     active: Hypothesis,
-    rows: Rows,
+    rows: ScoredRows,
     candidates: Sequence[Candidate],
     known: Sequence[int] = (),
 ) -> list[Candidate]:
@@ -60,7 +60,7 @@ def with_onsets(
 def since(
     simulation: Simulation,
     active: Hypothesis,
-    rows: Rows,
+    rows: ScoredRows,
     first: Candidate,
     excluded: Sequence[str],
     nominal: Nominal,
@@ -93,7 +93,7 @@ def since(
     ]
 
 
-def rows_since(simulation: Simulation, rows: Rows, moment: int) -> tuple[Rows, np.ndarray]:
+def rows_since(simulation: Simulation, rows: ScoredRows, moment: int) -> tuple[ScoredRows, np.ndarray]:
     """The rows from a moment on, in the same blocks and in folds of their own.
 
     Args:
@@ -107,12 +107,12 @@ def rows_since(simulation: Simulation, rows: Rows, moment: int) -> tuple[Rows, n
     is_after = simulation.sequences.stamp_ns >= moment
     kept = averaged(is_after.astype(float), rows.is_used) > WHOLE
     folds = Folds(rows.folds.block[kept] % 2, rows.folds.block[kept], rows.folds.n_blocks)
-    return Rows(rows.is_used & is_after, folds, rows.floor, rows.weight[kept]), kept
+    return ScoredRows(rows.is_used & is_after, folds, rows.floor, rows.weight[kept]), kept
 
 
 def of_one_moment(
-    simulation: Simulation, rows: Rows, found: Sequence[Found], families: Sequence[str]
-) -> list[Found]:
+    simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect], families: Sequence[str]
+) -> list[SelectedEffect]:
     """Effects of which those of one cause, on several joints, all set in at the moment that suits them best.
 
     On a joint on which little of it shows, its moment does not.
@@ -149,7 +149,7 @@ def _can_set_in(candidate: Candidate) -> bool:
     return candidate.family in KNOWN and KNOWN[candidate.family].card.can_set_in
 
 
-def _squares(simulation: Simulation, active: Hypothesis, rows: Rows) -> np.ndarray:
+def _squares(simulation: Simulation, active: Hypothesis, rows: ScoredRows) -> np.ndarray:
     """(n_joint,) sums of the squared residual."""
     velocity = simulation.velocities([active])[0]
     residual = rows.weight * rows.averaged(simulation.sequences.velocity - velocity)
@@ -157,7 +157,7 @@ def _squares(simulation: Simulation, active: Hypothesis, rows: Rows) -> np.ndarr
 
 
 def _with_onset(
-    simulation: Simulation, active: Hypothesis, rows: Rows, candidate: Candidate, known: Sequence[int]
+    simulation: Simulation, active: Hypothesis, rows: ScoredRows, candidate: Candidate, known: Sequence[int]
 ) -> Candidate:
     joint = candidate.joint
     order = np.argsort(

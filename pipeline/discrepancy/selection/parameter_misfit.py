@@ -11,15 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.selection.free_parameters import coordinates_of, groups_of
 from pipeline.discrepancy.selection.refine import residual_and_jacobian
-from pipeline.discrepancy.selection.selected_effect import Found, residual_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 
 
 def misfit_covariance(
-    simulation: Simulation, rows: Rows, found: Sequence[Found], n_parts: int
+    simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect], n_parts: int
 ) -> dict[int, np.ndarray]:
     """Mean square of the parameters that parts of the nominal logs ask for, per joint, (k, k).
 

@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.free_parameters import (
     Coordinate,
-    Group,
+    ParameterGroup,
     coordinates_of,
     difference_step,
     groups_of,
@@ -26,7 +26,7 @@ from pipeline.discrepancy.selection.free_parameters import (
     with_value,
 )
 from pipeline.discrepancy.selection.regression import bounded_least_squares
-from pipeline.discrepancy.selection.selected_effect import Found, onsets_in, residual_of, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_in, residual_of, values_of
 
 ITERATIONS = 15
 FIRST_DAMPING, LARGEST_DAMPING = 1e-3, 1e3  # of the curvature; what is too long even then leads nowhere
@@ -34,7 +34,7 @@ SETTLED = 1e-4  # of the squares: joints whose step takes off less have arrived
 LINEAR_ROOM = 0.5  # of the range between a linear coefficient's bounds: its step is right wherever it starts
 
 
-def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[Found]:
+def refine(simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect]) -> list[SelectedEffect]:
     """Gauss-Newton from where the search left off; a joint's step is kept only if its squares fall.
 
     Where they do not, the step was too long: the next is shorter. Each is the best within the bounds, so that a value
@@ -93,7 +93,11 @@ def refine(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> list[F
 
 
 def _step_within_bounds(
-    found: Sequence[Found], group: Group, jacobian: np.ndarray, residual: np.ndarray, damping: float
+    found: Sequence[SelectedEffect],
+    group: ParameterGroup,
+    jacobian: np.ndarray,
+    residual: np.ndarray,
+    damping: float,
 ) -> np.ndarray:
     """(k,) damped Gauss-Newton step of a group's columns, by jacobian (M, k) and residual (M,)."""
     rooms = np.array([_room(column[0], value_of(found, column[0])) for column in group.columns])
@@ -112,18 +116,18 @@ def _room(coordinate: Coordinate, value: float) -> tuple[float, float]:
 
 
 def refine_alone(
-    simulation: Simulation, rows: Rows, found: Sequence[Found], candidate: Candidate
+    simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect], candidate: Candidate
 ) -> Candidate:
     """Move one candidate off its grid, the effects that were found before held where they are."""
     return refined_together(simulation, rows, found, [candidate])[0] if candidate.point else candidate
 
 
 def refined_together(
-    simulation: Simulation, rows: Rows, found: Sequence[Found], candidates: Sequence[Candidate]
+    simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect], candidates: Sequence[Candidate]
 ) -> list[Candidate]:
     """Move candidates on different joints off their grids, beside the effects that were found before."""
     before = residual_of(simulation, rows, found)
-    fitted = refine(simulation, rows, [*found, *map(Found, candidates)])[len(found) :]
+    fitted = refine(simulation, rows, [*found, *map(SelectedEffect, candidates)])[len(found) :]
     after = residual_of(simulation, rows, [*found, *fitted])
     return [
         the_better(candidate, of.candidate, rows, before[:, candidate.joint], after[:, candidate.joint])
@@ -132,7 +136,7 @@ def refined_together(
 
 
 def the_better(
-    candidate: Candidate, refined: Candidate, rows: Rows, before: np.ndarray, after: np.ndarray
+    candidate: Candidate, refined: Candidate, rows: ScoredRows, before: np.ndarray, after: np.ndarray
 ) -> Candidate:
     """The refined one with what it explains of the rows it was fitted to; the one of the grid if that explains more.
 
@@ -172,7 +176,9 @@ def completed(simulation: Simulation, candidate: Candidate, present: Collection[
     return replace(candidate, point=point, freed=candidate.freed + later, coefficients=coefficients)
 
 
-def gain_without(simulation: Simulation, rows: Rows, found: Sequence[Found], left_out: Found) -> np.ndarray:
+def gain_without(
+    simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect], left_out: SelectedEffect
+) -> np.ndarray:
     """What an effect takes off the squares beside the others, per block, in units of the floor."""
     joint = left_out.candidate.joint
     others = [effect for effect in found if effect is not left_out]
@@ -186,7 +192,10 @@ def gain_without(simulation: Simulation, rows: Rows, found: Sequence[Found], lef
 
 
 def residual_and_jacobian(
-    simulation: Simulation, rows: Rows, found: list[Found], coordinates: dict[int, list[Coordinate]]
+    simulation: Simulation,
+    rows: ScoredRows,
+    found: list[SelectedEffect],
+    coordinates: dict[int, list[Coordinate]],
 ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
     """Residual (N, n_joint), and per joint the derivatives (N, k) of its velocity by its coordinates."""
     together = _moved_together(simulation, found, coordinates)
@@ -214,7 +223,7 @@ def residual_and_jacobian(
 
 
 def _moved_together(
-    simulation: Simulation, found: Sequence[Found], coordinates: Mapping[int, Sequence[Coordinate]]
+    simulation: Simulation, found: Sequence[SelectedEffect], coordinates: Mapping[int, Sequence[Coordinate]]
 ) -> list[dict[int, Coordinate]]:
     """Coordinates by joint that are moved at the same time; by themselves, where other joints would feel it."""
     alone, queues = [], []
@@ -233,7 +242,7 @@ def _moved_together(
 
 
 def parameter_covariance(
-    simulation: Simulation, rows: Rows, found: list[Found]
+    simulation: Simulation, rows: ScoredRows, found: list[SelectedEffect]
 ) -> dict[int, tuple[list[Coordinate], np.ndarray]]:
     """Per joint the coordinates and their covariance, robust against any correlation within blocks.
 

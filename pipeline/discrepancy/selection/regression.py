@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 
-class Evidence(NamedTuple):
+class CrossValidatedFit(NamedTuple):
     """How well a candidate explains one joint's residual.
 
     Attributes:
@@ -44,7 +44,7 @@ def evidence(
     lower: np.ndarray,
     upper: np.ndarray,
     ridge: np.ndarray | float = 0.0,
-) -> Evidence:
+) -> CrossValidatedFit:
     """Fit `residual` on `regressors`, bounded, and count what that takes off the squares of `reference`.
 
     Args:
@@ -67,7 +67,7 @@ def evidence(
     else:
         coefficients = np.zeros(0)
     by_block = np.bincount(folds.block, reference**2 - after**2, minlength=folds.n_blocks)
-    return Evidence(coefficients, float(by_block.sum()), by_block, after)
+    return CrossValidatedFit(coefficients, float(by_block.sum()), by_block, after)
 
 
 def t_statistic(by_block: np.ndarray) -> float:

@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.selection.candidate import Candidate, Key, Nominal, scored
-from pipeline.discrepancy.selection.regression import Evidence, evidence
+from pipeline.discrepancy.selection.regression import CrossValidatedFit, evidence
 from pipeline.effects.chain import Chain
 from pipeline.effects.dependence import N_DIRECTION, Dependence
 from pipeline.effects.effect import Effect, SensorEffect, Variant, VelocityEffect
@@ -33,7 +33,7 @@ USUAL_SHARE, INDEPENDENT_ROWS = 0.1, 10.0
 def screen(
     simulation: Simulation,
     active: Hypothesis,
-    rows: Rows,
+    rows: ScoredRows,
     excluded: Sequence[str] = (),
     joints: Sequence[int] | None = None,
     nominal: Nominal = MappingProxyType({}),
@@ -59,7 +59,7 @@ class _Screen:
         self,
         simulation: Simulation,
         active: Hypothesis,
-        rows: Rows,
+        rows: ScoredRows,
         excluded: Sequence[str],
         joints: Sequence[int] | None,
         nominal: Nominal,
@@ -219,7 +219,7 @@ class _Screen:
     def _score(self, family, joint, source, point, variant, residual, regressors, lower, upper) -> None:  # type: ignore[no-untyped-def]
         floor = self.rows.floor[joint]
         ridge = INDEPENDENT_ROWS * floor / (USUAL_SHARE * (upper - lower)) ** 2
-        found: Evidence = evidence(
+        found: CrossValidatedFit = evidence(
             self.reference[:, joint], residual, regressors, self.rows.folds, lower, upper, ridge
         )
         candidate = scored(found, self.reference[:, joint], floor, family, joint, source, point, variant)

@@ -8,7 +8,7 @@ taken; what is as simple and as good is kept as its equivalent (`comparison.py`)
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.cold_oil import channel_beside, cold_oil, hardly_warms
 from pipeline.discrepancy.families.encoder_error import encoder_errors, is_refuted_by_stops
@@ -48,8 +48,8 @@ from pipeline.discrepancy.selection.onset import of_one_moment, since, with_onse
 from pipeline.discrepancy.selection.refine import completed, gain_without, refine, refine_alone
 from pipeline.discrepancy.selection.regression import t_statistic
 from pipeline.discrepancy.selection.screen import screen
-from pipeline.discrepancy.selection.search_thresholds import SearchConfig
-from pipeline.discrepancy.selection.selected_effect import Found, onsets_of, values_of
+from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_of, values_of
 
 REFINED = 3  # of a joint's candidates
 TOLD_LOSERS = 6  # of a joint's candidates
@@ -68,9 +68,9 @@ class Search:
     def __init__(
         self,
         simulation: Simulation,
-        rows: Rows,
+        rows: ScoredRows,
         nominal: Nominal,
-        config: SearchConfig,
+        config: EffectSearchConfig,
         excluded: Sequence[str],
         encoders: Mapping[int, Encoder],
         joints: Sequence[str],
@@ -85,7 +85,7 @@ class Search:
         self.excluded = tuple(excluded)
         self.encoders = encoders
         self.joints, self.excited = joints, excited
-        self.found: list[Found] = []
+        self.found: list[SelectedEffect] = []
         self._closed: set[int] = set()  # joints on which nothing plausible is left
         self.first: list[Candidate] = []  # of the first screen, for the ranking
         self._say = say
@@ -94,7 +94,7 @@ class Search:
         """Whether it removes enough, beside what was found."""
         return self.comparison.passes(candidate, is_further=bool(self.found))
 
-    def run(self) -> list[Found]:
+    def run(self) -> list[SelectedEffect]:
         """Find effects until none is left that passes."""
         self._select()
         if hardly_warms(self.simulation, self.rows, self.found):
@@ -172,7 +172,7 @@ class Search:
         self.found += self._choose(passing, left)
         self._refit()
 
-    def _second_cause(self, candidates: Sequence[Candidate]) -> list[Found]:
+    def _second_cause(self, candidates: Sequence[Candidate]) -> list[SelectedEffect]:
         """A payload, a shared pump or a late channel, beside what makes the whole machine faster or slower.
 
         On single joints little that is left is worth a name then: no wrapper fits every joint so well. What joints
@@ -192,19 +192,19 @@ class Search:
                 and sum(map(self.comparison.net, showing)) > SECOND_CAUSE_SHARE * whole
             ):
                 self._say(f"{family} on {len(showing)} joints is there besides")
-                return [Found(c) for c in showing]
+                return [SelectedEffect(c) for c in showing]
         return []
 
-    def _channel_beside_oil(self) -> list[Found]:
+    def _channel_beside_oil(self) -> list[SelectedEffect]:
         """A late channel, where the oil's lag had stood for it."""
         if {DELAY, TIMING} & set(self.excluded):
             return []
         late = channel_beside(self.simulation, self.rows, self.found, self.passes, self.excited)
         if late:
             self._say("all joints stay late while the oil warms up: the channel is late, too")
-        return [Found(c) for c in late]
+        return [SelectedEffect(c) for c in late]
 
-    def _further_valves(self, candidates: Sequence[Candidate]) -> list[Found]:
+    def _further_valves(self, candidates: Sequence[Candidate]) -> list[SelectedEffect]:
         """Dead bands that show on further joints once several have one: one controller drives all valves."""
         having = {f.candidate.joint for f in self.found if f.candidate.family == DEAD_BAND}
         if len(having) < 2:
@@ -212,7 +212,7 @@ class Search:
         further = [c for c in candidates if c.family == DEAD_BAND and self.comparison.shows(c)]
         for candidate in further:
             self._say(f"{DEAD_BAND} shows on {self.joints[candidate.joint]}, too")
-        return [Found(c) for c in further]
+        return [SelectedEffect(c) for c in further]
 
     def _may_stand_alone(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
         """Whether it is plausible on its joint, and shows on another joint, too, where all have the same oil."""
@@ -308,17 +308,19 @@ class Search:
                 and self.comparison.net(better) > (1.0 + NEGLIGIBLE) * self.comparison.net(first)
             ):
                 self._say(f"{better.family} explains more than {first.family} and what is left beside it")
-                self.found[place] = Found(better, [], [(first, "leaves structure behind that this does not")])
+                self.found[place] = SelectedEffect(
+                    better, [], [(first, "leaves structure behind that this does not")]
+                )
                 self._refit()
         return kept
 
-    def _choose(self, passing: list[Candidate], candidates: list[Candidate]) -> list[Found]:
+    def _choose(self, passing: list[Candidate], candidates: list[Candidate]) -> list[SelectedEffect]:
         """The joint with most to gain; the simplest of its candidates that are not significantly worse."""
         best = max(passing, key=self.comparison.as_last_resort)
         # A second common cause would only mend the first.
         if not any(f.candidate.family in COMMON_CAUSES for f in self.found):
             common = common_cause(best, candidates, self.comparison.net, self.comparison.shows)
-            cause = self._cold_oil(best, common, candidates) or [Found(c) for c in common]
+            cause = self._cold_oil(best, common, candidates) or [SelectedEffect(c) for c in common]
             if any(self.passes(f.candidate) for f in cause):
                 family = cause[0].candidate.family
                 self._say(f"{family} on {len(cause)} joints explains more together than anything on one")
@@ -355,11 +357,11 @@ class Search:
             for rival in sorted(rivals, key=self.comparison.net, reverse=True)
             if rival.key not in {chosen.key, *(c.key for c in equivalents)}
         ]
-        found = [Found(chosen, equivalents, losers[:TOLD_LOSERS])]
+        found = [SelectedEffect(chosen, equivalents, losers[:TOLD_LOSERS])]
         if chosen.family in WHOLE_MACHINE:
             # An effect of the whole machine is taken on every joint on which it shows.
             found += [
-                Found(c)
+                SelectedEffect(c)
                 for c in candidates
                 if c.family == chosen.family
                 and c.joint != chosen.joint
@@ -367,7 +369,7 @@ class Search:
                 and self.comparison.shows(c)
             ]
         if chosen.family == DELAY and TIMING not in self.excluded:
-            found += [Found(c) for c in self._late_elsewhere(chosen, candidates)]
+            found += [SelectedEffect(c) for c in self._late_elsewhere(chosen, candidates)]
         return found
 
     def _is_a_gain(self, dependence: Candidate, name: Candidate) -> bool:
@@ -377,7 +379,7 @@ class Search:
 
     def _cold_oil(
         self, best: Candidate, common: Sequence[Candidate], candidates: Sequence[Candidate]
-    ) -> list[Found]:
+    ) -> list[SelectedEffect]:
         """Oil that makes joints late, where it explains more than one joint's effect, or any other cause in common."""
         if THERMAL_DRIFT in self.excluded or any(c.family == THERMAL_DRIFT for c in common):
             return []

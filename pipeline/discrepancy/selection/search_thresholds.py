@@ -6,7 +6,7 @@ from pipeline.errors import InputError
 
 
 @dataclass
-class SearchConfig:
+class EffectSearchConfig:
     """Thresholds of the search.
 
     Attributes:

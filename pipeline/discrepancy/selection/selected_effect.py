@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate, with_candidate
 
 
 @dataclass(frozen=True)
-class Found:
+class SelectedEffect:
     """One effect on one joint that the search took.
 
     Attributes:
@@ -27,7 +27,7 @@ class Found:
     losers: list[tuple[Candidate, str]] = field(default_factory=list)
 
 
-def values_of(simulation: Simulation, found: Sequence[Found]) -> dict:
+def values_of(simulation: Simulation, found: Sequence[SelectedEffect]) -> dict:
     """The hypothesis of several effects; those without a wrapper have no values."""
     values: dict = {}
     for effect in found:
@@ -36,7 +36,7 @@ def values_of(simulation: Simulation, found: Sequence[Found]) -> dict:
     return values
 
 
-def onsets_of(found: Sequence[Found]) -> dict[tuple[str, int], int]:
+def onsets_of(found: Sequence[SelectedEffect]) -> dict[tuple[str, int], int]:
     """Stamp at which an effect on a joint sets in, where it does."""
     return {
         (f.candidate.family, f.candidate.joint): f.candidate.onset
@@ -46,7 +46,7 @@ def onsets_of(found: Sequence[Found]) -> dict[tuple[str, int], int]:
 
 
 @contextmanager
-def onsets_in(simulation: Simulation, found: Sequence[Found]) -> Iterator[None]:
+def onsets_in(simulation: Simulation, found: Sequence[SelectedEffect]) -> Iterator[None]:
     """Let the effects set in at their moments for the time being."""
     earlier = simulation.onsets
     simulation.onsets = onsets_of(found)
@@ -56,12 +56,12 @@ def onsets_in(simulation: Simulation, found: Sequence[Found]) -> Iterator[None]:
         simulation.onsets = earlier
 
 
-def velocity_of(simulation: Simulation, found: Sequence[Found]) -> np.ndarray:
+def velocity_of(simulation: Simulation, found: Sequence[SelectedEffect]) -> np.ndarray:
     """(B, T, n_joint) velocities in the presence of the effects."""
     with onsets_in(simulation, found):
         return simulation.velocities([values_of(simulation, found)])[0]
 
 
-def residual_of(simulation: Simulation, rows: Rows, found: Sequence[Found]) -> np.ndarray:
+def residual_of(simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect]) -> np.ndarray:
     """(N, n_joint) residual velocities in the presence of the effects, 0 where a joint does not count."""
     return rows.weight * rows.averaged(simulation.sequences.velocity - velocity_of(simulation, found))

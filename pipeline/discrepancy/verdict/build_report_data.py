@@ -8,9 +8,9 @@ import numpy as np
 from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors
 from pipeline.discrepancy.diagnosis.training_support import uncovered_share
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.grouping import Effect
-from pipeline.discrepancy.selection.selected_effect import Found, velocity_of
-from pipeline.discrepancy.verdict.report_data import Evidence, LevelErrors, Ranked, ResidualTrack
+from pipeline.discrepancy.selection.grouping import MachineEffect
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, velocity_of
+from pipeline.discrepancy.verdict.report_data import LevelErrors, RankedEffect, ReportData, ResidualTrack
 from pipeline.discrepancy.verdict.signature import signature_of
 from pipeline.machine.specification import CommandKind
 
@@ -24,11 +24,11 @@ LARGEST_UNKNOWN = 0.3  # of a joint's motion, the same
 
 def evidence_of(
     loop: "Loop",
-    effects: Sequence[Effect],
+    effects: Sequence[MachineEffect],
     errors: Mapping[int, tuple[WindowErrors, WindowErrors]],
     floor: Mapping[int, np.ndarray],
     baselines: Mapping[str, Mapping[int, np.ndarray]],
-) -> Evidence:
+) -> ReportData:
     """Gather it from a loop that has opened its confirmation rows."""
     found = [member for effect in effects for member in effect.members]
     before, after = loop.residual(loop.confirm, []), loop.residual(loop.confirm, found)
@@ -59,7 +59,7 @@ def evidence_of(
     ]
     if loop.machine.command_kind is not CommandKind.discrete:
         warnings += _extrapolations(loop)
-    return Evidence(
+    return ReportData(
         joints=loop.joints,
         units=loop.units,
         floor=np.sqrt(loop.usual.floor),
@@ -88,7 +88,7 @@ def _extrapolations(loop: "Loop") -> list[str]:
     ]
 
 
-def _tracks(loop: "Loop", found: Sequence[Found]) -> list[ResidualTrack]:
+def _tracks(loop: "Loop", found: Sequence[SelectedEffect]) -> list[ResidualTrack]:
     n = round(TRACK_S / loop.machine.dt_s)
     residuals = []
     for present in ([], list(found)):
@@ -110,7 +110,7 @@ def _tracks(loop: "Loop", found: Sequence[Found]) -> list[ResidualTrack]:
     return tracks
 
 
-def _ranking(loop: "Loop", found: Sequence[Found]) -> list[Ranked]:
+def _ranking(loop: "Loop", found: Sequence[SelectedEffect]) -> list[RankedEffect]:
     taken = {(f.candidate.family, f.candidate.joint) for f in found}
     lost = {(c.family, c.joint): why for f in found for c, why in f.losers}
     even = {(c.family, c.joint) for f in found for c in f.equivalents}
@@ -127,7 +127,7 @@ def _ranking(loop: "Loop", found: Sequence[Found]) -> list[Ranked]:
             else lost.get(key) or _why_not_found(loop, c, {f.candidate.joint for f in found})
         )
         ranked.append(
-            Ranked(
+            RankedEffect(
                 c.family,
                 [loop.joints[c.joint]],
                 None if c.source is None else loop.joints[c.source],

@@ -26,9 +26,9 @@ from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.supply_variation import supply_parameters
 from pipeline.discrepancy.families.time_varying_gain import PERIOD
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.grouping import OTHER, Effect, contract_family, depends_on
+from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, contract_family, depends_on
 from pipeline.discrepancy.selection.onset import rows_since
-from pipeline.discrepancy.selection.selected_effect import Found, onsets_in, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_in, values_of
 from pipeline.discrepancy.verdict.next_experiment import next_experiment
 from pipeline.discrepancy.verdict.unexplained import unexplained
 from pipeline.effects.catalogue import KNOWN
@@ -42,7 +42,7 @@ SUPPLY_DEVIATION = {"std_log_speed": 0.15, "correlation_time": 0.4}
 
 def document_of(
     loop: "Loop",
-    effects: Sequence[Effect],
+    effects: Sequence[MachineEffect],
     errors: Mapping[int, tuple[WindowErrors, WindowErrors]],
     floor: Mapping[int, np.ndarray],
     baselines: Mapping[str, Mapping[int, np.ndarray]],
@@ -110,7 +110,7 @@ def _by_joint(loop: "Loop", values: np.ndarray) -> dict[str, float | None]:
     }
 
 
-def _entry(loop: "Loop", effect: Effect) -> dict:
+def _entry(loop: "Loop", effect: MachineEffect) -> dict:
     joints = effect.joints
     onset = _onset(loop, effect.onset)
     family = effect.family
@@ -143,7 +143,7 @@ def _onset(loop: "Loop", stamp_ns: int | None) -> dict | None:
     return {"trajectory": trajectory.name, "t": float(trajectory.t_s[place])}
 
 
-def parameters_of(loop: "Loop", effect: Effect) -> dict:
+def parameters_of(loop: "Loop", effect: MachineEffect) -> dict:
     """The contract's parameters of an effect found, each with unit and interval."""
     found = loop.search.found
     if effect.family == SUPPLY:
@@ -192,7 +192,7 @@ def parameters_of(loop: "Loop", effect: Effect) -> dict:
     return plausible(merged)
 
 
-def _periods(loop: "Loop", effect: Effect) -> dict[str, Quantity]:
+def _periods(loop: "Loop", effect: MachineEffect) -> dict[str, Quantity]:
     """Of joints whose course comes round: the logs tell frequencies apart that differ by one round in the longest."""
     longest_s = loop.machine.dt_s * max(map(len, loop.measured))
     periods = {
@@ -226,7 +226,7 @@ def _as_it_rings_down(loop: "Loop", joint: int) -> dict[str, Quantity]:
     }
 
 
-def _is_alone(member: Found, found: Sequence[Found]) -> bool:
+def _is_alone(member: SelectedEffect, found: Sequence[SelectedEffect]) -> bool:
     """Whether nothing else was found on the joint, which may start late for that; a leak lets it start when it does."""
     beside = [f for f in found if f is not member and f.candidate.joint == member.candidate.joint]
     return all(f.candidate.family == LEAKAGE for f in beside)
@@ -275,14 +275,14 @@ def _beside_recordings_phases(loop: "Loop", latency: Mapping[str, Any]) -> Quant
     return quantity(latency["value"], "s", float(np.hypot(deviation_of(latency), of_phases)), latency[WIDEST])
 
 
-def _alternatives(loop: "Loop", effects: Sequence[Effect]) -> list[dict]:
+def _alternatives(loop: "Loop", effects: Sequence[MachineEffect]) -> list[dict]:
     entries: list[dict[str, Any]] = []
     for effect in effects:
         for member in effect.members:
             name = effect.family if effect.family != OTHER else member.candidate.family
             rivals = [(c, None) for c in member.equivalents] if effect.equivalents else []
             for candidate, why in [*rivals, *member.losers]:
-                rival = Effect(contract_family(candidate), [Found(candidate)])
+                rival = MachineEffect(contract_family(candidate), [SelectedEffect(candidate)])
                 entry = {
                     "family": rival.family,
                     "joints": [loop.joints[candidate.joint]],

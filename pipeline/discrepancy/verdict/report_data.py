@@ -35,7 +35,7 @@ class Signature:
 
 
 @dataclass(frozen=True)
-class Ranked:
+class RankedEffect:
     """One hypothesis of the search.
 
     Attributes:
@@ -100,7 +100,7 @@ class LevelErrors:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class ReportData:
     """All of it.
 
     Attributes:
@@ -127,7 +127,7 @@ class Evidence:
     autocorrelation_s: np.ndarray
     tracks: list[ResidualTrack]
     signatures: list[Signature]
-    ranking: list[Ranked]
+    ranking: list[RankedEffect]
     levels: list[LevelErrors]
     warnings: list[str] = field(default_factory=list)
     steps: list[str] = field(default_factory=list)

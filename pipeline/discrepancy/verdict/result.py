@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.discrepancy.verdict.report_data import Evidence
+from pipeline.discrepancy.verdict.report_data import ReportData
 from pipeline.effects.store import ActiveEffects
 
 
@@ -19,4 +19,4 @@ class ClosedLoop:
 
     document: dict[str, Any]
     effects: ActiveEffects | None
-    evidence: Evidence
+    evidence: ReportData

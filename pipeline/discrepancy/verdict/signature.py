@@ -9,7 +9,7 @@ from pipeline.discrepancy.diagnosis.sequences import Sequences
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.discrepancy.verdict.report_data import Signature
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Abscissa, Along
@@ -22,7 +22,7 @@ ROWS_CORRELATED = 20  # of the residual: so many rows count as one
 LONGEST_SINCE_S = 4.0
 
 
-def signature_of(loop: "Loop", effect: Found, found: Sequence[Found]) -> Signature | None:
+def signature_of(loop: "Loop", effect: SelectedEffect, found: Sequence[SelectedEffect]) -> Signature | None:
     """The signature of one effect on one joint, beside all others that were found; None where nothing varies.
 
     Args:

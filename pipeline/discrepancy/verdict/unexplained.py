@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.special import gammaln
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.families.plausibility import is_dependence
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
-from pipeline.discrepancy.selection.grouping import OTHER, Effect, depends_on
-from pipeline.discrepancy.selection.selected_effect import Found, residual_of
+from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, depends_on
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 
 if TYPE_CHECKING:
     from pipeline.discrepancy.close_loop import Loop
@@ -62,7 +62,9 @@ def unexplained(loop: "Loop") -> list[dict]:
             {
                 "family": OTHER,
                 "joints": [name],
-                "depends_on": [] if best is None else depends_on(Effect(OTHER, [Found(best)]), loop.joints),
+                "depends_on": []
+                if best is None
+                else depends_on(MachineEffect(OTHER, [SelectedEffect(best)]), loop.joints),
                 "parameters": {},
                 "onset": None,
                 "certain": False,
@@ -73,7 +75,7 @@ def unexplained(loop: "Loop") -> list[dict]:
     return entries
 
 
-def excess(residual: np.ndarray, rows: Rows) -> Excess:
+def excess(residual: np.ndarray, rows: ScoredRows) -> Excess:
     """Of a residual (N, n_joint) on `rows`."""
     ratio = residual**2 / rows.floor
     of_all = ratio.mean(axis=0)

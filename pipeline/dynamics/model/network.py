@@ -74,7 +74,7 @@ class MultilayerPerceptron:
 
     def initialise(self, key: jax.Array) -> Parameters:
         """Flax's defaults: LeCun normal kernels, zero biases."""
-        from pipeline.dynamics import initial_parameters  # slow to import, for training alone
+        from pipeline.dynamics.model import initial_parameters  # slow to import, for training alone
 
         return initial_parameters.perceptron(key, self._widths)
 
@@ -108,7 +108,7 @@ class KolmogorovArnoldNetwork:
 
     def initialise(self, key: jax.Array) -> Parameters:
         """The default of jaxKAN: truncated normal coefficients, zero biases."""
-        from pipeline.dynamics import initial_parameters  # slow to import, for training alone
+        from pipeline.dynamics.model import initial_parameters  # slow to import, for training alone
 
         return initial_parameters.legendre(key, self._widths, self._degree)
 

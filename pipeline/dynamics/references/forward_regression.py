@@ -22,7 +22,7 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class Selection:
+class TermSelection:
     """Selected terms, in the order of their selection.
 
     Attributes:
@@ -33,14 +33,14 @@ class Selection:
     terms: np.ndarray
     error_reduction_ratios: np.ndarray
 
-    def first(self, n_terms: int) -> "Selection":
+    def first(self, n_terms: int) -> "TermSelection":
         """The terms selected first."""
-        return Selection(self.terms[:n_terms], self.error_reduction_ratios[:n_terms])
+        return TermSelection(self.terms[:n_terms], self.error_reduction_ratios[:n_terms])
 
 
 def select_terms(
     gram: np.ndarray, correlation: np.ndarray, energy: float, n_rows: int, maximum_terms: int
-) -> Selection:
+) -> TermSelection:
     """Select the terms of one output; their number has the smallest Bayesian information criterion.
 
     The criterion of n terms is N ln(unexplained share) + n ln N (Billings 2013, section 3.3). The search ends
@@ -78,4 +78,4 @@ def select_terms(
         explained -= explained[best] * direction
         left -= np.outer(direction, left[best])
     n_terms = int(np.argmin(criteria))
-    return Selection(np.array(terms[:n_terms], np.intp), np.array(ratios[:n_terms]))
+    return TermSelection(np.array(terms[:n_terms], np.intp), np.array(ratios[:n_terms]))

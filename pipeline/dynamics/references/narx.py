@@ -20,7 +20,7 @@ import numpy as np
 
 from pipeline.dynamics.evaluation.errors import open_loop_residuals
 from pipeline.dynamics.model.dynamics_model import Target
-from pipeline.dynamics.references.forward_regression import Selection, select_terms
+from pipeline.dynamics.references.forward_regression import TermSelection, select_terms
 from pipeline.dynamics.training.windows import window_starts
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
@@ -177,7 +177,7 @@ def _fitted(
     y: np.ndarray,
     first: np.ndarray,
     second: np.ndarray,
-    selections: Sequence[Selection],
+    selections: Sequence[TermSelection],
     config: NarxConfig,
     dt_s: float,
 ) -> NarxPredictor:

@@ -55,7 +55,7 @@ class SelectionRule:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class ModelCandidate:
     """A trained model of the search.
 
     Attributes:
@@ -82,7 +82,7 @@ class Candidate:
         }[criterion]
 
 
-def best(candidates: Sequence[Candidate]) -> Candidate:
+def best(candidates: Sequence[ModelCandidate]) -> ModelCandidate:
     """The candidate with the smallest L|eval; of equal ones the earliest.
 
     Raises:
@@ -93,14 +93,14 @@ def best(candidates: Sequence[Candidate]) -> Candidate:
     return min(candidates, key=lambda candidate: (candidate.evaluation_loss, candidate.trial))
 
 
-def within_margin(candidates: Sequence[Candidate], rule: SelectionRule) -> list[Candidate]:
+def within_margin(candidates: Sequence[ModelCandidate], rule: SelectionRule) -> list[ModelCandidate]:
     """Candidates that count as good as the best, which is one of them, in the order of the trials."""
     limit = (1.0 + rule.margin) * best(candidates).evaluation_loss
     good = [candidate for candidate in candidates if candidate.evaluation_loss <= limit]
     return sorted(good, key=lambda candidate: candidate.trial)
 
 
-def select(candidates: Sequence[Candidate], rule: SelectionRule) -> Candidate:
+def select(candidates: Sequence[ModelCandidate], rule: SelectionRule) -> ModelCandidate:
     """The candidate that the rule selects.
 
     Raises:
@@ -122,7 +122,7 @@ def select(candidates: Sequence[Candidate], rule: SelectionRule) -> Candidate:
     )
 
 
-def explain(winner: Candidate, candidates: Sequence[Candidate], rule: SelectionRule) -> str:
+def explain(winner: ModelCandidate, candidates: Sequence[ModelCandidate], rule: SelectionRule) -> str:
     """Why `winner` was selected and not the candidate with the smallest L|eval, in one sentence."""
     first = best(candidates)
     if winner.trial == first.trial:
@@ -138,7 +138,7 @@ def explain(winner: Candidate, candidates: Sequence[Candidate], rule: SelectionR
     )
 
 
-def _shown(candidate: Candidate, criterion: Criterion) -> str:
+def _shown(candidate: ModelCandidate, criterion: Criterion) -> str:
     if criterion is Criterion.inference_time:
         return f"{1e6 * candidate.inference_time_s:.1f} µs"
     return f"{candidate.value(criterion):.6g}"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.dynamics.search.selection import Candidate
+from pipeline.dynamics.search.selection import ModelCandidate
 from pipeline.dynamics.settings import TrainingConfig
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
@@ -63,7 +63,7 @@ def write_trials(path: Path, rows: Sequence[TrialRow]) -> None:
     write_whole(path, text.getvalue().encode())
 
 
-def read_candidates(path: Path) -> list[Candidate]:
+def read_candidates(path: Path) -> list[ModelCandidate]:
     """The complete trials of a table; of those with equal hyper-parameters the first.
 
     Raises:
@@ -86,8 +86,8 @@ def read_candidates(path: Path) -> list[Candidate]:
     return candidates
 
 
-def _candidate(row: dict[str, str]) -> Candidate:
-    return Candidate(
+def _candidate(row: dict[str, str]) -> ModelCandidate:
+    return ModelCandidate(
         trial=int(row["trial"]),
         training=TrainingConfig(
             hidden=[int(units) for units in row["hidden"].split(_LAYERS)],

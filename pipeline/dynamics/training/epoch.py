@@ -11,7 +11,7 @@ from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.settings import IdentifyConfig, Optimiser, TrainingConfig
 from pipeline.dynamics.training.loss import open_loop_loss
-from pipeline.dynamics.training.windows import Rows, gather_windows
+from pipeline.dynamics.training.windows import TrainingRows, gather_windows
 
 
 def build_optimiser(
@@ -41,7 +41,11 @@ def compile_epoch(
 
     @jax.jit
     def run_epoch(
-        parameters: Parameters, optimiser_state: optax.OptState, rows: Rows, starts: jax.Array, key: jax.Array
+        parameters: Parameters,
+        optimiser_state: optax.OptState,
+        rows: TrainingRows,
+        starts: jax.Array,
+        key: jax.Array,
     ) -> tuple[Parameters, optax.OptState, jax.Array]:
         order = jax.random.permutation(key, starts)[: n_batches * batch_size].reshape(n_batches, batch_size)
 
@@ -64,11 +68,11 @@ def compile_epoch(
 
 def compile_evaluation(
     model: DynamicsModel, error_scale: np.ndarray, horizon: int
-) -> Callable[[Parameters, Rows, jax.Array], jax.Array]:
+) -> Callable[[Parameters, TrainingRows, jax.Array], jax.Array]:
     """L|eval as one compiled call: (parameters, rows, starts) -> scalar."""
 
     @jax.jit
-    def evaluate(parameters: Parameters, rows: Rows, starts: jax.Array) -> jax.Array:
+    def evaluate(parameters: Parameters, rows: TrainingRows, starts: jax.Array) -> jax.Array:
         window = gather_windows(model, rows, starts, horizon)
         return open_loop_loss(model, parameters, *window, jnp.asarray(error_scale))
 

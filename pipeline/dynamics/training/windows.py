@@ -23,7 +23,7 @@ from pipeline.logs.tuples import Trajectory
 FIRST_JUDGED_ROW = 40
 
 
-class Rows(NamedTuple):
+class TrainingRows(NamedTuple):
     """Rows of all trajectories, one trajectory after another.
 
     Attributes:
@@ -51,9 +51,9 @@ class Window(NamedTuple):
     q: jax.Array
 
 
-def stack_rows(trajectories: Sequence[Trajectory]) -> Rows:
+def stack_rows(trajectories: Sequence[Trajectory]) -> TrainingRows:
     """Put the trajectories' rows on the device as float32."""
-    return Rows(
+    return TrainingRows(
         *(
             jnp.asarray(
                 np.concatenate([getattr(trajectory, name) for trajectory in trajectories]), jnp.float32
@@ -107,7 +107,7 @@ def evaluation_starts(
     return np.sort(np.random.default_rng(seed).choice(starts, size=n_windows, replace=False))
 
 
-def gather_windows(model: DynamicsModel, rows: Rows, starts: jax.Array, horizon: int) -> Window:
+def gather_windows(model: DynamicsModel, rows: TrainingRows, starts: jax.Array, horizon: int) -> Window:
     """Cut the windows that start at `starts` (B,) out of the rows; for use under jit."""
     n_history = model.specification.lags + 2
 

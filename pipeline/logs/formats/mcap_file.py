@@ -18,7 +18,7 @@ from pipeline.logs.formats.indexed_chunk import gather_records, told
 from pipeline.logs.formats.mcap_index import ENTRY_WORDS, find_messages
 from pipeline.logs.formats.message_compression import plain_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
-from pipeline.logs.messages.message_blocks import BlockColumns, MessageBlock, ReadingLedger, Topic
+from pipeline.logs.messages.message_blocks import BlockColumns, LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import full_type_name
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -59,7 +59,7 @@ class _Scan:
         self.ledger = opened.ledger
         self.wanted = wanted
         self.schemas: dict[int, tuple[str, str, str]] = {}
-        self.topics: dict[int, Topic] = {}
+        self.topics: dict[int, LoggedTopic] = {}
         self.chunk_starts: list[int] = []
         self.summary_is_read = False
         self.unchunked = bytearray()  # message records that stand outside of chunks
@@ -243,7 +243,7 @@ class _Scan:
                 name, position = _string(body, 4)
                 encoding, _ = _string(body, position)
                 type_name, definition_format, text = self.schemas.get(schema, ("", "", ""))
-                topic = Topic(name, full_type_name(type_name), encoding, text, definition_format)
+                topic = LoggedTopic(name, full_type_name(type_name), encoding, text, definition_format)
                 self.topics[number] = topic
                 self.ledger.add_topic(topic)
         except (struct.error, UnicodeDecodeError, IndexError):

@@ -27,7 +27,7 @@ from pipeline.logs.formats.rosbag1_record import (
     RecordError,
     fields_of,
 )
-from pipeline.logs.messages.message_blocks import BlockColumns, MessageBlock, ReadingLedger, Topic
+from pipeline.logs.messages.message_blocks import BlockColumns, LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import full_type_name
 
 MAGIC = b"#ROSBAG V"
@@ -52,10 +52,10 @@ def read_rosbag1(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> 
             raise InputError(f"{path}: a ROS bag of another version than 2.0; convert it with `rosbag fix`")
         if magic != VERSION:
             raise InputError(f"{path}: not a ROS 1 bag (its first bytes are not `#ROSBAG V2.0`); remove it")
-        yield from _Scan(opened, wanted).blocks()
+        yield from _RecordScan(opened, wanted).blocks()
 
 
-class _Scan:
+class _RecordScan:
     """One pass over the file."""
 
     def __init__(self, opened: OpenedFile, wanted: Collection[str]) -> None:
@@ -63,7 +63,7 @@ class _Scan:
         self.size = opened.size
         self.ledger = opened.ledger
         self.wanted = wanted
-        self.topics: dict[int, Topic] = {}
+        self.topics: dict[int, LoggedTopic] = {}
         self.chunk_starts: list[int] = []
         self.index_start = 0
         self.is_closed = True  # until the bag's header says otherwise
@@ -261,7 +261,7 @@ class _Scan:
         description = {**header, **fields_of(data, needs_opcode=False)}
         if len(header.get("conn", b"")) != WORD.size or "type" not in description:
             raise RecordError("a connection's description is damaged")
-        topic = Topic(
+        topic = LoggedTopic(
             name=header.get("topic", description.get("topic", b"")).decode(errors="replace"),
             type_name=full_type_name(description["type"].decode(errors="replace")),
             encoding="ros1",

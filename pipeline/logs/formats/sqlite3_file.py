@@ -18,7 +18,7 @@ from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES
 from pipeline.logs.formats.message_compression import plain_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.formats.sqlite3_pages import PageRows, UnusualError, cut_rows, rows_in_pages
-from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, MessageBlock, ReadingLedger, Topic
+from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import full_type_name
 from pipeline.logs.messages.raw_log import Note, NoteKind
 
@@ -88,7 +88,7 @@ def _database(opened: OpenedFile) -> Iterator[tuple[sqlite3.Connection, bool]]:
             yield connection, bool(left)
 
 
-def _topics(connection: sqlite3.Connection, path: Path) -> dict[int, Topic]:
+def _topics(connection: sqlite3.Connection, path: Path) -> dict[int, LoggedTopic]:
     tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     if not {"topics", "messages"} <= tables:
         found = ", ".join(sorted(map(str, tables))) or "none"
@@ -106,7 +106,9 @@ def _topics(connection: sqlite3.Connection, path: Path) -> dict[int, Topic]:
         if not isinstance(number, int):
             continue
         text, text_format = definitions.get(str(type_name), ("", "ros2msg"))
-        topics[number] = Topic(str(name), full_type_name(str(type_name)), str(encoding), text, text_format)
+        topics[number] = LoggedTopic(
+            str(name), full_type_name(str(type_name)), str(encoding), text, text_format
+        )
     return topics
 
 
@@ -116,7 +118,7 @@ class _Messages:
     def __init__(
         self,
         connection: sqlite3.Connection,
-        topics: dict[int, Topic],
+        topics: dict[int, LoggedTopic],
         opened: OpenedFile,
         wanted: Collection[str],
     ) -> None:

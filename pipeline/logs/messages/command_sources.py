@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.messages.joint_states import select_joints
-from pipeline.logs.messages.message_blocks import Topic
+from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.topic_columns import Adapter, MismatchError
 from pipeline.machine.specification import CommandKind, CommandSourceKind, MachineSpecification
@@ -67,7 +67,7 @@ class ArrayCommands:
     def __init__(self, n_joint: int) -> None:
         self.n_joint = n_joint
 
-    def wanted(self, topic: Topic) -> tuple[str, ...]:
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """The values."""
         if not (topic.type_name.startswith("std_msgs/msg/") and topic.type_name.endswith("MultiArray")):
             raise MismatchError(
@@ -94,7 +94,7 @@ class JoyCommands:
         self.signs = signs
         self.threshold = threshold
 
-    def wanted(self, topic: Topic) -> tuple[str, ...]:
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """All axes."""
         if topic.type_name != self.type_name:
             raise MismatchError(f"they are {topic.type_name}, not {self.type_name}")
@@ -121,7 +121,7 @@ class JointStateCommands:
         self.joint_names = joint_names
         self.field_name = field_name
 
-    def wanted(self, topic: Topic) -> tuple[str, ...]:
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """Names and the field."""
         if topic.type_name != self.type_name:
             raise MismatchError(f"they are {topic.type_name}, not {self.type_name}")
@@ -146,7 +146,7 @@ class FieldPathCommands:
     def __init__(self, paths: list[str]) -> None:
         self.paths = paths
 
-    def wanted(self, topic: Topic) -> tuple[str, ...]:
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """The paths."""
         return tuple(self.paths)
 

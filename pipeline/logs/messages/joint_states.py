@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.logs.messages.message_blocks import Topic
+from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.raw_log import NANOSECONDS
 from pipeline.logs.messages.topic_columns import MismatchError
@@ -40,7 +40,7 @@ class JointStateAdapter:
     def __init__(self, joint_names: tuple[str, ...]) -> None:
         self.joint_names = joint_names
 
-    def wanted(self, topic: Topic) -> tuple[str, ...]:
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """Stamp, names and positions."""
         if topic.type_name != self.type_name:
             raise MismatchError(f"they are {topic.type_name}, not {self.type_name}")
@@ -64,7 +64,7 @@ class TargetPoseAdapter:
     def __init__(self) -> None:
         self.frame_ids: set[str] = set()
 
-    def wanted(self, topic: Topic) -> tuple[str, ...]:
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """Frame, position and orientation."""
         if topic.type_name != self.type_name:
             raise MismatchError(f"they are {topic.type_name}, not {self.type_name}")

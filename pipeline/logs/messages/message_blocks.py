@@ -19,7 +19,7 @@ MAXIMUM_TIME_NS = (
 
 
 @dataclass(frozen=True)
-class Topic:
+class LoggedTopic:
     """A topic as the bag describes it.
 
     Attributes:
@@ -49,7 +49,7 @@ class MessageBlock:
         length: Length of each message in bytes, shape (n,), int64.
     """
 
-    topic: Topic
+    topic: LoggedTopic
     log_time_ns: np.ndarray
     data: np.ndarray
     start: np.ndarray
@@ -61,18 +61,18 @@ class ReadingLedger:
     """What was met while a bag was read: topics, message counts and notes on damage."""
 
     path: Path
-    topics: dict[str, list[Topic]] = field(default_factory=dict)
+    topics: dict[str, list[LoggedTopic]] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
 
-    def add_topic(self, topic: Topic) -> None:
+    def add_topic(self, topic: LoggedTopic) -> None:
         """Remember a topic; a name with several types is remembered with all of them."""
         known = self.topics.setdefault(topic.name, [])
         if topic not in known:
             known.append(topic)
         self.counts.setdefault(topic.name, 0)
 
-    def count(self, topic: Topic, n: int) -> None:
+    def count(self, topic: LoggedTopic, n: int) -> None:
         """Count messages of a topic."""
         self.counts[topic.name] += n
 
@@ -109,7 +109,7 @@ class BlockColumns:
         return {*self.found, *self.found_at_once}
 
     def blocks(
-        self, topics: Mapping[int, Topic], ledger: ReadingLedger, wanted: Collection[str], offset: int
+        self, topics: Mapping[int, LoggedTopic], ledger: ReadingLedger, wanted: Collection[str], offset: int
     ) -> Iterator[MessageBlock]:
         """Count the messages of all channels and yield a block for each of the wanted topics."""
         for channel in sorted(self.channels):

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.messages.columns import Column, ColumnStore
-from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger, Topic
+from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import DefinitionError, Definitions, parse_definition
 from pipeline.logs.messages.message_layout import FieldGroup, LayoutError, decode_block
 from pipeline.logs.messages.raw_log import Note, NoteKind
@@ -22,7 +22,7 @@ class Adapter(Protocol):
 
     role: str  # what the topic is to the pipeline, for messages to the user
 
-    def wanted(self, topic: Topic) -> tuple[str, ...]:
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """Return the paths of the wanted fields.
 
         Raises:
@@ -122,7 +122,7 @@ class TopicColumns:
         )
 
 
-def _definitions(topic: Topic) -> Definitions:
+def _definitions(topic: LoggedTopic) -> Definitions:
     if topic.encoding not in ("cdr", "ros1"):
         raise MismatchError(f"their encoding `{topic.encoding}` is neither `cdr` nor `ros1`")
     return parse_definition(topic.type_name, topic.definition, topic.definition_format)

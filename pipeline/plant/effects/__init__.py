@@ -30,10 +30,10 @@ from pipeline.plant.effects import (
     thermal_drift,
     timing,
 )
-from pipeline.plant.effects.effect import Effect, Quantity
+from pipeline.plant.effects.effect import PlantEffect, Quantity
 from pipeline.plant.parameters import Parameters
 
-Draw = Callable[[np.random.Generator, Parameters, float], Effect]
+Draw = Callable[[np.random.Generator, Parameters, float], PlantEffect]
 
 KINDS: dict[str, Draw] = {
     "gain": gain.draw,
@@ -59,7 +59,7 @@ KINDS: dict[str, Draw] = {
 """Every kind of effect by name; the last five are of family `other`."""
 
 
-def draw(kind: str, seed: int, nominal: Parameters, size: float) -> Effect:
+def draw(kind: str, seed: int, nominal: Parameters, size: float) -> PlantEffect:
     """An effect of one kind, drawn by seed.
 
     Args:
@@ -80,4 +80,4 @@ def draw(kind: str, seed: int, nominal: Parameters, size: float) -> Effect:
     return KINDS[kind](np.random.default_rng(seed), nominal, size)
 
 
-__all__ = ["KINDS", "Effect", "Quantity", "draw"]
+__all__ = ["KINDS", "PlantEffect", "Quantity", "draw"]

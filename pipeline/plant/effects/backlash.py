@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, added, choose_joint
+from pipeline.plant.effects.effect import PlantEffect, Quantity, added, choose_joint
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_RAD, LARGEST_RAD = 0.02, 0.06  # at size 1
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """Clearance of one joint, as play in joint angle."""
     joint = choose_joint(random)
     width = size * random.uniform(SMALLEST_RAD, LARGEST_RAD)
@@ -19,4 +19,4 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
 
     name = JOINT_NAMES[joint]
     truth = {"width": Quantity(width, "rad")}
-    return Effect("backlash", "backlash", (name,), (f"reversal:{name}",), truth, "worn pin", apply)
+    return PlantEffect("backlash", "backlash", (name,), (f"reversal:{name}",), truth, "worn pin", apply)

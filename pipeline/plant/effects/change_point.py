@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, with_onset
+from pipeline.plant.effects.effect import PlantEffect, Quantity, with_onset
 
 EARLIEST, LATEST = 0.3, 0.7  # of the session
 
 
-def wrap(random: np.random.Generator, effect: Effect, session_s: float) -> Effect:
+def wrap(random: np.random.Generator, effect: PlantEffect, session_s: float) -> PlantEffect:
     """`effect`, from a random moment on; its truth gains the onset, s since the session's start."""
     onset_s = random.uniform(EARLIEST, LATEST) * session_s
     truth = effect.truth | {"onset": Quantity(onset_s, "s")}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, choose_joint, replaced
+from pipeline.plant.effects.effect import PlantEffect, Quantity, choose_joint, replaced
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.parameters import Parameters
 
@@ -10,7 +10,7 @@ SMALLEST, LARGEST = 0.25, 0.40  # of pilot pressure, at size 1
 SHORTEST_S, LONGEST_S = 1.5, 4.0
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """Both coils of one joint lose force as they warm up."""
     joint = choose_joint(random)
     fade = size * random.uniform(SMALLEST, LARGEST)
@@ -25,4 +25,4 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
 
     name = JOINT_NAMES[joint]
     truth = {"pilot_loss": Quantity(fade, "1"), "time_constant": Quantity(constant_s, "s")}
-    return Effect("other", "coil_fade", (name,), (f"hold_time:{name}",), truth, "coil warms up", apply)
+    return PlantEffect("other", "coil_fade", (name,), (f"hold_time:{name}",), truth, "coil warms up", apply)

@@ -20,7 +20,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Effect:
+class PlantEffect:
     """One change of the machine.
 
     `apply` gives the changed machine; `onset_s` is when it sets in, None if it is there from the start.
@@ -67,6 +67,6 @@ def replaced(array: np.ndarray, index: Index, value: float) -> np.ndarray:
     return changed
 
 
-def with_onset(effect: Effect, onset_s: float) -> Effect:
+def with_onset(effect: PlantEffect, onset_s: float) -> PlantEffect:
     """The same effect, setting in at `onset_s` after the session's start."""
     return replace(effect, onset_s=onset_s)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, choose_direction, choose_joint, replaced
+from pipeline.plant.effects.effect import PlantEffect, Quantity, choose_direction, choose_joint, replaced
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.machines.characterise import respond, side
 from pipeline.plant.parameters import Parameters
@@ -16,7 +16,7 @@ SLOW = 0.95  # ratio of speeds
 LONG_HOLD_S = 12.0  # enough to cross any joint's range
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """Cushion of one joint on one side."""
     joint, direction = choose_joint(random), choose_direction(random)
     zone = size * random.uniform(SHORTEST_RAD, LONGEST_RAD)
@@ -38,7 +38,7 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
         "min_speed_ratio": Quantity(slow.least_ratio, "1"),
         "side": Quantity(direction, "sign"),
     }
-    return Effect(
+    return PlantEffect(
         "end_cushion", "end_cushion", (name,), (f"position:{name}",), truth, "narrow cushion", apply
     )
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity
+from pipeline.plant.effects.effect import PlantEffect, Quantity
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES, N_JOINT
 from pipeline.plant.machines.characterise import full_speed
 from pipeline.plant.parameters import Parameters
@@ -13,7 +13,7 @@ SMALLEST_BYPASS = 0.2
 LEAST_LOSS = 0.05  # a joint that loses less is not counted as affected
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """The pump loses flow, the open centre is throttled as much, so that single motions keep their speed."""
     factor = 1.0 - size * random.uniform(SMALLEST_LOSS, LARGEST_LOSS)
 
@@ -44,4 +44,4 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
     }
     truth |= {f"loss_fraction:{name}": Quantity(float(loss), "1") for name, loss in losses.items()}
     depends_on = tuple(f"command:{name}" for name in JOINT_NAMES)
-    return Effect("flow_coupling", "flow_coupling", tuple(joints), depends_on, truth, "worn pump", apply)
+    return PlantEffect("flow_coupling", "flow_coupling", tuple(joints), depends_on, truth, "worn pump", apply)

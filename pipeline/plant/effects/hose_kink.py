@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, choose_direction, replaced
+from pipeline.plant.effects.effect import PlantEffect, Quantity, choose_direction, replaced
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES, N_JOINT
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_PA_S_M3, LARGEST_PA_S_M3 = 4.0e10, 9.0e10  # per radian beyond the onset, at size 1
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """Work lines of one joint, from the middle of another joint's range on."""
     joint, source = (int(j) for j in random.choice(N_JOINT, 2, replace=False))
     direction = choose_direction(random)
@@ -32,4 +32,4 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
         "side": Quantity(direction, "sign"),
     }
     depends_on = (f"position:{JOINT_NAMES[source]}",)
-    return Effect("other", "hose_kink", (JOINT_NAMES[joint],), depends_on, truth, "kinked hose", apply)
+    return PlantEffect("other", "hose_kink", (JOINT_NAMES[joint],), depends_on, truth, "kinked hose", apply)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, added
+from pipeline.plant.effects.effect import PlantEffect, Quantity, added
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.machines.characterise import mean_sag_rate, sag_rate
 from pipeline.plant.parameters import Parameters
@@ -13,7 +13,7 @@ TRIAL_LEAK_M3 = 1.0e-14
 N_SECANT = 4
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """Leak from both chambers of one gravity-loaded joint to tank, and past its piston."""
     joint = int(random.choice(JOINTS))
     wanted = size * random.uniform(SMALLEST_RAD_S, LARGEST_RAD_S)
@@ -33,4 +33,6 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
     name = JOINT_NAMES[joint]
     truth = {"sag_rate": Quantity(rate, "rad/s")}
     depends_on = (f"zero_command:{name}",)
-    return Effect("leakage", "leakage", (name,), depends_on, truth, "worn seals", lambda p: leaking(p, leak))
+    return PlantEffect(
+        "leakage", "leakage", (name,), depends_on, truth, "worn seals", lambda p: leaking(p, leak)
+    )

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, choose_joint, replaced
+from pipeline.plant.effects.effect import PlantEffect, Quantity, choose_joint, replaced
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.parameters import Parameters
 
 SMALLEST_PER_M3, LARGEST_PER_M3 = 1.5e3, 4.0e3  # relative growth of line resistance, at size 1
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """The lines of one joint clog with the oil that passes them."""
     joint = choose_joint(random)
     rate = size * random.uniform(SMALLEST_PER_M3, LARGEST_PER_M3)
@@ -20,6 +20,6 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
 
     name = JOINT_NAMES[joint]
     truth = {"resistance_growth": Quantity(rate, "1/m3")}
-    return Effect(
+    return PlantEffect(
         "other", "line_clogging", (name,), (f"travel:{name}",), truth, "clogging line filter", apply
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity
+from pipeline.plant.effects.effect import PlantEffect, Quantity
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.machines.characterise import mean_full_speed
 from pipeline.plant.parameters import Parameters
@@ -11,7 +11,7 @@ LIGHTEST_KG, HEAVIEST_KG = 40.0, 90.0  # at size 1
 LEAST_CHANGE = 0.03  # of speed: a joint that changes less is not counted as affected
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """A point mass at the tip."""
     mass_kg = size * random.uniform(LIGHTEST_KG, HEAVIEST_KG)
 
@@ -32,4 +32,4 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
     truth["mean_speed_ratio_down"] = Quantity(float(mean[1]), "1")
     truth["payload"] = Quantity(mass_kg, "kg")
     depends_on = tuple(f"position:{name}" for name in JOINT_NAMES[1:])
-    return Effect("load", "load", tuple(joints), depends_on, truth, "payload at the chisel", apply)
+    return PlantEffect("load", "load", tuple(joints), depends_on, truth, "payload at the chisel", apply)

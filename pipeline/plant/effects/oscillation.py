@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, replaced, scaled
+from pipeline.plant.effects.effect import PlantEffect, Quantity, replaced, scaled
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.machines.characterise import mean_ringing
 from pipeline.plant.parameters import Parameters
@@ -12,7 +12,7 @@ JOINTS = (0, 1)  # the ones with enough inertia to ring visibly
 FRICTION_LEFT = 0.3
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """Hose modulus and friction of one joint."""
     joint = int(random.choice(JOINTS))
     modulus = random.uniform(SOFTEST_PA, STIFFEST_PA) / size
@@ -36,6 +36,6 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
             "frequency": Quantity(found.frequency_Hz, "Hz"),
             "damping_ratio": Quantity(found.damping_ratio, "1"),
         }
-    return Effect(
+    return PlantEffect(
         "oscillation", "oscillation", (name,), (f"time_since_stop:{name}",), truth, "soft hose", apply
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, added, choose_direction
+from pipeline.plant.effects.effect import PlantEffect, Quantity, added, choose_direction
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES, N_JOINT
 from pipeline.plant.machines.characterise import full_speed, side
 from pipeline.plant.parameters import Parameters
@@ -10,7 +10,7 @@ from pipeline.plant.parameters import Parameters
 SMALLEST, LARGEST = 0.14, 0.25  # share of the source's pilot pressure, below what opens a spool by itself
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """One pilot line of one joint leaks into one line of another."""
     joint, source = (int(j) for j in random.choice(N_JOINT, 2, replace=False))
     direction, source_direction = choose_direction(random), choose_direction(random)
@@ -31,6 +31,6 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
         "source_direction": Quantity(source_direction, "sign"),
     }
     depends_on = (f"command:{JOINT_NAMES[source]}",)
-    return Effect(
+    return PlantEffect(
         "other", "pilot_crosstalk", (JOINT_NAMES[joint],), depends_on, truth, "pilot cross leak", apply
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, added, choose_joint, scaled
+from pipeline.plant.effects.effect import PlantEffect, Quantity, added, choose_joint, scaled
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.parameters import Parameters
 
@@ -10,7 +10,7 @@ SMALLEST_OFFSET_RAD, LARGEST_OFFSET_RAD = 0.03, 0.10  # at size 1
 SMALLEST_SCALE, LARGEST_SCALE = 0.04, 0.10  # difference to one, at size 1
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """Offset or scale of one encoder."""
     joint = choose_joint(random)
     sign = float(random.choice((-1.0, 1.0)))
@@ -30,6 +30,6 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
 
     name = JOINT_NAMES[joint]
     truth = {"offset": Quantity(offset, "rad"), "scale": Quantity(scale, "1")}
-    return Effect(
+    return PlantEffect(
         "sensor_bias", "sensor_bias", (name,), (f"position:{name}",), truth, "encoder remounted", apply
     )

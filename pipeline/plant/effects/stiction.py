@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity, choose_joint, scaled
+from pipeline.plant.effects.effect import PlantEffect, Quantity, choose_joint, scaled
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.machines.characterise import start_time
 from pipeline.plant.parameters import Parameters
@@ -13,7 +13,7 @@ SPREAD = 0.08  # of the lock from one start to the next; the nominal one would l
 LONG_REST_S = 4.0
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """The silt lock of one joint's spool."""
     joint = choose_joint(random)
     spare_Pa = float(np.min(nominal.pilot.set_pressure_Pa[joint])) - nominal.spool.preload_Pa
@@ -39,4 +39,4 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
         "mean_extra_time": Quantity(float(np.mean(late)), "s"),
         "rest_threshold": Quantity(growth_s, "s"),
     }
-    return Effect("stiction", "stiction", (name,), (f"rest_time:{name}",), truth, "silted spool", apply)
+    return PlantEffect("stiction", "stiction", (name,), (f"rest_time:{name}",), truth, "silted spool", apply)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.plant.effects.effect import Effect, Quantity
+from pipeline.plant.effects.effect import PlantEffect, Quantity
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.machines.characterise import full_speeds
 from pipeline.plant.parameters import Parameters
@@ -11,7 +11,7 @@ SMALLEST_STD, LARGEST_STD = 0.08, 0.16  # of engine speed, at size 1
 SHORTEST_S, LONGEST_S = 4.0, 20.0
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """Relative engine speed is an Ornstein-Uhlenbeck process."""
     std = size * random.uniform(SMALLEST_STD, LARGEST_STD)
     correlation_s = random.uniform(SHORTEST_S, LONGEST_S)
@@ -26,6 +26,6 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
         "std_log_speed": Quantity(float(np.mean(0.5 * np.log(faster / slower))), "1"),
         "correlation_time": Quantity(correlation_s, "s"),
     }
-    return Effect(
+    return PlantEffect(
         "supply_variation", "supply_variation", JOINT_NAMES, ("latent",), truth, "hunting governor", apply
     )

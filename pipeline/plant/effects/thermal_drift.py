@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.optimize import curve_fit
 
-from pipeline.plant.effects.effect import Effect, Quantity
+from pipeline.plant.effects.effect import PlantEffect, Quantity
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
 from pipeline.plant.machines.characterise import MIDDLE_RAD, full_speeds
 from pipeline.plant.parameters import Parameters
@@ -27,7 +27,7 @@ HOLD_S = 1.5
 N_TEMPERATURES = 8
 
 
-def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effect:
+def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
     """Cold start on a day as cold as the oil, with laminar restrictions in the work lines."""
     start_C = random.uniform(COLDEST_C, WARMEST_C)
     warm_up_s = random.uniform(FASTEST_S, SLOWEST_S)
@@ -45,7 +45,7 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Effec
         "oil_time_constant": Quantity(warm_up_s, "s"),
     }
     truth |= {f"cold_speed_loss:{n}": Quantity(float(loss[j]), "1") for j, n in enumerate(JOINT_NAMES)}
-    return Effect(
+    return PlantEffect(
         "thermal_drift", "thermal_drift", JOINT_NAMES, ("time_since_start",), truth, "cold oil", apply
     )
 

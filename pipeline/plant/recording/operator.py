@@ -101,7 +101,7 @@ BORDER_TOLERANCE = 0.01  # how much farther outside W+ the operator lets the tip
 RUN_OUT_S = 0.35  # horizon over which the operator extrapolates the tip when keeping it inside
 
 
-class Operator:
+class ScriptedOperator:
     """A teleoperator in closed loop on measured joint angles."""
 
     def __init__(self, machine: MachineSpecification, style: OperatorStyle, seed: int) -> None:

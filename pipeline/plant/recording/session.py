@@ -10,7 +10,7 @@ from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.physics.kinematics import configuration
-from pipeline.plant.recording.operator import Operator, OperatorStyle
+from pipeline.plant.recording.operator import OperatorStyle, ScriptedOperator
 from pipeline.plant.simulator import Plant
 
 NANOSECONDS = 1_000_000_000
@@ -106,7 +106,7 @@ def record_session(
             f"{parameters.numerics.control_period_s} s"
         )
     plant_seed, operator_seed, start_seed = np.random.SeedSequence(seed).generate_state(3)
-    operator = Operator(machine, style, int(operator_seed))
+    operator = ScriptedOperator(machine, style, int(operator_seed))
     plant = Plant(parameters, int(plant_seed), start_configuration(machine, int(start_seed)))
     measured = plant.state.link_angle_rad.copy()
     n_step = round(minutes * 60.0 / machine.dt_s)

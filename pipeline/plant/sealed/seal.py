@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.plant.effects.effect import Effect
+from pipeline.plant.effects.effect import PlantEffect
 
 HEADING = (
     "Sealed record of what was switched on in the simulated machine. Only the report's final check opens it."
@@ -18,7 +18,7 @@ READ_ONLY = 0o400
 WIDTH = 100  # characters per line of the sealed text
 
 
-def contents(effects: Sequence[Effect]) -> list[dict]:
+def contents(effects: Sequence[PlantEffect]) -> list[dict]:
     """What a seal holds of each effect: all but its code."""
     return [
         {
@@ -34,7 +34,7 @@ def contents(effects: Sequence[Effect]) -> list[dict]:
     ]
 
 
-def write_seal(path: Path, effects: Sequence[Effect]) -> None:
+def write_seal(path: Path, effects: Sequence[PlantEffect]) -> None:
     """Write the truth about `effects` (none: a null case) to `path`, readable by its owner only.
 
     An older seal at `path` is replaced. The same effects give the same bytes.

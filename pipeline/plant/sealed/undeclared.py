@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.plant import effects
-from pipeline.plant.effects import Effect, change_point
+from pipeline.plant.effects import PlantEffect, change_point
 from pipeline.plant.parameters import Parameters
 
 DRAWN = "drawn"  # the kind itself is drawn
@@ -15,7 +15,7 @@ CHANGE_POINT = "change_point"  # any kind, drawn, that sets in during the first 
 
 def draw_effects(
     kinds: Sequence[str], seed: int, nominal: Parameters, size: float, first_session_s: float
-) -> list[Effect]:
+) -> list[PlantEffect]:
     """Draw one effect per kind.
 
     Args:
@@ -45,7 +45,7 @@ def draw_effects(
 
 
 def parameters_of_session(
-    nominal: Parameters, drawn: Sequence[Effect], session: int
+    nominal: Parameters, drawn: Sequence[PlantEffect], session: int
 ) -> tuple[Parameters, list[tuple[float, Parameters]]]:
     """The plant's parameters at the start of a session, and its changes during it.
 

@@ -14,7 +14,7 @@ Content = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Judgement:
+class VerdictJudgement:
     """How a verdict compares with the truth.
 
     Attributes:
@@ -35,7 +35,7 @@ class Judgement:
     said: list[str]
 
 
-def judge_verdict(truth: Sequence[Content], document: Content) -> Judgement:
+def judge_verdict(truth: Sequence[Content], document: Content) -> VerdictJudgement:
     """Compare a closed loop's document with what its seal held.
 
     Args:
@@ -49,7 +49,7 @@ def judge_verdict(truth: Sequence[Content], document: Content) -> Judgement:
     joints_right = _joints(truth) == _joints(said)
     twins = [other for other in document.get("alternatives") or [] if other.get("equivalent")]
     sure = verdict in ("named", "outside_catalogue") if truth else verdict == "none"
-    return Judgement(
+    return VerdictJudgement(
         verdict_right=bool(sure and family_right and joints_right),
         family_right=family_right,
         joints_right=joints_right,

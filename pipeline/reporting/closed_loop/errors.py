@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.discrepancy.verdict.report_data import Evidence, LevelErrors
+from pipeline.discrepancy.verdict.report_data import LevelErrors, ReportData
 from pipeline.reporting.closed_loop.figures import BASELINES
 from pipeline.reporting.closed_loop.quantities import STEP_S, number, readable_unit, significant, with_unit
 from pipeline.reporting.closed_loop.verdict import HORIZON, affected_joints, held_out_error, is_corrected
@@ -19,7 +19,7 @@ TIE = 1.005  # errors closer than that are equally good
 
 
 @dataclass(frozen=True)
-class Cell:
+class ErrorCell:
     """An error as it is shown, its 95 % interval, and whether no other of its row is smaller."""
 
     text: str
@@ -35,11 +35,11 @@ class ErrorRow:
     joint: str
     unit: str
     affected: bool
-    cells: Sequence[Cell]
+    cells: Sequence[ErrorCell]
     floor: str
 
 
-def levels_of(document: Document, evidence: Evidence) -> list[LevelErrors]:
+def levels_of(document: Document, evidence: ReportData) -> list[LevelErrors]:
     """Levels with windows to judge; the four-second one from the document where the evidence lacks it."""
     levels = [level for level in evidence.levels if level.n_windows > 0]
     if any(level.steps == 80 for level in levels) or not document.get("error"):
@@ -65,7 +65,7 @@ def level_name(steps: int) -> str:
     return f"{steps} {'step' if steps == 1 else 'steps'} ({steps * STEP_S:g} s)"
 
 
-def columns_of(document: Document, evidence: Evidence) -> dict[str, str]:
+def columns_of(document: Document, evidence: ReportData) -> dict[str, str]:
     """Heading by column: what is there to compare; `after` only where something was corrected."""
     levels = levels_of(document, evidence)
     known = {
@@ -75,7 +75,7 @@ def columns_of(document: Document, evidence: Evidence) -> dict[str, str]:
     return {name: heading for name, heading in HEADINGS.items() if name in known}
 
 
-def error_rows(document: Document, evidence: Evidence) -> list[ErrorRow]:
+def error_rows(document: Document, evidence: ReportData) -> list[ErrorRow]:
     """The table, level by level and joint by joint; cells in the order of `columns_of`."""
     affected, columns = affected_joints(document), columns_of(document, evidence)
     rows = []
@@ -88,13 +88,13 @@ def error_rows(document: Document, evidence: Evidence) -> list[ErrorRow]:
             for name, value in values.items():
                 low, high = (factor * bound for bound in _interval(level, name, j))
                 interval = f"{significant(low)} to {significant(high)}" if math.isfinite(low + high) else ""
-                cells.append(Cell(significant(factor * value), interval, value <= TIE * best))
+                cells.append(ErrorCell(significant(factor * value), interval, value <= TIE * best))
             floor = significant(factor * float(level.nominal_floor[j]))
             rows.append(ErrorRow(level_name(level.steps), joint, unit, joint in affected, cells, floor))
     return rows
 
 
-def winner_sentences(document: Document, evidence: Evidence) -> list[str]:
+def winner_sentences(document: Document, evidence: ReportData) -> list[str]:
     """Who predicts best: on the affected joints, or, where there is no effect, on all of them.
 
     A sentence for every level and joint at which another is better than the corrected model. Where nothing was
@@ -119,7 +119,7 @@ def winner_sentences(document: Document, evidence: Evidence) -> list[str]:
     return lost
 
 
-def _loss(level: LevelErrors, joint: str, evidence: Evidence, own: str, columns: Sequence[str]) -> str:
+def _loss(level: LevelErrors, joint: str, evidence: ReportData, own: str, columns: Sequence[str]) -> str:
     j = evidence.joints.index(joint)
     values = {name: _error(level, name, j) for name in columns}
     values = {name: value for name, value in values.items() if math.isfinite(value)}
@@ -138,7 +138,7 @@ def _loss(level: LevelErrors, joint: str, evidence: Evidence, own: str, columns:
     )
 
 
-def missing_levels(evidence: Evidence) -> list[str]:
+def missing_levels(evidence: ReportData) -> list[str]:
     """Levels that could not be judged, in words."""
     return [
         f"No held-out stretch is long enough to judge {level_name(level.steps)}."

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.splits import Purpose
-from pipeline.discrepancy.verdict.report_data import Evidence, LevelErrors, ResidualTrack, Signature
+from pipeline.discrepancy.verdict.report_data import LevelErrors, ReportData, ResidualTrack, Signature
 from pipeline.reporting.closed_loop.bars import Bar, bar_panel
 from pipeline.reporting.closed_loop.chart import WIDE, Panel, span
 from pipeline.reporting.closed_loop.quantities import readable_unit
@@ -30,7 +30,7 @@ TRACK_POINTS = 200  # a panel is some 260 px wide
 CONFIDENCE = 1.96  # standard errors to either side of 95 %
 
 
-def residual_bars(evidence: Evidence, corrected: bool) -> list[str]:
+def residual_bars(evidence: ReportData, corrected: bool) -> list[str]:
     """Per joint: residual velocity before and, if corrected, after; on nominal logs also as a dashed line."""
     panels = []
     for j, (joint, unit) in enumerate(zip(evidence.joints, evidence.units, strict=True)):
@@ -43,7 +43,7 @@ def residual_bars(evidence: Evidence, corrected: bool) -> list[str]:
     return panels
 
 
-def track_rows(evidence: Evidence, most: int, corrected: bool) -> list[tuple[str, list[str]]]:
+def track_rows(evidence: ReportData, most: int, corrected: bool) -> list[tuple[str, list[str]]]:
     """Per log, `most` at most, its name and a panel per joint: the residual velocity along it, equally scaled."""
     tops = []
     for j in range(len(evidence.joints)):
@@ -55,7 +55,7 @@ def track_rows(evidence: Evidence, most: int, corrected: bool) -> list[tuple[str
     ]
 
 
-def _track_panel(evidence: Evidence, track: ResidualTrack, j: int, top: float, corrected: bool) -> str:
+def _track_panel(evidence: ReportData, track: ResidualTrack, j: int, top: float, corrected: bool) -> str:
     factor, unit = readable_unit(f"{evidence.units[j]}/s")
     t_s = np.asarray(track.t_s, float)
     edges = _edges(t_s)
@@ -81,7 +81,7 @@ def _track_panel(evidence: Evidence, track: ResidualTrack, j: int, top: float, c
     return panel.svg()
 
 
-def signature_panels(evidence: Evidence) -> list[str]:
+def signature_panels(evidence: ReportData) -> list[str]:
     """Per effect and joint: mean residual velocity over the variable that the effect depends on.
 
     What corrects nothing has no line and leaves all of it.
@@ -119,7 +119,7 @@ def corrects(signature: Signature) -> bool:
     return bool(np.any(signature.fitted))
 
 
-def error_bars(evidence: Evidence, level: LevelErrors, corrected: bool) -> list[str]:
+def error_bars(evidence: ReportData, level: LevelErrors, corrected: bool) -> list[str]:
     """Per joint: errors before, if corrected after, and of the baselines; on nominal logs as a dashed line."""
     panels = []
     for j, (joint, unit) in enumerate(zip(evidence.joints, evidence.units, strict=True)):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pipeline.discrepancy.verdict.report_data import Evidence
+from pipeline.discrepancy.verdict.report_data import ReportData
 from pipeline.reporting.closed_loop.quantities import (
     number,
     percent,
@@ -24,7 +24,7 @@ from pipeline.reporting.closed_loop.words import Document, listed
 ABOVE_FLOOR = 1.1  # times the noise floor: less is not worth a word
 
 
-def key_figures(document: Document, evidence: Evidence) -> list[tuple[str, str]]:
+def key_figures(document: Document, evidence: ReportData) -> list[tuple[str, str]]:
     """Value and label of the handful of numbers to see first."""
     verdict = str(document["verdict"])
     word = VERDICT_WORDS.get(verdict, verdict)
@@ -60,7 +60,7 @@ def key_figures(document: Document, evidence: Evidence) -> list[tuple[str, str]]
     return shown
 
 
-def residual_answer(evidence: Evidence, corrected: bool) -> str:
+def residual_answer(evidence: ReportData, corrected: bool) -> str:
     """Which joints the model leaves unexplained, and by how much, before and after."""
     before, after = _beside_floor(evidence.before, evidence), _beside_floor(evidence.after, evidence)
     known = [j for j in range(len(evidence.joints)) if math.isfinite(before[j])]
@@ -76,7 +76,7 @@ def residual_answer(evidence: Evidence, corrected: bool) -> str:
     return f"The model leaves more unexplained than its noise floor: {listed(parts)}."
 
 
-def memory_sentence(evidence: Evidence) -> str:
+def memory_sentence(evidence: ReportData) -> str:
     """How long the residual stays alike, per joint; empty where that is not known."""
     parts = [
         f"{joint} {significant(float(time_s), 2)} s"
@@ -104,7 +104,7 @@ def provenance(document: Document, machine_name: str, nominal: str, measured: st
     ]
 
 
-def _beside_floor(residual: np.ndarray, evidence: Evidence) -> np.ndarray:
+def _beside_floor(residual: np.ndarray, evidence: ReportData) -> np.ndarray:
     """Multiples of the noise floor, shape (n_joint,); NaN where there is none."""
     floor = np.where(np.asarray(evidence.floor) > 0, evidence.floor, np.nan)
     return np.asarray(residual, float) / floor

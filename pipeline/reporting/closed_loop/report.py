@@ -10,7 +10,7 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from pipeline.discrepancy.verdict.report_data import Evidence
+from pipeline.discrepancy.verdict.report_data import ReportData
 from pipeline.files.atomic import write_whole
 from pipeline.reporting.closed_loop import figures
 from pipeline.reporting.closed_loop.errors import (
@@ -34,7 +34,7 @@ _NO_SIGNATURE = {
 
 
 def write_closed_loop_report(
-    path: Path, document: dict[str, Any], evidence: Evidence, machine_name: str, nominal: str, measured: str
+    path: Path, document: dict[str, Any], evidence: ReportData, machine_name: str, nominal: str, measured: str
 ) -> None:
     """Write the report as one HTML file that needs no other.
 
@@ -54,7 +54,7 @@ def write_closed_loop_report(
 
 
 def closed_loop_page(
-    document: Mapping[str, Any], evidence: Evidence, machine_name: str, nominal: str, measured: str
+    document: Mapping[str, Any], evidence: ReportData, machine_name: str, nominal: str, measured: str
 ) -> str:
     """Lay out the page; arguments as of `write_closed_loop_report`."""
     corrected = is_corrected(document)

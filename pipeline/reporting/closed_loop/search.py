@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.discrepancy.verdict.report_data import Evidence, Ranked
+from pipeline.discrepancy.verdict.report_data import RankedEffect, ReportData
 from pipeline.reporting.closed_loop.quantities import MISSING, estimate, number, percent
 from pipeline.reporting.closed_loop.verdict import certainty_in_words, effect_label, equivalents
 from pipeline.reporting.closed_loop.words import (
@@ -43,7 +43,7 @@ class EffectCard:
     facts: list[tuple[str, str]]
 
 
-def ranking(evidence: Evidence) -> list[list[RankingLine]]:
+def ranking(evidence: ReportData) -> list[list[RankingLine]]:
     """Hypotheses by falling share: those seen at once, then those to unfold."""
     known = [line.share for line in evidence.ranking if math.isfinite(line.share)]
     largest = max([share for share in known if share > 0], default=1.0)
@@ -62,13 +62,13 @@ def ranking(evidence: Evidence) -> list[list[RankingLine]]:
     return [part for part in (lines[:SEEN], lines[SEEN:]) if part]
 
 
-def hypothesis_name(one: Ranked) -> str:
+def hypothesis_name(one: RankedEffect) -> str:
     """`shared oil flow (arm, through boom)`."""
     source = f", through {one.source}" if one.source else ""
     return f"{family_name(one.family)} ({listed(one.joints)}{source})"
 
 
-def ranking_answer(document: Document, evidence: Evidence) -> str:
+def ranking_answer(document: Document, evidence: ReportData) -> str:
     """How clear the decision was."""
     tried = len(evidence.ranking)
     twins = equivalents(document)

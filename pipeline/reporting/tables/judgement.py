@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.dynamics.evaluation.extrapolation import SPEED_STEPS, Extrapolation, ExtrapolationConfig
-from pipeline.dynamics.judgement import Judgement
+from pipeline.dynamics.judgement import ModelJudgement
 from pipeline.dynamics.references.grey_box import GreyBoxPredictor
 from pipeline.dynamics.references.narx import NarxPredictor
 from pipeline.dynamics.training.data_split import HELD_OUT, VALIDATION
@@ -43,7 +43,7 @@ EXTRAPOLATION_LABELS = {  # what is measured, and in which unit; shares and rati
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ReferenceComparison:
     """Figures of several predictors, smaller is better.
 
     Attributes:
@@ -148,14 +148,14 @@ class Comparison:
 
 
 def error_comparison(
-    judgements: Mapping[str, Judgement],
+    judgements: Mapping[str, ModelJudgement],
     references: Sequence[str],
     machine: MachineSpecification,
     judged_on: str,
-) -> Comparison:
+) -> ReferenceComparison:
     """One-step and open-loop errors (contract, section 3)."""
     any_ = next(iter(judgements.values())).errors
-    sources: dict[str, Callable[[Judgement], np.ndarray]] = {
+    sources: dict[str, Callable[[ModelJudgement], np.ndarray]] = {
         "one step": lambda judgement: judgement.errors.one_step_rmse,
         "open loop, 80 steps": lambda judgement: judgement.errors.open_loop_rmse_80,
     }
@@ -167,15 +167,15 @@ def error_comparison(
     title = (
         f"Root mean square errors over {any_.n_steps} single steps and {any_.n_windows} windows of 80 steps"
     )
-    return Comparison(title, rows, references, [JUDGED_ON[judged_on]])
+    return ReferenceComparison(title, rows, references, [JUDGED_ON[judged_on]])
 
 
 def growth_comparison(
-    judgements: Mapping[str, Judgement],
+    judgements: Mapping[str, ModelJudgement],
     references: Sequence[str],
     machine: MachineSpecification,
     confidence: float,
-) -> Comparison:
+) -> ReferenceComparison:
     """Error after several horizons; the bands stand in the CSV and the figure."""
     any_ = next(iter(judgements.values())).growth
     steps = [round(horizon_s / machine.dt_s) for horizon_s in GROWTH_HORIZONS_S]
@@ -192,11 +192,11 @@ def growth_comparison(
         f"Root mean square over {any_.n_windows} overlapping windows; {100 * confidence:g} % bands (moving-block "
         f"bootstrap, {any_.n_blocks} independent stretches) stand in error_growth.csv."
     )
-    return Comparison("Open-loop error at the end of the horizon", rows, references, [note])
+    return ReferenceComparison("Open-loop error at the end of the horizon", rows, references, [note])
 
 
 def growth_rows(
-    judgements: Mapping[str, Judgement], machine: MachineSpecification
+    judgements: Mapping[str, ModelJudgement], machine: MachineSpecification
 ) -> tuple[list[str], list[list[str]]]:
     """Header and rows for CSV: the error with its band at every horizon, by predictor and joint."""
     rows = [
@@ -215,11 +215,11 @@ def growth_rows(
 
 
 def extrapolation_comparison(
-    judgements: Mapping[str, Judgement],
+    judgements: Mapping[str, ModelJudgement],
     references: Sequence[str],
     machine: MachineSpecification,
     config: ExtrapolationConfig,
-) -> Comparison:
+) -> ReferenceComparison:
     """Behaviour under constant commands from random configurations."""
     rows = []
     for quantity in fields(Extrapolation):
@@ -239,7 +239,7 @@ def extrapolation_comparison(
         "A speed ratio above 1 is faster than the machine ever was in the training rows; values below 1 are alike.",
     ]
     ratios = {EXTRAPOLATION_LABELS[name][0]: 1.0 for name in ("speed_ratio", "speed_ratio_inside")}
-    return Comparison("Behaviour outside the training distribution", rows, references, notes, ratios)
+    return ReferenceComparison("Behaviour outside the training distribution", rows, references, notes, ratios)
 
 
 def narx_table(predictor: NarxPredictor, machine: MachineSpecification) -> Table:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pipeline.dynamics.evaluation.inference_time import StepTime
-from pipeline.dynamics.search.selection import Candidate, SelectionRule
+from pipeline.dynamics.search.selection import ModelCandidate, SelectionRule
 from pipeline.dynamics.settings import TrainingConfig
 from pipeline.reporting.results.paper import KIND_NAMES, SELECTED_MODELS
 from pipeline.reporting.table import Table
@@ -29,7 +29,7 @@ _COLUMNS = [
 
 
 @dataclass(frozen=True)
-class Selection:
+class SelectedModels:
     """What was selected for one model kind.
 
     Attributes:
@@ -43,9 +43,9 @@ class Selection:
     """
 
     kind: str
-    winner: Candidate
+    winner: ModelCandidate
     reason: str
-    shortlist: list[Candidate]
+    shortlist: list[ModelCandidate]
     times: dict[int, StepTime]
     published_n_parameters: int
     published_time: StepTime
@@ -58,7 +58,9 @@ def published_training(kind: str) -> TrainingConfig:
     return TrainingConfig(hidden, lags, horizon, learning_rate, batch_size, maximum_epochs=1)
 
 
-def selection_table(selections: Sequence[Selection], rule: SelectionRule, profile: str, device: str) -> Table:
+def selection_table(
+    selections: Sequence[SelectedModels], rule: SelectionRule, profile: str, device: str
+) -> Table:
     """The paper's table of selected models: a row with ours, then one with the published."""
     rows = []
     for selection in selections:
@@ -104,7 +106,7 @@ def table_csv(table: Table) -> str:
     return text.getvalue()
 
 
-def record(selection: Selection) -> dict[str, Any]:
+def record(selection: SelectedModels) -> dict[str, Any]:
     """A selection as plain data, with every trial that was within the margin."""
     return {
         "kind": selection.kind,
@@ -114,7 +116,7 @@ def record(selection: Selection) -> dict[str, Any]:
     }
 
 
-def _candidate_record(selection: Selection, candidate: Candidate) -> dict[str, Any]:
+def _candidate_record(selection: SelectedModels, candidate: ModelCandidate) -> dict[str, Any]:
     content = dataclasses.asdict(candidate)
     del content["inference_time_s"]
     return content | {"step_time": dataclasses.asdict(selection.times[candidate.trial])}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pipeline.configuration.stage import load_section
 from pipeline.control.icem.config import Bounds, IcemConfig
 from pipeline.control.icem.noise import coloured_noise, synthesis_matrix
-from pipeline.control.icem.planner import Planner, Ranked
+from pipeline.control.icem.planner import Planner, RankedPlans
 from pipeline.control.icem.proposal import Proposal, fitted, moved_on, spread
 from pipeline.errors import InputError
 from pipeline.reaching.discretise import discretise
@@ -132,7 +132,7 @@ def test_places_of_elites_that_an_episode_does_not_have_yet_do_not_compete(small
     target = jnp.zeros((5, N_JOINT))  # an empty place, all zero, would be the best of all
     state, _ = planner.decide(begun, target)
     assert np.all(np.asarray(state.elites.returns) < 0.0)
-    zero = Ranked(jnp.zeros_like(begun.elites.proto), jnp.zeros_like(begun.elites.returns))
+    zero = RankedPlans(jnp.zeros_like(begun.elites.proto), jnp.zeros_like(begun.elites.returns))
     state, _ = planner.decide(begun._replace(elites=zero), target)
     fresh_last_entries = np.asarray(state.elites.proto)[
         np.all(state.elites.proto[:, :-1] == 0.0, axis=(1, 2)), -1

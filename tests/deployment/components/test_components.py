@@ -19,11 +19,11 @@ from pipeline.deployment.drivers.programmable_controller import ProgrammableCont
 from pipeline.deployment.messages import (
     CancelGoal,
     EmergencyStop,
+    GoalOutcome,
     JointCommand,
     JointState,
     Joystick,
     MachineCommand,
-    Outcome,
     ReachGoal,
     ReachResult,
     SupervisorState,
@@ -87,7 +87,7 @@ def test_a_goal_is_pursued_tick_by_tick_until_the_time_out() -> None:
     harness.message(Topic.goal, GOAL)
     harness.tick(30)
     (result,) = harness.of(ReachResult)
-    assert (result.outcome, result.n_ticks) == (Outcome.timed_out, 20)
+    assert (result.outcome, result.n_ticks) == (GoalOutcome.timed_out, 20)
     commands = harness.of(JointCommand)
     assert len(commands) == 21 and [c.sequence for c in commands] == list(range(1, 22))
     assert [c.is_last for c in commands] == [False] * 20 + [True]
@@ -100,15 +100,15 @@ def test_a_goal_is_pursued_tick_by_tick_until_the_time_out() -> None:
 @pytest.mark.parametrize(
     ("event", "outcome"),
     [
-        (lambda h: h.message(Topic.cancel, CancelGoal(1)), Outcome.cancelled),
-        (lambda h: h.message(Topic.emergency_stop, EmergencyStop(0, "rule", "")), Outcome.stopped),
-        (lambda h: setattr(h.controller, "values", np.full(4, np.nan)), Outcome.controller_failed),
-        (lambda h: setattr(h.controller, "values", np.full(4, 0.5)), Outcome.controller_failed),
-        (lambda h: setattr(h.controller, "values", np.ones(3)), Outcome.controller_failed),
-        (lambda h: h.message(Topic.goal, dataclasses.replace(GOAL, goal_id=2)), Outcome.cancelled),
+        (lambda h: h.message(Topic.cancel, CancelGoal(1)), GoalOutcome.cancelled),
+        (lambda h: h.message(Topic.emergency_stop, EmergencyStop(0, "rule", "")), GoalOutcome.stopped),
+        (lambda h: setattr(h.controller, "values", np.full(4, np.nan)), GoalOutcome.controller_failed),
+        (lambda h: setattr(h.controller, "values", np.full(4, 0.5)), GoalOutcome.controller_failed),
+        (lambda h: setattr(h.controller, "values", np.ones(3)), GoalOutcome.controller_failed),
+        (lambda h: h.message(Topic.goal, dataclasses.replace(GOAL, goal_id=2)), GoalOutcome.cancelled),
     ],
 )
-def test_a_goal_ends_early(event, outcome: Outcome) -> None:
+def test_a_goal_ends_early(event, outcome: GoalOutcome) -> None:
     harness = Harness()
     harness.tick()
     harness.message(Topic.goal, GOAL)
@@ -125,7 +125,7 @@ def test_an_unreachable_pose_is_refused_and_the_goal_in_hand_goes_on() -> None:
     harness.tick(4)
     harness.message(Topic.goal, ReachGoal(2, np.full(3, np.nan), GOAL.quaternion))
     harness.tick(4)
-    assert [(r.goal_id, r.outcome) for r in harness.of(ReachResult)] == [(2, Outcome.refused)]
+    assert [(r.goal_id, r.outcome) for r in harness.of(ReachResult)] == [(2, GoalOutcome.refused)]
     assert not harness.of(JointCommand)[-1].is_last
 
 
@@ -135,7 +135,7 @@ def test_nothing_is_pursued_after_an_emergency_stop() -> None:
     harness.message(Topic.emergency_stop, EmergencyStop(0, "rule", ""))
     harness.message(Topic.goal, GOAL)
     harness.tick(10)
-    assert [r.outcome for r in harness.of(ReachResult)] == [Outcome.stopped]
+    assert [r.outcome for r in harness.of(ReachResult)] == [GoalOutcome.stopped]
     assert harness.of(JointCommand) == []
 
 
@@ -146,7 +146,7 @@ def conditions(**changes) -> TerminalConditions:
 def test_a_goal_is_reached_within_its_tolerances_only() -> None:
     pose = compiled_forward(arm())(MIDDLE)
     watch = conditions(at_goal=True).begin(np.asarray(pose.position), np.asarray(pose.quaternion))
-    assert watch.check(MIDDLE, np.zeros(4), 0) is Outcome.reached
+    assert watch.check(MIDDLE, np.zeros(4), 0) is GoalOutcome.reached
     assert watch.check(MIDDLE + np.array([0, 0, 0, 0.1]), np.zeros(4), 0) is None  # 0.1 rad of pitch
     assert watch.check(MIDDLE + np.array([0.2, 0, 0, 0]), np.zeros(4), 0) is None  # some 0.4 m
     assert conditions().begin(pose.position, pose.quaternion).check(MIDDLE, np.zeros(4), 0) is None
@@ -157,7 +157,7 @@ def test_leaving_the_workspace_takes_having_been_inside() -> None:
     watch = conditions(outside_workspace=True).begin(np.zeros(3), GOAL.quaternion)
     assert watch.check(outside, np.zeros(4), 0) is None
     assert watch.check(MIDDLE, np.zeros(4), 0) is None
-    assert watch.check(outside, np.zeros(4), 0) is Outcome.left_workspace
+    assert watch.check(outside, np.zeros(4), 0) is GoalOutcome.left_workspace
 
 
 def test_oscillation_is_many_reversals_within_the_window() -> None:

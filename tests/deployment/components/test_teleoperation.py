@@ -24,7 +24,7 @@ from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
 from pipeline.deployment.components.supervisor_rules import build_rules
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
-from pipeline.deployment.messages import JointState, MachineCommand, Outcome, ReachResult, Topic
+from pipeline.deployment.messages import GoalOutcome, JointState, MachineCommand, ReachResult, Topic
 from pipeline.deployment.transports.simulated_time.delays import no_delays
 from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
 from pipeline.errors import InputError
@@ -131,7 +131,7 @@ def test_where_nothing_was_recorded_the_cause_is_told(tmp_path: Path) -> None:
 def test_goals_that_were_pursued_outlive_one_that_never_ends(end: BaseException, tmp_path: Path) -> None:
     configuration = SimpleNamespace(output=str(tmp_path), machine=bobcat())
     recorder = spoken_to(begun_s=10)
-    recorder(Topic.result, ReachResult(12 * NANOSECONDS, 0, Outcome.reached, 200), 12 * NANOSECONDS)
+    recorder(Topic.result, ReachResult(12 * NANOSECONDS, 0, GoalOutcome.reached, 200), 12 * NANOSECONDS)
     with pytest.raises(type(end)), kept_if_cut_off(configuration, recorder):
         raise end
     assert [result["outcome"] for result in json.loads((tmp_path / "results.json").read_text())] == [

@@ -9,8 +9,8 @@ from pipeline.deployment.component import Component, Publication, nanoseconds
 from pipeline.deployment.messages import MachineCommand, Topic
 from pipeline.deployment.transports.simulated_time.delays import (
     LINKS,
+    DelaySampler,
     Distribution,
-    Sampler,
     load_delays,
     no_delays,
     save_delays,
@@ -79,7 +79,7 @@ def test_quantiles_come_back_from_their_samples_and_from_the_file(tmp_path) -> N
     delays_s = np.random.default_rng(0).gamma(2.0, 1e-3, 4000)
     measured = Distribution.of(delays_s, n_lost=1000)
     assert measured.loss_probability == 0.2
-    drawn = Sampler(Distribution.of(delays_s), np.random.SeedSequence(0))
+    drawn = DelaySampler(Distribution.of(delays_s), np.random.SeedSequence(0))
     again = np.array([drawn.draw_ns() for _ in range(20000)]) * 1e-9
     probabilities = [0.05, 0.5, 0.95, 0.99]
     np.testing.assert_allclose(

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.configuration.stage import MACHINE_DIRECTORY
 from pipeline.deployment.components.goals import compiled_forward
 from pipeline.deployment.graph_topics import GraphRecord
-from pipeline.deployment.messages import EmergencyStop, Outcome, ReachResult
+from pipeline.deployment.messages import EmergencyStop, GoalOutcome, ReachResult
 from pipeline.deployment.transports.mcap_file import write_mcap_file
 from pipeline.deployment.viewing.joint_transforms import joint_transforms
 from pipeline.deployment.viewing.visual_topics import STORE, visual_topics
@@ -73,7 +73,7 @@ def decoded(tmp_path_factory) -> dict[str, list]:
     )
     graph = GraphRecord(
         [],
-        [(int(TIME_NS[3]), ReachResult(int(TIME_NS[3]), 7, Outcome.stopped, 2))],
+        [(int(TIME_NS[3]), ReachResult(int(TIME_NS[3]), 7, GoalOutcome.stopped, 2))],
         [(int(TIME_NS[2]), EmergencyStop(int(TIME_NS[2]), "joint_limits", "swing at 1.0 rad"))],
     )
     path = log.path / "view/file.mcap"

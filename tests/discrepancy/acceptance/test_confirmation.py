@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from pipeline.configuration.stage import load_section
-from pipeline.discrepancy.acceptance.confirmation import Confirmation, Judgement, in_words
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.effects.effect import Setting
 from pipeline.effects.flow_coupling import FlowCoupling
@@ -48,16 +48,20 @@ def confirmation(
     return Confirmation(simulation, rows(~late), rows(late), {}, GATE, 100, (0, 1), 2, 0)
 
 
-def rows(is_used: np.ndarray) -> Rows:
+def rows(is_used: np.ndarray) -> ScoredRows:
     n = int(is_used.sum()) // 2
     block = np.arange(n) // BLOCK_ROWS
-    return Rows(is_used, Folds(block % 2, block, int(block.max()) + 1), np.full(2, NOISE**2), np.ones((n, 2)))
+    return ScoredRows(
+        is_used, Folds(block % 2, block, int(block.max()) + 1), np.full(2, NOISE**2), np.ones((n, 2))
+    )
 
 
-def coupled(joint: int, loss: float) -> Found:
+def coupled(joint: int, loss: float) -> SelectedEffect:
     """A joint that loses a share of its speed by the other one, as fitted."""
     freed = ((("loss_fraction", 1 - joint),),)
-    return Found(Candidate("flow_coupling", joint, None, {}, freed, np.array([loss]), 1.0, 0.5, np.ones(4)))
+    return SelectedEffect(
+        Candidate("flow_coupling", joint, None, {}, freed, np.array([loss]), 1.0, 0.5, np.ones(4))
+    )
 
 
 def test_one_cause_is_left_off_the_joint_on_which_it_is_no_help() -> None:
@@ -95,7 +99,7 @@ def test_once_a_cause_has_passed_joints_are_asked_whether_they_have_part_in_it_n
     assert together.p_value == pytest.approx(2.0 * weak, rel=0.2)  # of two joints
 
 
-def setting_in(loss: float, onset: int | None, between: tuple[int, int] | None = None) -> Found:
+def setting_in(loss: float, onset: int | None, between: tuple[int, int] | None = None) -> SelectedEffect:
     found = coupled(0, loss)
     return replace(found, candidate=replace(found.candidate, onset=onset, onset_between=between))
 
@@ -129,7 +133,7 @@ def test_a_bound_of_more_confidence_is_lower() -> None:
 
 
 def test_the_sentence_says_whose_bound_it_is() -> None:
-    judgement = Judgement(0.3, 0.2, 1e-9, is_confirmed=True, is_pooled=False)
+    judgement = Confirmed(0.3, 0.2, 1e-9, is_confirmed=True, is_pooled=False)
     assert "(at least 20%)" in in_words(coupled(0, 0.1), judgement, "lift")
     pooled = replace(judgement, is_pooled=True, is_confirmed=False)
     assert "not confirmed" in in_words(coupled(0, 0.1), pooled, "lift")
@@ -148,7 +152,7 @@ def test_a_course_in_time_has_to_explain_more_than_a_constant(loss_by_turns, is_
     is_second = np.arange(N_ROWS) // 400 % 2
     u = simulation.velocities([{}])[0]
     simulation.sequences.velocity[..., 0] -= np.array(loss_by_turns)[is_second] * u[..., 0]
-    course = Found(
+    course = SelectedEffect(
         Candidate("other:absolute_time", 0, None, {"width": 3.0}, (), np.ones(1), 1.0, 0.5, np.ones(4))
     )
     seen = judged.judge([course])[0]

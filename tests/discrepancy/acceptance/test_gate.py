@@ -4,12 +4,12 @@ import numpy as np
 
 from pipeline.discrepancy.acceptance.gate import lower_bound, pooled, rank_p, where_it_acts
 from pipeline.discrepancy.acceptance.placebos import placebo_p
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.selection.regression import Folds
 from tests.discrepancy.coloured_noise import N, coloured
 
 BLOCK = 50
-ROWS = Rows(
+ROWS = ScoredRows(
     is_used=np.ones((1, N), bool),
     folds=Folds(np.zeros(N, int), np.arange(N) // BLOCK, N // BLOCK),
     floor=np.ones(1),

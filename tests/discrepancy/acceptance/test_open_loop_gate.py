@@ -8,19 +8,19 @@ import pytest
 from pipeline.configuration.stage import load_section
 from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors
 from pipeline.discrepancy.acceptance.open_loop_gate import OpenLoopGate
-from pipeline.discrepancy.selection.grouping import Effect
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.grouping import MachineEffect
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.discrepancy.settings import CloseLoopConfig
 from tests.discrepancy.bare_candidate import bare_candidate
 
 CONFIG = load_section("close_loop", CloseLoopConfig, "paper").gate
 
 
-def effect(family: str, *joints: int) -> Effect:
-    return Effect(family, [Found(bare_candidate(family, joint)) for joint in joints])
+def effect(family: str, *joints: int) -> MachineEffect:
+    return MachineEffect(family, [SelectedEffect(bare_candidate(family, joint)) for joint in joints])
 
 
-def names(effects: list[Effect]) -> list[tuple[str, tuple[int, ...]]]:
+def names(effects: list[MachineEffect]) -> list[tuple[str, tuple[int, ...]]]:
     return [(e.family, tuple(e.joints)) for e in effects]
 
 
@@ -41,7 +41,7 @@ class Case:
                 squares[joint] *= factors.get((e.family, joint), 1.0)
         return WindowErrors(np.tile(squares, (5, 1)), np.arange(5))
 
-    def refit(self, effects: list[Effect]) -> list[Effect]:
+    def refit(self, effects: list[MachineEffect]) -> list[MachineEffect]:
         self.refits.append(names(effects))
         return list(effects)
 
@@ -72,7 +72,7 @@ def test_where_no_single_absence_mends_the_joint_the_weakest_goes_first() -> Non
 def test_one_cause_leaves_the_joint_that_has_no_part_in_it_but_a_channel_is_late_or_not(family, left) -> None:
     case = Case({(family, 0): 2.0, (family, 1): 0.5, (family, 2): 0.5})
     of_family = effect("delay" if family == "timing" else family, 0, 1, 2)
-    effects = [Effect(family, of_family.members)]
+    effects = [MachineEffect(family, of_family.members)]
     assert names(case.gate().without_harm(effects)) == left
 
 

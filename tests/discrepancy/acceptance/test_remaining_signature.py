@@ -14,12 +14,12 @@ from pipeline.discrepancy.acceptance.remaining_signature import (
     remaining_share,
     starts_and_stops,
 )
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, averaged
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, averaged
 from pipeline.discrepancy.families.plausibility import TIMING
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.grouping import OTHER, effects_of
 from pipeline.discrepancy.selection.regression import Folds
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from tests.discrepancy.bare_candidate import bare_candidate
 
 DT_S, N_ROWS, JOINT = 0.05, 8000, 1
@@ -36,7 +36,7 @@ def commands(seed: int) -> np.ndarray:
 
 COMMAND = commands(0)
 NOISE = np.random.default_rng(1).normal(size=N_ROWS)
-ROWS = Rows(
+ROWS = ScoredRows(
     np.ones((1, N_ROWS), bool),
     Folds(FOLD, np.arange(N_ROWS // 2) // 100, N_ROWS // 200),
     np.ones(2),
@@ -154,7 +154,7 @@ def doubted(
     monkeypatch.setattr(
         module, "residual_of", lambda simulation, rows, found: (left if found else 1.0) * signature
     )
-    (found,) = doubted_by_what_is_left(SIMULATION, ROWS, [Found(effect)], screened, LARGEST, DT_S)
+    (found,) = doubted_by_what_is_left(SIMULATION, ROWS, [SelectedEffect(effect)], screened, LARGEST, DT_S)
     return [c.family for c in found.equivalents]
 
 
@@ -187,7 +187,8 @@ def test_a_resonance_that_does_not_ring_is_a_lag_by_another_name(monkeypatch: py
 
 def test_a_late_channel_that_may_not_be_named_is_no_delay_of_each_joint() -> None:
     late_joints = [
-        Found(replace(bare_candidate("delay", joint), point={"added_delay": 0.15})) for joint in range(4)
+        SelectedEffect(replace(bare_candidate("delay", joint), point={"added_delay": 0.15}))
+        for joint in range(4)
     ]
     assert [effect.family for effect in effects_of(late_joints, range(4))] == [TIMING]
     (effect,) = effects_of(late_joints, range(4), allow_timing=False)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from pipeline.configuration.stage import load_section
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, rows_in_blocks
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, rows_in_blocks
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.cold_oil import channel_beside
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.comparison import Comparison
 from pipeline.discrepancy.selection.refine import completed, refine
 from pipeline.discrepancy.selection.screen import screen
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.discrepancy.settings import CloseLoopConfig
 from tests.discrepancy.exact_machine import DT_S, N_JOINT, SPEED, held_commands, simulation_of
 
@@ -19,7 +19,9 @@ N_ROWS, LOSS, COLD_LAG_S, CONSTANT_S = 7200, 0.4, 0.3, 100.0
 NOISE = 0.02
 
 
-def cold_log(latency_rows: int, constant_s: float = CONSTANT_S) -> tuple[Simulation, Rows, list[Found]]:
+def cold_log(
+    latency_rows: int, constant_s: float = CONSTANT_S
+) -> tuple[Simulation, ScoredRows, list[SelectedEffect]]:
     """Speeds that are slow and late when cold, read late, and the oil that a search finds of them by itself.
 
     Line and spool in two stages, each discretised backwards in float64.
@@ -40,10 +42,12 @@ def cold_log(latency_rows: int, constant_s: float = CONSTANT_S) -> tuple[Simulat
     every = np.ones((1, N_ROWS, N_JOINT), bool)
     rows = rows_in_blocks(np.ones((1, N_ROWS), bool), fold, every, floor, 400)
     oil = [c for c in screen(simulation, {}, rows) if c.family == "thermal_drift"]
-    return simulation, rows, refine(simulation, rows, [Found(completed(simulation, c)) for c in oil])
+    return simulation, rows, refine(simulation, rows, [SelectedEffect(completed(simulation, c)) for c in oil])
 
 
-def beside(simulation: Simulation, rows: Rows, found: list[Found], joints: range) -> list[Candidate]:
+def beside(
+    simulation: Simulation, rows: ScoredRows, found: list[SelectedEffect], joints: range
+) -> list[Candidate]:
     """As the search asks for it."""
     comparison = Comparison(rows.folds, load_section("close_loop", CloseLoopConfig, "paper").search)
     return channel_beside(simulation, rows, found, lambda c: comparison.passes(c, is_further=True), joints)
@@ -66,4 +70,4 @@ def test_the_channel_is_asked_for_only_beside_oil_on_every_joint_that_moves() ->
     assert beside(simulation, rows, oil[:1], range(N_JOINT)) == []
     assert beside(simulation, rows, [], range(N_JOINT)) == []
     known = beside(simulation, rows, oil, range(N_JOINT))
-    assert beside(simulation, rows, [*oil, *map(Found, known)], range(N_JOINT)) == []
+    assert beside(simulation, rows, [*oil, *map(SelectedEffect, known)], range(N_JOINT)) == []

@@ -12,7 +12,7 @@ from pipeline.discrepancy.families.cold_oil import OF_OWN_CAUSES, cold_oil, with
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.comparison import Comparison
 from pipeline.discrepancy.selection.regression import Folds
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Setting
@@ -83,8 +83,8 @@ def test_oil_that_is_warm_and_yet_slow_is_no_oil(monkeypatch) -> None:
 
 
 def test_joints_that_respond_late_one_like_the_other_may_be_cold() -> None:
-    found = [Found(bare_candidate("lag", joint)) for joint in (0, 2)]
-    found.append(Found(bare_candidate("stiction", 1)))
+    found = [SelectedEffect(bare_candidate("lag", joint)) for joint in (0, 2)]
+    found.append(SelectedEffect(bare_candidate("stiction", 1)))
     screened = [bare_candidate("thermal_drift", joint) for joint in range(4)]
     first, second, alone = with_doubts_of_the_oil(found, screened)
     assert first.equivalents == [screened[0]]
@@ -93,6 +93,6 @@ def test_joints_that_respond_late_one_like_the_other_may_be_cold() -> None:
 
 
 def test_gains_of_two_joints_have_two_causes() -> None:
-    found = [Found(bare_candidate("gain", joint)) for joint in (0, 1)]
+    found = [SelectedEffect(bare_candidate("gain", joint)) for joint in (0, 1)]
     screened = [bare_candidate("thermal_drift", joint) for joint in range(2)]
     assert with_doubts_of_the_oil(found, screened) == found

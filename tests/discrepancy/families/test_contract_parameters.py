@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, averaged
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, averaged
 from pipeline.discrepancy.families.contract_parameters import (
     Spread,
     describe,
@@ -19,7 +19,7 @@ from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.free_parameters import Coordinate
 from pipeline.discrepancy.selection.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.selection.regression import Folds
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
 from pipeline.effects.lag import Lag
@@ -142,14 +142,16 @@ def gain_of_one_joint(ratio: float):
         velocities=velocities,
         onsets={},
     )
-    rows = Rows(is_used, Folds(np.zeros(n, int), np.arange(n) // 10, n // 10), np.ones(1), np.ones((n, 1)))
+    rows = ScoredRows(
+        is_used, Folds(np.zeros(n, int), np.arange(n) // 10, n // 10), np.ones(1), np.ones((n, 1))
+    )
     return simulation, rows
 
 
 def test_misfit_is_what_nominal_parts_ask_for() -> None:
     simulation, rows = gain_of_one_joint(0.1)
     both = (("ratio_positive", None), ("ratio_negative", None))
-    found = [Found(Candidate("gain", 0, None, {}, (both,), np.array([-0.3]), 0.0, 0.0, np.zeros(1)))]
+    found = [SelectedEffect(Candidate("gain", 0, None, {}, (both,), np.array([-0.3]), 0.0, 0.0, np.zeros(1)))]
     covariance = misfit_covariance(simulation, rows, found, n_parts=3)[0]
     # Parts ask for +0.1, 0 and -0.1, each weighted by its share of the squared motion.
     motion = averaged(np.sin(0.21 * np.arange(N_ROWS))[None], rows.is_used) ** 2
@@ -163,5 +165,5 @@ def test_misfit_is_what_nominal_parts_ask_for() -> None:
 def test_no_misfit_adds_nothing() -> None:
     simulation, rows = gain_of_one_joint(0.0)
     both = (("ratio_positive", None), ("ratio_negative", None))
-    found = [Found(Candidate("gain", 0, None, {}, (both,), np.array([-0.3]), 0.0, 0.0, np.zeros(1)))]
+    found = [SelectedEffect(Candidate("gain", 0, None, {}, (both,), np.array([-0.3]), 0.0, 0.0, np.zeros(1)))]
     assert misfit_covariance(simulation, rows, found, n_parts=3)[0][0, 0] < 1e-18

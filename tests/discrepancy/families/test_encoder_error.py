@@ -6,7 +6,7 @@ import pytest
 from pipeline.discrepancy.diagnosis.scored_rows import rows_in_blocks
 from pipeline.discrepancy.families.encoder_error import encoder_errors, is_refuted_by_stops
 from pipeline.discrepancy.families.stops import Encoder, EncoderError
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from tests.discrepancy.bare_candidate import bare_candidate
 from tests.discrepancy.exact_machine import N_JOINT, SPEED, held_commands, simulation_of
 
@@ -64,7 +64,7 @@ def test_stops_speak_against_errors_of_encoders_that_would_have_moved_them_elsew
 def test_beside_play_stops_say_nothing_of_an_encoder() -> None:
     candidate = bare_candidate("sensor_bias", 0, scale=SCALE)
     for joint, expected in ((0, True), (1, False)):
-        play = [Found(bare_candidate("backlash", joint))]
+        play = [SelectedEffect(bare_candidate("backlash", joint))]
         assert is_refuted_by_stops(candidate, {0: MOVED}, play, []) is expected
 
 

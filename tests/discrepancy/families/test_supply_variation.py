@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.families.plausibility import is_plausible
 from pipeline.discrepancy.families.supply_onset import supply_onset, supply_since
 from pipeline.discrepancy.families.supply_variation import (
@@ -58,7 +58,7 @@ def machine(
     )
     n = n_rows // 2
     folds = Folds((np.arange(n) // 600) % 2, np.arange(n) // 200, n // 200)
-    rows = Rows(np.ones((1, n_rows), bool), folds, np.full(N_JOINT, NOISE**2), np.ones((n, N_JOINT)))
+    rows = ScoredRows(np.ones((1, n_rows), bool), folds, np.full(N_JOINT, NOISE**2), np.ones((n, N_JOINT)))
     return simulation, rows
 
 

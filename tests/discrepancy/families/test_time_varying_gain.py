@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from pipeline.discrepancy.acceptance.gate import rank_p
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.families.time_varying_gain import beyond_constants, course_candidates
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds
@@ -19,7 +19,7 @@ TIME_S = DT_S * np.arange(N_ROWS)
 
 def logs(
     change: np.ndarray, noise_width_s: float = 0.0, seed: int = 0, u: np.ndarray | None = None
-) -> tuple[SimpleNamespace, Rows]:
+) -> tuple[SimpleNamespace, ScoredRows]:
     """Two joints in moves of a second; the first one's speed is changed by that share, the second keeps its own."""
     random = np.random.default_rng(seed)
     if u is None:
@@ -37,11 +37,11 @@ def logs(
     return simulation, rows_of(np.ones((1, N_ROWS), bool))
 
 
-def rows_of(is_used: np.ndarray) -> Rows:
+def rows_of(is_used: np.ndarray) -> ScoredRows:
     n = int(is_used.sum()) // 2
     block = np.arange(n) // 100
     folds = Folds(block % 2, block, int(block.max(initial=0)) + 1)
-    return Rows(is_used, folds, np.full(2, NOISE**2), np.ones((n, 2)))
+    return ScoredRows(is_used, folds, np.full(2, NOISE**2), np.ones((n, 2)))
 
 
 @pytest.mark.parametrize("period_s", [30.0, 60.0])
@@ -126,6 +126,6 @@ def test_rows_that_do_not_count_say_nothing_of_others():
     assert course_candidates(simulation, {}, replace(rows, weight=weight))[0].share < 0.01
 
 
-def chance(simulation: SimpleNamespace, rows: Rows, candidate: Candidate) -> float:
+def chance(simulation: SimpleNamespace, rows: ScoredRows, candidate: Candidate) -> float:
     before, after = beyond_constants(simulation, {}, rows, rows, candidate.joint, candidate.point)
     return rank_p(np.bincount(rows.folds.block, before**2 - after**2), n_tests=1)

@@ -13,7 +13,7 @@ from pipeline.discrepancy.families.late_channel import (
 from pipeline.discrepancy.families.whole_machine import of_one_cause
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.grouping import OTHER, effects_of, without_lags_of_one_cause
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from tests.discrepancy.bare_candidate import bare_candidate
 
 
@@ -61,15 +61,15 @@ def test_dead_bands_on_several_joints_are_one_cause_and_gains_are_not():
 
 
 def test_the_one_joint_that_is_later_than_a_late_channel_has_a_common_part():
-    found = [Found(c) for c in delays(0.1, 0.11, 0.2)]
+    found = [SelectedEffect(c) for c in delays(0.1, 0.11, 0.2)]
     latest, shorter = shortened(found, range(3))
     assert latest is found[2]
     assert (shorter.candidate.joint, shorter.candidate.point["added_delay"]) == (2, pytest.approx(0.11))
-    known = [*found, Found(bare_candidate("gain", 2))]
+    known = [*found, SelectedEffect(bare_candidate("gain", 2))]
     assert shortened(known, range(3)) is None  # what it has more is known
     assert shortened(found[1:], range(3)) is None  # one joint is not late at all
-    assert shortened([Found(c) for c in delays(0.1, 0.2, 0.2)], range(3)) is None
-    idle = [*found, *(Found(c) for c in delays(0.1, 0.1, 0.1, 0.0)[3:])]
+    assert shortened([SelectedEffect(c) for c in delays(0.1, 0.2, 0.2)], range(3)) is None
+    idle = [*found, *(SelectedEffect(c) for c in delays(0.1, 0.1, 0.1, 0.0)[3:])]
     assert shortened(idle, range(3))[0] is found[2]
 
 
@@ -79,7 +79,7 @@ def test_a_joint_that_hardly_moves_neither_makes_a_channel_nor_refutes_it():
     assert late_channel(unlike, (0, 1)) == unlike[:2]
     assert late_channel(unlike, range(3)) == []
     assert late_channel(like[:2], (0,)) == late_channel(like[:2], ()) == []
-    effects = effects_of([Found(c) for c in unlike], (0, 1))
+    effects = effects_of([SelectedEffect(c) for c in unlike], (0, 1))
     assert {(effect.family, tuple(effect.joints)) for effect in effects} == {
         ("timing", (0, 1)),
         ("delay", (2,)),
@@ -90,31 +90,33 @@ def lag(joint: int, gain: float = 1.0, onset: int | None = None) -> Candidate:
     return replace(bare_candidate("lag", joint), gain=gain, onset=onset)
 
 
-def named(*found: Found) -> list[tuple[str, tuple[int, ...]]]:
+def named(*found: SelectedEffect) -> list[tuple[str, tuple[int, ...]]]:
     effects = without_lags_of_one_cause(effects_of(list(found), range(4)))
     return [(effect.family, tuple(effect.joints)) for effect in effects]
 
 
 def test_lags_of_three_joints_are_one_cause_that_has_no_name():
-    gain = Found(replace(bare_candidate("gain", 0), gain=4.0))
-    two = [Found(lag(1, 3.0)), Found(lag(2, 2.0))]
+    gain = SelectedEffect(replace(bare_candidate("gain", 0), gain=4.0))
+    two = [SelectedEffect(lag(1, 3.0)), SelectedEffect(lag(2, 2.0))]
     assert named(gain, *two) == [("gain", (0,)), ("lag", (1,)), ("lag", (2,))]
-    assert named(gain, *two, Found(lag(3))) == [("other", (1, 2, 3)), ("gain", (0,))]
-    (effect,) = without_lags_of_one_cause(effects_of([*two, Found(lag(3))], range(4)))
+    assert named(gain, *two, SelectedEffect(lag(3))) == [("other", (1, 2, 3)), ("gain", (0,))]
+    (effect,) = without_lags_of_one_cause(effects_of([*two, SelectedEffect(lag(3))], range(4)))
     assert (effect.family, effect.card) == (OTHER, "lag")
 
 
 def test_a_joint_that_may_lag_as_well_counts_among_those_that_do():
     stiction = bare_candidate("stiction", 3)
-    two = [Found(lag(1, 3.0)), Found(lag(2, 2.0))]
-    assert named(*two, Found(stiction, [lag(3)])) == [("other", (1, 2)), ("stiction", (3,))]
-    assert named(*two, Found(stiction)) == [("lag", (1,)), ("lag", (2,)), ("stiction", (3,))]
-    late = [Found(replace(stiction, joint=joint), [lag(joint)]) for joint in (2, 3)]
+    two = [SelectedEffect(lag(1, 3.0)), SelectedEffect(lag(2, 2.0))]
+    assert named(*two, SelectedEffect(stiction, [lag(3)])) == [("other", (1, 2)), ("stiction", (3,))]
+    assert named(*two, SelectedEffect(stiction)) == [("lag", (1,)), ("lag", (2,)), ("stiction", (3,))]
+    late = [SelectedEffect(replace(stiction, joint=joint), [lag(joint)]) for joint in (2, 3)]
     assert named(two[0], *late)[0] == ("lag", (1,))  # one lag alone is no cause of several joints
 
 
 def test_lags_that_may_be_oil_or_that_set_in_one_after_the_other_stay_what_they_are():
-    oil = Found(lag(1, 3.0), [bare_candidate("thermal_drift", 1)])
-    assert [family for family, _ in named(oil, Found(lag(2)), Found(lag(3)))] == ["lag"] * 3
-    later = Found(lag(1, 3.0, onset=5))
-    assert [family for family, _ in named(later, Found(lag(2)), Found(lag(3)))] == ["lag"] * 3
+    oil = SelectedEffect(lag(1, 3.0), [bare_candidate("thermal_drift", 1)])
+    assert [family for family, _ in named(oil, SelectedEffect(lag(2)), SelectedEffect(lag(3)))] == ["lag"] * 3
+    later = SelectedEffect(lag(1, 3.0, onset=5))
+    assert [family for family, _ in named(later, SelectedEffect(lag(2)), SelectedEffect(lag(3)))] == [
+        "lag"
+    ] * 3

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.configuration.stage import load_section
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.families import uncorrectable as wrapperless
 from pipeline.discrepancy.families.plausibility import is_at_bound, is_plausible
 from pipeline.discrepancy.families.whole_machine import COMMON_FACTOR, DOUBTED_FACTOR, common_cause
@@ -15,7 +15,7 @@ from pipeline.discrepancy.selection import search as search_module
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds, t_statistic
 from pipeline.discrepancy.selection.search import Search
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Setting
@@ -160,7 +160,9 @@ def test_a_value_at_its_bound_is_no_name() -> None:
 
 def search(folds: Folds) -> Search:
     """A search on rows of two folds, with nothing found."""
-    rows = Rows(np.ones((1, 2 * len(folds.fold)), bool), folds, np.ones(1), np.ones((len(folds.fold), 1)))
+    rows = ScoredRows(
+        np.ones((1, 2 * len(folds.fold)), bool), folds, np.ones(1), np.ones((len(folds.fold), 1))
+    )
     simulation = SimpleNamespace(effects=EFFECTS, onsets={})
     settings = load_section("close_loop", CloseLoopConfig, "paper").search
     return Search(simulation, rows, {}, settings, (), {}, ("lift", "turn"), (0, 1), lambda _: None)
@@ -190,9 +192,9 @@ def test_once_two_valves_have_dead_bands_the_others_may_have_one_too() -> None:
     looking.joints = ("lift", "turn", "reach")
     shows, little = candidate("other:dead_band", 2, 50.0), candidate("other:dead_band", 2, 50.0)
     little = replace(little, share=0.01)
-    looking.found = [Found(candidate("other:dead_band", 0, 100.0))]
+    looking.found = [SelectedEffect(candidate("other:dead_band", 0, 100.0))]
     assert looking._further_valves([shows]) == []
-    looking.found.append(Found(candidate("other:dead_band", 1, 100.0)))
+    looking.found.append(SelectedEffect(candidate("other:dead_band", 1, 100.0)))
     assert [f.candidate for f in looking._further_valves([shows, candidate("gain", 2, 90.0)])] == [shows]
     assert looking._further_valves([little]) == []
 
@@ -209,7 +211,7 @@ def test_once_two_valves_have_dead_bands_the_others_may_have_one_too() -> None:
 @pytest.mark.parametrize("first", ["delay", "thermal_drift", "flow_coupling"])
 def test_a_second_cause_explains_most_of_what_the_first_leaves(family, gain, share, is_kept, first) -> None:
     looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
-    looking.found = [Found(candidate(first, 0, 1000.0 if first == "delay" else 400.0))]
+    looking.found = [SelectedEffect(candidate(first, 0, 1000.0 if first == "delay" else 400.0))]
     second = replace(candidate(family, 0, gain), share=share)
     assert looking._without_repairs([second]) == ([second] if is_kept else [])
 
@@ -224,7 +226,7 @@ def test_what_a_common_change_of_speed_leaves_is_no_joints_own_course(
     monkeypatch.setitem(wrapperless.TRIED, "other:absolute_time", lambda *_: [course])
     monkeypatch.setitem(wrapperless.TRIED, "supply_variation", lambda *_: [])
     assert looking._candidates() == [rest, course]
-    looking.found = [Found(candidate("supply_variation", 0, 100.0, point={"width": 6.0}))]
+    looking.found = [SelectedEffect(candidate("supply_variation", 0, 100.0, point={"width": 6.0}))]
     assert looking._candidates() == [rest]
 
 
@@ -237,7 +239,7 @@ def test_what_is_left_is_looked_at_with_every_onset_that_was_found(monkeypatch: 
     monkeypatch.setattr(search_module, "decide_again", lambda simulation, rows, found, *_: found)
     monkeypatch.setattr(looking, "_look_back", lambda: None)
     seen: list[dict] = []
-    seconds = [[Found(replace(candidate("load", 1, 50.0), onset=7))], []]
+    seconds = [[SelectedEffect(replace(candidate("load", 1, 50.0), onset=7))], []]
     monkeypatch.setattr(looking, "_candidates", lambda: seen.append(looking.simulation.onsets) or [])
     monkeypatch.setattr(looking, "_second_cause", lambda _: seconds[len(seen) - 1])
     looking.run()

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.diagnosis.scored_rows import ROWS_AVERAGED, Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ROWS_AVERAGED, ScoredRows
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.onset import with_onsets
 from pipeline.discrepancy.selection.regression import Folds
@@ -31,7 +31,7 @@ def with_onset(first_row: int) -> Candidate:
     simulation = SimpleNamespace(sequences=sequences, velocities=velocities, effects=effects, onsets={})
     n = N_ROWS // ROWS_AVERAGED
     block = np.arange(n) // (BLOCK_ROWS // ROWS_AVERAGED)
-    rows = Rows(
+    rows = ScoredRows(
         np.ones((1, N_ROWS), bool), Folds(block % 2, block, 20), np.full(1, NOISE**2), np.ones((n, 1))
     )
     freed = ((("ratio_positive", None), ("ratio_negative", None)),)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, averaged
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, averaged
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.refine import parameter_covariance, refine
 from pipeline.discrepancy.selection.regression import Folds
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.effects.effect import Parameter
 
 N_ROWS = 400
@@ -43,7 +43,7 @@ def machine(velocity_of, measured: np.ndarray, parameters: list[Parameter]):
         onsets={},
     )
     n = N_ROWS // 2
-    rows = Rows(
+    rows = ScoredRows(
         np.ones((1, N_ROWS), bool),
         Folds(np.zeros(n, int), np.arange(n) // 10, n // 10),
         np.ones(1),
@@ -63,7 +63,7 @@ def test_a_step_that_is_too_long_is_followed_by_a_shorter_one() -> None:
     simulation, rows = machine(
         lambda c: np.arctan(20.0 * c) * drive, np.zeros(N_ROWS), [Parameter("c", "1", 0.0, -2.0, 2.0)]
     )
-    (found,) = refine(simulation, rows, [Found(candidate(("c",), [0.3]))])
+    (found,) = refine(simulation, rows, [SelectedEffect(candidate(("c",), [0.3]))])
     assert abs(found.candidate.coefficients[0]) < 1e-3
 
 
@@ -78,7 +78,7 @@ def test_a_value_at_its_bound_does_not_keep_the_others_where_they_are(start) -> 
         measured,
         [Parameter("a", "1", 0.0, -0.5, 0.5), Parameter("b", "1", 0.0, -2.0, 2.0)],
     )
-    (found,) = refine(simulation, rows, [Found(candidate(("a", "b"), list(start)))])
+    (found,) = refine(simulation, rows, [SelectedEffect(candidate(("a", "b"), list(start)))])
     seen = averaged(columns[None], rows.is_used), averaged(measured[None], rows.is_used)
     expected = lsq_linear(*seen, bounds=([-0.5, -2.0], [0.5, 2.0])).x
     assert expected[0] == pytest.approx(0.5)
@@ -94,13 +94,13 @@ def test_what_joints_have_in_common_is_one_value_and_known_better_than_by_each()
         )
         for joint, start, gain in ((0, 30.0, 1.0), (1, 90.0, 3.0))
     ]
-    refined = [of.candidate for of in refine(simulation, rows, [Found(c) for c in starts])]
+    refined = [of.candidate for of in refine(simulation, rows, [SelectedEffect(c) for c in starts])]
     expected = least_squares(model, [60.0, 0.1, 0.1], x_scale=[10.0, 0.1, 0.1]).x
     assert refined[0].point["t"] == refined[1].point["t"] == pytest.approx(expected[0], rel=2e-3)
     assert [c.coefficients[0] for c in refined] == pytest.approx(expected[1:], abs=2e-3)
-    covariance = parameter_covariance(simulation, rows, [Found(c) for c in refined])
+    covariance = parameter_covariance(simulation, rows, [SelectedEffect(c) for c in refined])
     of_both = [of[[c.name for c in coordinates].index("t")] for coordinates, of in covariance.values()]
-    alone = parameter_covariance(simulation, rows, [Found(refined[0])])[0][1][0, 0]
+    alone = parameter_covariance(simulation, rows, [SelectedEffect(refined[0])])[0][1][0, 0]
     assert of_both[0][0] == pytest.approx(of_both[1][0])
     assert of_both[0][0] < alone
 
@@ -131,7 +131,7 @@ def drifting_pair():
 
     n = N_ROWS // 2
     folds = Folds(np.zeros(n, int), np.arange(n) // 10, n // 10)
-    rows = Rows(np.ones((1, N_ROWS), bool), folds, floor, np.ones((n, 2)))
+    rows = ScoredRows(np.ones((1, N_ROWS), bool), folds, floor, np.ones((n, 2)))
     simulation = SimpleNamespace(
         effects={FAMILY: effect},
         sequences=SimpleNamespace(velocity=true[None]),

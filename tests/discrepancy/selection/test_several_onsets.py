@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.close_loop import Loop
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, rows_in_blocks
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, rows_in_blocks
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.grouping import Effect
+from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.onset import of_one_moment
 from pipeline.discrepancy.selection.refine import refine
-from pipeline.discrepancy.selection.selected_effect import Found, onsets_of, values_of, velocity_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_of, values_of, velocity_of
 from tests.discrepancy.bare_candidate import bare_candidate
 from tests.discrepancy.exact_machine import N_JOINT, SETTING, SPEED, STEP_NS, held_commands, simulation_of
 
@@ -53,7 +53,7 @@ def measured(joint: int, slow_from: int, sags_from: int = N_ROWS) -> np.ndarray:
     return speed + np.where((row >= sags_from) & (command == 0.0), SAG, 0.0)
 
 
-def rows_of_all() -> Rows:
+def rows_of_all() -> ScoredRows:
     is_used = np.ones((1, N_ROWS), bool)
     is_known = np.ones((1, N_ROWS, N_JOINT), bool)
     return rows_in_blocks(is_used, is_used * 0, is_known, np.full(N_JOINT, 1e-4), 100)
@@ -65,7 +65,7 @@ def simulation() -> Simulation:
 
 @pytest.mark.parametrize(("first", "second"), [(EARLY, LATE), (LATE, EARLY), (EARLY, None), (None, LATE)])
 def test_the_same_effect_sets_in_on_each_joint_at_its_moment(first: int | None, second: int | None) -> None:
-    found = [Found(gain(0, first)), Found(gain(1, second))]
+    found = [SelectedEffect(gain(0, first)), SelectedEffect(gain(1, second))]
     expected = np.stack([measured(0, first or 0), measured(1, second or 0)], axis=1)
     np.testing.assert_allclose(velocity_of(simulation(), found)[0], expected, atol=1e-6)
 
@@ -74,7 +74,7 @@ def test_the_same_effect_sets_in_on_each_joint_at_its_moment(first: int | None, 
     ("slow", "sags"), [(EARLY, LATE), (LATE, EARLY), (EARLY, EARLY), (EARLY, None), (None, LATE)]
 )
 def test_two_effects_set_in_on_one_joint_each_at_its_moment(slow: int | None, sags: int | None) -> None:
-    found = [Found(gain(0, slow)), Found(leakage(0, sags)), Found(gain(1, LATE))]
+    found = [SelectedEffect(gain(0, slow)), SelectedEffect(leakage(0, sags)), SelectedEffect(gain(1, LATE))]
     expected = np.stack([measured(0, slow or 0, sags or 0), measured(1, LATE)], axis=1)
     np.testing.assert_allclose(velocity_of(simulation(), found)[0], expected, atol=1e-6)
 
@@ -84,7 +84,11 @@ def test_each_is_fitted_on_the_rows_that_it_acts_on() -> None:
     machine = simulation_of(
         ["gain", "leakage"], COMMAND, np.stack([measured(0, EARLY, LATE), measured(1, 0)], axis=1)
     )
-    start = [Found(gain(0, EARLY, 0.9)), Found(leakage(0, LATE)), Found(gain(1, None, 0.9))]
+    start = [
+        SelectedEffect(gain(0, EARLY, 0.9)),
+        SelectedEffect(leakage(0, LATE)),
+        SelectedEffect(gain(1, None, 0.9)),
+    ]
     fitted = [of.candidate.coefficients for of in refine(machine, rows_of_all(), start)]
     np.testing.assert_allclose(np.concatenate(fitted), [RATIO - 1.0, SAG, RATIO - 1.0], atol=1e-3)
 
@@ -98,8 +102,8 @@ def test_one_cause_sets_in_on_all_its_joints_at_the_moment_that_suits_them_best(
     machine = simulation_of(
         ["gain", "leakage"], COMMAND, np.stack([measured(0, true or 0), measured(1, true or 0)], axis=1)
     )
-    told = [Found(gain(0, EARLY)), Found(gain(1, None))][:: 1 - 2 * joint]
-    beside = Found(leakage(1, LATE))  # of one joint alone: it keeps its own
+    told = [SelectedEffect(gain(0, EARLY)), SelectedEffect(gain(1, None))][:: 1 - 2 * joint]
+    beside = SelectedEffect(leakage(1, LATE))  # of one joint alone: it keeps its own
     found = of_one_moment(machine, rows_of_all(), [*told, beside], ["gain", "leakage"])
     assert [f.candidate.onset for f in found] == [at(true), at(true), at(LATE)]
     np.testing.assert_allclose([f.candidate.coefficients[0] for f in found[:2]], RATIO - 1.0, atol=1e-3)
@@ -116,10 +120,10 @@ def test_what_sets_in_is_not_blamed_for_having_nothing_to_gain_before() -> None:
 
 def test_what_has_set_in_is_not_taken_back_from_velocities_that_are_known() -> None:
     """An effect beside others acts on the velocities in their presence, all the time."""
-    machine, found = simulation(), [Found(gain(0, EARLY)), Found(leakage(0, LATE))]
+    machine, found = simulation(), [SelectedEffect(gain(0, EARLY)), SelectedEffect(leakage(0, LATE))]
     machine.onsets = onsets_of(found)
     known = np.moveaxis(velocity_of(machine, found), 1, 0)
-    beside = values_of(machine, [Found(gain(0, None, 0.5))])
+    beside = values_of(machine, [SelectedEffect(gain(0, None, 0.5))])
     np.testing.assert_allclose(
         machine.velocities([beside], known)[0, 0, :, 0], 0.5 * measured(0, EARLY, LATE), atol=1e-6
     )
@@ -132,19 +136,19 @@ def test_moments_cost_a_run_each(
     machine, runs = simulation(), []
     present = machine._present
     monkeypatch.setattr(machine, "_present", lambda *arguments: runs.append(1) or present(*arguments))
-    velocity_of(machine, [Found(gain(joint, onset)) for joint, onset in enumerate(onsets)])
+    velocity_of(machine, [SelectedEffect(gain(joint, onset)) for joint, onset in enumerate(onsets)])
     assert len(runs) == n_runs
 
 
 def test_the_model_afterwards_has_each_joints_own_onset() -> None:
     loop: Any = SimpleNamespace(usual=SimpleNamespace(setting=SETTING), simulation=simulation())
     effects = [
-        Effect("gain", [Found(gain(0, EARLY)), Found(gain(1, LATE))]),
-        Effect("leakage", [Found(leakage(0, None)), Found(leakage(1, EARLY))]),
+        MachineEffect("gain", [SelectedEffect(gain(0, EARLY)), SelectedEffect(gain(1, LATE))]),
+        MachineEffect("leakage", [SelectedEffect(leakage(0, None)), SelectedEffect(leakage(1, EARLY))]),
     ]
     active = Loop._active(loop, effects)
     assert active is not None
     assert active.onset_ns == {"gain": {0: at(EARLY), 1: at(LATE)}, "leakage": {1: at(EARLY)}}
     np.testing.assert_allclose(active.values["gain"]["ratio_positive"], [RATIO, RATIO])
-    always = Loop._active(loop, [Effect("gain", [Found(gain(0, None))])])
+    always = Loop._active(loop, [MachineEffect("gain", [SelectedEffect(gain(0, None))])])
     assert always is not None and always.onset_ns == {}

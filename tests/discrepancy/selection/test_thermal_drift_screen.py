@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.diagnosis.null_gains import null_gains
-from pipeline.discrepancy.diagnosis.scored_rows import Rows, rows_in_blocks
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, rows_in_blocks
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.cold_oil import hardly_warms
 from pipeline.discrepancy.families.contract_parameters import describe
@@ -12,7 +12,7 @@ from pipeline.discrepancy.families.plausibility import is_plausible
 from pipeline.discrepancy.selection.candidate import Candidate, Misfit, Nominal
 from pipeline.discrepancy.selection.refine import completed, refine
 from pipeline.discrepancy.selection.screen import screen
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from tests.discrepancy.exact_machine import DT_S, N_JOINT, SPEED, held_commands, simulation_of
 
 N_ROWS = 7200  # six minutes
@@ -26,7 +26,7 @@ def drifting(
     mean_loss: float = 0.0,
     change: float = 0.0,
     families: tuple[str, ...] = ("thermal_drift",),
-) -> tuple[Simulation, Rows]:
+) -> tuple[Simulation, ScoredRows]:
     """A log of a machine that loses `loss` when cold; the model's speeds lack its mean loss, and a change for good."""
     command = held_commands(1, N_ROWS)
     decay = np.exp(-DT_S * np.arange(N_ROWS) / constant_s)[:, None]
@@ -39,7 +39,7 @@ def drifting(
     return simulation, rows_in_blocks(is_used, fold, np.ones((1, N_ROWS, N_JOINT), bool), floor, 400)
 
 
-def found_of(simulation: Simulation, rows: Rows, nominal: Nominal | None = None) -> list[Candidate]:
+def found_of(simulation: Simulation, rows: ScoredRows, nominal: Nominal | None = None) -> list[Candidate]:
     """One per joint, in their order."""
     return sorted(screen(simulation, {}, rows, nominal=nominal or {}), key=lambda c: c.joint)
 
@@ -55,7 +55,7 @@ def test_where_nominal_logs_lost_nothing_the_time_constant_comes_out(constant_s:
     simulation, rows = drifting(0.3, constant_s)
     candidates = found_of(simulation, rows)
     assert [c.freed for c in candidates] == [(COLD,)] * N_JOINT
-    refined = refine(simulation, rows, [Found(completed(simulation, c)) for c in candidates])
+    refined = refine(simulation, rows, [SelectedEffect(completed(simulation, c)) for c in candidates])
     for of in refined:
         assert [one[0][0] for one in of.candidate.freed] == ["cold_speed_loss", "cold_lag"]
         told = described(simulation, of.candidate)
@@ -69,7 +69,7 @@ def test_where_nominal_logs_lost_speed_too_their_loss_is_needed() -> None:
     simulation, rows = drifting(0.3, 110.0, mean_loss=0.1)
     for candidate in found_of(simulation, rows):
         assert candidate.freed == (COLD, WARM)
-        refined = refine(simulation, rows, [Found(completed(simulation, candidate))])[0].candidate
+        refined = refine(simulation, rows, [SelectedEffect(completed(simulation, candidate))])[0].candidate
         told = described(simulation, refined)
         assert told["time_constant"] == pytest.approx(110.0, rel=0.1)
         assert told["cold_speed_loss"] == pytest.approx(0.3, abs=0.02)  # of the machine's warm speed
@@ -125,10 +125,10 @@ def test_oil_that_hardly_warms_within_the_log_is_none(
 ) -> None:
     simulation, rows = drifting(loss, constant_s, change=change, families=("thermal_drift", "gain", "lag"))
     oil = [c for c in found_of(simulation, rows) if c.family == "thermal_drift"]
-    found = refine(simulation, rows, [Found(completed(simulation, c)) for c in oil])
+    found = refine(simulation, rows, [SelectedEffect(completed(simulation, c)) for c in oil])
     assert hardly_warms(simulation, rows, found) == is_constant
 
 
 def test_without_oil_nothing_is_asked_of_it() -> None:
     simulation, rows = drifting(0.0, 230.0, change=-0.2, families=("gain",))
-    assert not hardly_warms(simulation, rows, list(map(Found, found_of(simulation, rows))))
+    assert not hardly_warms(simulation, rows, list(map(SelectedEffect, found_of(simulation, rows))))

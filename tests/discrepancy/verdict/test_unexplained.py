@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import hypergeom
 
-from pipeline.discrepancy.diagnosis.scored_rows import Rows
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds
-from pipeline.discrepancy.selection.selected_effect import Found
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.discrepancy.verdict.unexplained import excess, largest_of_all_p, unexplained
 from tests.discrepancy.bare_candidate import bare_candidate
 
@@ -19,9 +19,9 @@ N_BLOCKS, BLOCK_ROWS, JOINTS = 40, 5, ["swing", "boom", "arm"]
 ROWS = N_BLOCKS * BLOCK_ROWS
 
 
-def rows() -> Rows:
+def rows() -> ScoredRows:
     folds = Folds(np.zeros(ROWS, int), np.repeat(np.arange(N_BLOCKS), BLOCK_ROWS), N_BLOCKS)
-    return Rows(np.ones((1, ROWS), bool), folds, np.full(3, 0.5), np.ones((ROWS, 3)))
+    return ScoredRows(np.ones((1, ROWS), bool), folds, np.full(3, 0.5), np.ones((ROWS, 3)))
 
 
 def residual(ratio: np.ndarray, seed: int) -> np.ndarray:
@@ -35,7 +35,7 @@ def entries(
     confirmed: np.ndarray,
     monkeypatch: pytest.MonkeyPatch,
     screened: Sequence[Candidate] = (),
-    searched: Sequence[Found] = (),
+    searched: Sequence[SelectedEffect] = (),
     borne_out: bool = False,
 ) -> list[dict[str, Any]]:
     nominal = residual(np.ones((N_BLOCKS, 3)), 0)
@@ -106,11 +106,15 @@ def test_it_depends_on_what_the_search_came_to_though_the_gate_did_not(
     course, scale = "other:absolute_time", "sensor_bias"
     for found, borne_out, expected in (
         ([], False, ["rest_time:boom"]),
-        ([Found(bare_candidate(course, 1))], False, ["absolute_time"]),
-        ([Found(bare_candidate(course, 0))], False, ["rest_time:boom"]),
-        ([Found(bare_candidate(scale, 1))], True, ["position:boom"]),
-        ([Found(bare_candidate(scale, 1))], False, ["rest_time:boom"]),
-        ([Found(bare_candidate(scale, 1)), Found(bare_candidate(course, 1))], True, ["absolute_time"]),
+        ([SelectedEffect(bare_candidate(course, 1))], False, ["absolute_time"]),
+        ([SelectedEffect(bare_candidate(course, 0))], False, ["rest_time:boom"]),
+        ([SelectedEffect(bare_candidate(scale, 1))], True, ["position:boom"]),
+        ([SelectedEffect(bare_candidate(scale, 1))], False, ["rest_time:boom"]),
+        (
+            [SelectedEffect(bare_candidate(scale, 1)), SelectedEffect(bare_candidate(course, 1))],
+            True,
+            ["absolute_time"],
+        ),
     ):
         (entry,) = entries(ratio, ratio, monkeypatch, screened, found, borne_out)
         assert (entry["depends_on"], entry["certain"]) == (expected, False)

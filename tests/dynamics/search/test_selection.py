@@ -14,8 +14,8 @@ from pipeline.dynamics.evaluation.inference_time import count_parameters, time_s
 from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.search.selection import (
-    Candidate,
     Criterion,
+    ModelCandidate,
     SelectionRule,
     best,
     explain,
@@ -29,8 +29,8 @@ from tests.dynamics.conftest import make_training
 PAPERS = [Criterion.lags, Criterion.n_parameters, Criterion.inference_time]
 
 
-def candidate(trial, loss, lags=18, n_parameters=1000, time_s=1e-5) -> Candidate:
-    return Candidate(trial, make_training(lags=lags), loss, n_parameters, time_s)
+def candidate(trial, loss, lags=18, n_parameters=1000, time_s=1e-5) -> ModelCandidate:
+    return ModelCandidate(trial, make_training(lags=lags), loss, n_parameters, time_s)
 
 
 @st.composite

@@ -12,7 +12,7 @@ import pytest
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.rollout import rollout, rollout_by_steps
 from pipeline.dynamics.training.loss import open_loop_loss
-from pipeline.dynamics.training.windows import Rows, gather_windows, window_starts
+from pipeline.dynamics.training.windows import TrainingRows, gather_windows, window_starts
 from tests.dynamics import reference
 from tests.dynamics.conftest import LAGS, random_trajectory
 
@@ -78,7 +78,9 @@ def test_windows_of_training_are_predicted_as_the_paper_says(model, parameters, 
     log, t = logs[1], start - n_rows
     expected = reference.rollout(model.specification, parameters, log.q, log.qd, log.a, t, horizon)
     with jax.enable_x64(True):
-        rows = Rows(*(jnp.concatenate([getattr(log, name) for log in logs]) for name in ("q", "qd", "a")))
+        rows = TrainingRows(
+            *(jnp.concatenate([getattr(log, name) for log in logs]) for name in ("q", "qd", "a"))
+        )
         window = gather_windows(model, rows, jnp.asarray([start]), horizon)
         predicted = predict(model, parameters, window.history, window.commands)[0]
         loss = open_loop_loss(model, parameters, *window, jnp.ones(2))

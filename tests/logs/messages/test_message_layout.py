@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from pipeline.logs.messages.message_blocks import MessageBlock, Topic
+from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock
 from pipeline.logs.messages.message_definitions import DefinitionError, parse_definition
 from pipeline.logs.messages.message_layout import LayoutError, decode_block, layout_of
 from tests.logs.foreign_bags import ROS1, ROS2, joint_state
@@ -76,7 +76,7 @@ def probes(draw, store):
     )
 
 
-def block_of(messages: list[bytes], topic: Topic) -> MessageBlock:
+def block_of(messages: list[bytes], topic: LoggedTopic) -> MessageBlock:
     length = np.array([len(message) for message in messages], np.int64)
     data = np.frombuffer(b"".join(messages), np.uint8)
     return MessageBlock(topic, np.arange(len(messages)), data, np.cumsum(length) - length, length)
@@ -106,7 +106,7 @@ def test_any_mixture_of_layouts_is_decoded_as_one_by_one(form, data):
             for message in originals
         ]
         expected = [store.deserialize_cdr(message, PROBE_TYPE) for message in raw]
-    topic = Topic("/probe", PROBE_TYPE, encoding, PROBE, "ros2msg")
+    topic = LoggedTopic("/probe", PROBE_TYPE, encoding, PROBE, "ros2msg")
     definitions = parse_definition(PROBE_TYPE, PROBE, "ros2msg")
     groups, malformed = decode_block(block_of(raw, topic), definitions, PATHS)
     assert len(malformed) == 0
@@ -140,7 +140,7 @@ def test_more_layouts_than_are_shared(shapes):
         )
         raw.append(bytes(ROS2.serialize_cdr(message, message.__msgtype__)))
         expected.append(position)
-    topic = Topic("/j", "sensor_msgs/msg/JointState", "cdr", "", "ros2msg")
+    topic = LoggedTopic("/j", "sensor_msgs/msg/JointState", "cdr", "", "ros2msg")
     definitions = parse_definition(topic.type_name, "", "ros2msg")
     groups, _ = decode_block(block_of(raw, topic), definitions, ("name", "position"))
     got = {int(i): group.numbers["position"][row] for group in groups for row, i in enumerate(group.index)}
@@ -154,7 +154,7 @@ def test_names_decide_the_group():
         bytes(ROS1.serialize_ros1(joint_state(ROS1, 1, names, [1.0, 2.0]), "sensor_msgs/msg/JointState"))
         for names in (["aa", "bb"], ["bb", "aa"])
     ]
-    topic = Topic("/j", "sensor_msgs/msg/JointState", "ros1", "", "ros1msg")
+    topic = LoggedTopic("/j", "sensor_msgs/msg/JointState", "ros1", "", "ros1msg")
     groups, _ = decode_block(
         block_of(raw, topic), parse_definition(topic.type_name, "", "ros1msg"), ("name",)
     )

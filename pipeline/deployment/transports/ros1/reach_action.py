@@ -13,9 +13,9 @@ import numpy as np
 from pipeline.deployment.components.recording import BASE_FRAME
 from pipeline.deployment.messages import (
     CancelGoal,
+    GoalOutcome,
     JointState,
     Message,
-    Outcome,
     ReachGoal,
     ReachResult,
     TargetPose,
@@ -143,9 +143,9 @@ class ReachActionServer:
         )
         if self._in_hand is not None and self._in_hand.message.goal_id == message.goal_id:
             handle, self._in_hand = self._in_hand.handle, None
-            if message.outcome is Outcome.reached:
+            if message.outcome is GoalOutcome.reached:
                 handle.set_succeeded(result, message.outcome)
-            elif message.outcome is Outcome.cancelled:
+            elif message.outcome is GoalOutcome.cancelled:
                 handle.set_canceled(result, message.outcome)
             else:
                 handle.set_aborted(result, message.outcome)
@@ -192,4 +192,4 @@ class ReachClient:
         ros = self._client.get_result()
         if ros is None or not ros.outcome:
             return None
-        return ReachResult(ros.stamp.to_nsec(), self._goal_id, Outcome(ros.outcome), ros.n_ticks)
+        return ReachResult(ros.stamp.to_nsec(), self._goal_id, GoalOutcome(ros.outcome), ros.n_ticks)

@@ -77,7 +77,7 @@ class MeasuredDelays(NamedTuple):
     planner: PlannerEffort | None
 
 
-class Sampler:
+class DelaySampler:
     """Draws delays from a distribution by inverting its quantile function (linear in between)."""
 
     def __init__(self, distribution: Distribution, seed: np.random.SeedSequence) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.deployment.component import Component, Computation, ComputingComponent, Output, Publication
 from pipeline.deployment.messages import Message, Topic
-from pipeline.deployment.transports.simulated_time.delays import Distribution, Sampler
+from pipeline.deployment.transports.simulated_time.delays import DelaySampler, Distribution
 from pipeline.deployment.transports.simulated_time.faults import Fault
 
 Tap = Callable[[Topic, Message, int], None]
@@ -55,15 +55,17 @@ class SimulatedGraph:
         links = [(topic, c.name) for c in components for topic in c.subscriptions]
         phases, *seeds = seed.spawn(1 + len(links) + 2 * len(components))
         self._links = {
-            link: Sampler(delays["observation" if link[0] is Topic.joint_states else "command"], seeds.pop())
+            link: DelaySampler(
+                delays["observation" if link[0] is Topic.joint_states else "command"], seeds.pop()
+            )
             for link in links
         }
         self._latest_ns = dict.fromkeys(links, start_ns)
         self._receivers: dict[Topic, list[str]] = {}
         for topic, name in links:
             self._receivers.setdefault(topic, []).append(name)
-        self._computing = {c.name: Sampler(delays["inference"], seeds.pop()) for c in components}
-        self._timers = {c.name: Sampler(delays["timer"], seeds.pop()) for c in components}
+        self._computing = {c.name: DelaySampler(delays["inference"], seeds.pop()) for c in components}
+        self._timers = {c.name: DelaySampler(delays["timer"], seeds.pop()) for c in components}
         random = np.random.default_rng(phases)
         for component in components:
             if component.period_ns is not None:
