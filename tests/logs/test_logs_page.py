@@ -10,9 +10,9 @@ from omegaconf import OmegaConf
 from benchmarks.log_damage import page
 from pipeline.configuration.stage import load_machine, load_section
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.messages.command_sources import command_adapter, discretise
 from pipeline.logs.formats.discover import FORMATS, find_logs
 from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.messages.command_sources import command_adapter, discretise
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.machine.specification import CommandSourceKind, MachineSpecification
 from tests.logs import foreign_bags as foreign
