@@ -62,17 +62,26 @@ control-level: env ## policies from before and after closing the loop, on the ch
 ablation: env ## train PPO with terms of the reward left out (the paper's appendix; needs the model that `make repro` makes)
 	$(BIN)/python -m pipeline.stages.reward_ablation $(ABLATION)
 
+# Two cores: a file's tests share what they made, so they stay on one worker.
+PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+STYLE := $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/lint-imports && $(BIN)/mypy
+SINCE ?= origin/main
+
+.PHONY: check
+check: env ## check style, layers and types, and run the tests beside what changed since a commit (SINCE=origin/main)
+	bash -c '$(STYLE)' & $(BIN)/python -m tests.beside $(SINCE); tests=$$?; wait $$! && exit $$tests
+
 .PHONY: test
-test: env ## check style, types and layers, and run the tests (19 to 33 minutes on two cores)
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/lint-imports
-	$(BIN)/mypy
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 15
+test: env ## check style, layers and types, and run the tests but the long ones (8 minutes on two cores)
+	nice -n 5 bash -c '$(STYLE)' & $(PYTEST) -m "not long"; tests=$$?; wait $$! && exit $$tests
+
+.PHONY: test-all
+test-all: env ## run the long tests: whole stages, live ROS graphs, PostgreSQL, MLflow's server, Chromium
+	$(PYTEST) -m long
 
 .PHONY: coverage
-coverage: env ## run the tests and report which lines of the library they run
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --cov pipeline --cov-report term:skip-covered
+coverage: env ## run all tests and report which lines of the library they run
+	$(PYTEST) --cov pipeline --cov-report term:skip-covered
 
 .PHONY: ui
 ui: env ## open MLflow on the recorded runs

@@ -21,7 +21,7 @@ PACKAGES = {
     "python3-actionlib": DIST_PACKAGES / "actionlib",
     "python3-sensor-msgs": DIST_PACKAGES / "sensor_msgs",
 }
-pytestmark = [pytest.mark.slow, requires_debian(PACKAGES)]
+pytestmark = [pytest.mark.long, requires_debian(PACKAGES)]
 TIMEOUT_S = 300
 
 

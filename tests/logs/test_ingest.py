@@ -238,7 +238,7 @@ print(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc to read peak memory")
 def test_memory_does_not_grow_with_the_bag(tmp_path, machine):
     """Four times the bag takes no more memory, but for what an allocator keeps (the added hour is 50 MiB)."""

@@ -97,7 +97,7 @@ def test_nothing_is_published_without_tracking(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_loads_in_a_fresh_environment(published, asked, tmp_path):
     """A virtual environment with what the model says that it needs, and nothing else; another folder."""
     trajectory, rows = asked

@@ -221,7 +221,7 @@ def exam() -> list[LogTrajectories]:
     return load_logs(PRACTICE / "p2/exam", MACHINE, *settings)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
     keys = {
         "detected",
@@ -286,7 +286,7 @@ def is_error_by_joint(errors: dict[str, Any]) -> bool:
     return list(errors) == JOINTS and all(is_finite(error) and error > 0 for error in errors.values())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_verdict_is_the_truth(document: dict[str, Any]) -> None:
     """The only test that reads the truth; nothing was set by it."""
     truth = json.loads((PRACTICE / "p2/truth.json").read_text())
@@ -298,14 +298,14 @@ def test_the_verdict_is_the_truth(document: dict[str, Any]) -> None:
     assert said["speed_ratio"]["value"] == pytest.approx(true["speed_ratio"]["value"], rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_report_needs_no_other_file(output: Path) -> None:
     page = (output / "report.html").read_text()
     assert "The arm moves" in page
     assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", page)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_with_its_effects_at_neutral_the_model_after_is_the_model_before(
     output: Path, exam: list[LogTrajectories], tmp_path: Path
 ) -> None:
@@ -323,7 +323,7 @@ def test_with_its_effects_at_neutral_the_model_after_is_the_model_before(
     assert before == after
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_model_after_is_better_on_logs_that_the_loop_never_saw(
     output: Path, exam: list[LogTrajectories]
 ) -> None:

@@ -173,7 +173,7 @@ def resumed(empty_store: Path, tuples: Path, tmp_path_factory: pytest.TempPathFa
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_killed_search_resumes_to_the_table_that_it_would_have_written(resumed: Path) -> None:
     before = attempts(open_storage(str(resumed / "before.journal")))
     after = attempts(open_storage(str(resumed / "killed.journal")))
@@ -197,7 +197,7 @@ def test_a_killed_search_resumes_to_the_table_that_it_would_have_written(resumed
     assert not list((resumed / "checkpoints").rglob("trial_*"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_of_all_workers_one_reports_the_study(resumed: Path) -> None:
     from mlflow import MlflowClient
 
@@ -212,7 +212,7 @@ def test_of_all_workers_one_reports_the_study(resumed: Path) -> None:
     assert reporting.data.metrics["smallest_evaluation_loss"] == smallest
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_search_ends_in_a_model_that_identify_trains_to_the_same_result(resumed: Path) -> None:
     rows = table(resumed / SEARCHED)
     output = run("select", "profile=smoke", "search.selection.margin=0", folder=resumed)
@@ -232,7 +232,7 @@ def test_a_search_ends_in_a_model_that_identify_trains_to_the_same_result(resume
     assert metrics["n_parameters"] == int(smallest["n_parameters"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_four_workers_share_a_postgresql_though_one_is_killed(folder: Path) -> None:
     n_trials = 6
     with postgresql_server() as environment:

@@ -10,8 +10,6 @@ import pytest
 
 from tests.test_docs import STAGE_COMMANDS
 
-pytestmark = pytest.mark.slow
-
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/tutorial.md"
 COMMANDS = [
@@ -43,6 +41,7 @@ SMALLEST = {
 }
 
 
+@pytest.mark.long
 def test_the_tutorial_from_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In one process: the commands' own processes would import JAX ten times."""
     monkeypatch.chdir(tmp_path)

@@ -17,7 +17,7 @@ from pipeline.tracking import TrackingConfiguration, track
 from pipeline.tracking.metrics import flatten_metrics
 from tests.tracking_server import tracking_server
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 RESULTS = Path(__file__).parents[2] / "artifacts"
 PAGE_TIMEOUT_S = 180

@@ -39,7 +39,7 @@ def server(tmp_path: Path) -> Iterator[tuple[str, Path]]:
         yield address, tmp_path / "kept"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_runs_and_artifacts_are_the_server_s(
     server: tuple[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

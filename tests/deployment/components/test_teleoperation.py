@@ -190,7 +190,7 @@ def recorded(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @requires_debian(PACKAGES)
 def test_on_the_ros_graph_commands_reach_the_machine_and_an_emergency_mutes_them(recorded: Path) -> None:
     (bag,) = (recorded / "logs").iterdir()
@@ -213,7 +213,7 @@ def test_on_the_ros_graph_commands_reach_the_machine_and_an_emergency_mutes_them
     assert np.ptp(after, axis=0).max() < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @requires_debian(PACKAGES)
 def test_what_was_recorded_on_the_ros_graph_is_a_log_as_any_other(recorded: Path, tmp_path: Path) -> None:
     result = run_stage("ingest", f"logs={recorded / 'logs'}", f"output={tmp_path}", folder=tmp_path)

@@ -17,7 +17,7 @@ from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.messages.raw_log import NANOSECONDS, NoteKind
 from tests.ros_graph import DEBIAN_PYTHON, ROSBAG, ROSBAG_RECORD, RosGraph, requires_debian
 
-pytestmark = requires_debian()
+pytestmark = [pytest.mark.long, requires_debian()]
 
 HERE = Path(__file__).parents[1]
 TOPICS = ("/joint_states", "/joint_commands", "/target_pose", "/joy")
