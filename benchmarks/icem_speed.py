@@ -39,7 +39,7 @@ GOAL_S, GOAL_TICKS = 0.2, 20
 
 
 def parts(held: bool):
-    from pipeline.configuration.stage import MACHINE_DIRECTORY, load_machine, load_section
+    from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_section
     from pipeline.control.icem.config import IcemConfig
     from pipeline.machine.kinematics import load_arm
     from pipeline.reaching.reward import RewardConfig

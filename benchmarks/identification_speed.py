@@ -331,7 +331,7 @@ def measure_predictions(name: str, arguments: argparse.Namespace, folder: Path) 
 
 def measure_time_to_error(tuples: Path) -> None:
     """The default profile's training of the Δq̇ MLP, until L|eval is reached."""
-    from pipeline.configuration.stage import load_machine, load_section
+    from pipeline.configuration.load import load_machine, load_section
     from pipeline.dynamics.model.dynamics_model import Target
     from pipeline.dynamics.model.network import Parameterization
     from pipeline.dynamics.settings import IdentifyConfig

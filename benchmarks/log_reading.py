@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 import polars
 
-from pipeline.configuration.stage import load_machine, load_section
+from pipeline.configuration.load import load_machine, load_section
 from pipeline.logs.conditioning.command_rules import HeldCommands
 from pipeline.logs.conditioning.resample import resample
 from pipeline.logs.conditioning.samples import Samples

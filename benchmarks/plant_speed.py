@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.plant.machines.bobcat_e10 import bobcat_e10
 from pipeline.plant.recording.operator import draw_style
 from pipeline.plant.recording.session import record_session

@@ -44,7 +44,7 @@ from brax.training.agents.ppo import train as ppo
 from brax.training.types import Transition
 
 from benchmarks.ppo_speed_plain import PlainEnvironment
-from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
 from pipeline.control.ppo import PPOConfig
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification, Parameterization, Target
 from pipeline.dynamics.model.network import apply

@@ -13,7 +13,8 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from pipeline.configuration.stage import INPUT_ERROR_STATUS, JobError, check, check_places
+from pipeline.configuration.paths import check_paths
+from pipeline.configuration.stage import INPUT_ERROR_STATUS, JobError, check
 from pipeline.errors import InputError
 
 
@@ -40,7 +41,7 @@ class CheckedSweeper(BasicSweeper):
             for overrides in batch:
                 composed = self.hydra_context.config_loader.load_sweep_config(self.config, list(overrides))
                 HydraConfig.instance().set_config(composed)
-                check_places(check(_without_hydra(composed)))
+                check_paths(check(_without_hydra(composed)))
         finally:
             HydraConfig.instance().cfg = own
 

@@ -12,7 +12,7 @@ from benchmarks.closed_loop.comparison import AMBIGUOUS, OTHER, Outcome
 from benchmarks.closed_loop.dependence import Dependence
 from benchmarks.closed_loop.sessions import MACHINE
 from benchmarks.closed_loop.simulators import OUTSIDE
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 
 REACHED = 0.95  # of 1.3: a case counts as of the stated size from here on
 LEAST_RATIO, LEAST_HALF_RATIO = 1.3, 1.15

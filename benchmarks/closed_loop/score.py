@@ -22,7 +22,7 @@ from benchmarks.closed_loop.sessions import MACHINE
 from benchmarks.closed_loop.simulators import KINDS, SIMULATORS
 from benchmarks.closed_loop.tables import case_table, confusion_table, family_table, goals_table, worst_table
 from benchmarks.closed_loop.truth import Truth, from_json
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.files.atomic import write_whole
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.closed_loop.simulator import Machine, Simulator
-from pipeline.configuration.stage import ControlConfiguration, load_machine, load_section
+from pipeline.configuration.load import ControlConfiguration, load_machine, load_section
 from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig

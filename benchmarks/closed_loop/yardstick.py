@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.closed_loop.draw import nominal_sessions
 from benchmarks.closed_loop.machines import FIRST_DAY, YARDSTICK_MINUTES, Variant
 from benchmarks.closed_loop.sessions import PROFILE, Session, machine, trajectories
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.dynamics.evaluation.errors import open_loop_rmse_80
 from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.model.network import Parameterization

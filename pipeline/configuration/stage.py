@@ -5,7 +5,6 @@ stage's dataclass; ranges are checked when the dataclasses are built, before any
 """
 
 import contextlib
-import enum
 import functools
 import os
 import signal
@@ -13,7 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn
+from typing import Any, NoReturn
 
 import hydra
 from hydra.core.config_store import ConfigStore
@@ -22,60 +21,23 @@ from hydra.types import RunMode
 from omegaconf import MISSING, DictConfig, MissingMandatoryValue, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from pipeline.configuration.load import CONFIGURATION_DIRECTORY
 from pipeline.configuration.number_checks import check_numbers
+from pipeline.configuration.paths import check_paths
 from pipeline.errors import InputError
-from pipeline.files.path_checks import Reading, Writing, refuse_overlap, refuse_unusable
-from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.machine.specification import MachineSpecification
 from pipeline.tracking import StageRun, TrackingConfiguration, track
 
-LOGS = ("logs", "measured", "nominal", "sessions")  # keys of stages whose folders are searched for logs
-WHOLE = ("model", "models", "policy")  # keys of stages whose folders hold one thing each
-CONFIGURATION_DIRECTORY = Path(__file__).resolve().parents[2] / "conf"
-MACHINE_DIRECTORY = CONFIGURATION_DIRECTORY / "machine"
 CONFIGURATION_FILE = "configuration.yaml"  # in Hydra's run folder: what was run, resolved
 INPUT_ERROR_STATUS = 2
-
-
-@dataclass
-class ControlConfiguration:
-    """Section `control` of a profile: the rate at which commands are decided, and the velocity estimator."""
-
-    action_repeats: int
-    loop_tracker: LoopTrackerConfig
-
-    def __post_init__(self) -> None:
-        if self.action_repeats < 1:
-            raise InputError(f"control.action_repeats is {self.action_repeats}; it must be at least 1")
 
 
 @dataclass
 class PipelineConfiguration:
     """What every stage shares. A stage's own class types the sections that it reads; the others pass untyped.
 
-    Attributes:
-        reads: Keys of stages that name what is only read. A stage that has rules of its own for them names fewer.
-        writes: Keys of stages that name where is written.
-        written_files: Those of them that name a file; the others name folders.
-        replaced: Entries of `output` that are deleted or written over as a whole.
+    Its keys of the types in `pipeline.configuration.paths` are inputs and outputs, and checked as such.
     """
-
-    reads: ClassVar[tuple[str, ...]] = (
-        "closed_loop",
-        "held_out",
-        "logs",
-        "measured",
-        "model",
-        "models",
-        "nominal",
-        "policy",
-        "seal",
-        "sessions",
-        "tuples",
-    )
-    writes: ClassVar[tuple[str, ...]] = ("checkpoints", "delays", "learned", "output", "report", "storage")
-    written_files: ClassVar[tuple[str, ...]] = ("delays", "learned", "storage")
-    replaced: ClassVar[tuple[str, ...]] = ()
 
     machine: MachineSpecification = MISSING
     tracking: TrackingConfiguration = MISSING
@@ -96,38 +58,6 @@ class PipelineConfiguration:
     deployment: Any = MISSING
 
 
-def load_machine(name: str) -> MachineSpecification:
-    """Read `conf/machine/<name>.yaml` as every stage does, for use from Python.
-
-    Raises:
-        InputError: There is no such machine, or its description is not valid.
-    """
-    path = MACHINE_DIRECTORY / f"{name}.yaml"
-    if not path.exists():
-        known = ", ".join(sorted(file.stem for file in MACHINE_DIRECTORY.glob("*.yaml")))
-        raise InputError(f"{path}: no such machine; use one of {known}, or describe it there")
-    return _typed(MachineSpecification, OmegaConf.load(path), path)
-
-
-def load_section(section: str, schema: type, profile: str = "paper") -> Any:
-    """Read a section of a profile, over the paper's values, as every stage does, for use from Python.
-
-    Raises:
-        InputError: A value is not valid.
-    """
-    folder = CONFIGURATION_DIRECTORY / "profile"
-    contents = [OmegaConf.load(folder / f"{name}.yaml") for name in dict.fromkeys(("paper", profile))]
-    merged = OmegaConf.merge(*(OmegaConf.select(content, section) or {} for content in contents))
-    return _typed(schema, merged, folder / f"{profile}.yaml")
-
-
-def _typed(schema: type, content: Any, place: Path) -> Any:
-    try:
-        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), content))
-    except OmegaConfBaseException as error:
-        raise InputError(f"{place}: {str(error).splitlines()[0]}") from error
-
-
 def stage(
     configuration: type[PipelineConfiguration],
 ) -> Callable[[Callable[[Any, StageRun], None]], Callable[[], None]]:
@@ -145,7 +75,7 @@ def stage(
         def job(composed: DictConfig) -> None:
             with _failing_in_one_line(name):
                 typed = check(composed)
-                check_places(typed)
+                check_paths(typed)
                 resolved: Any = OmegaConf.to_container(composed, resolve=True)
                 text = OmegaConf.to_yaml(composed, resolve=True)
                 run_folder = Path(HydraConfig.get().runtime.output_dir)
@@ -205,34 +135,6 @@ def _check_checkpoints(folder: str | None, output: str | None) -> None:
             f"checkpoints={folder}: holds output={output}, and checkpoints are deleted once the run is finished; "
             "name another folder"
         )
-
-
-def check_places(configuration: PipelineConfiguration) -> None:
-    """Check that nothing that is only read would be changed, and that what is to be written can be.
-
-    Raises:
-        InputError: A place is for both, or cannot be written to.
-    """
-    # of `identify`, `model` is one of an enumeration; a database is no place
-    places = {
-        key: value
-        for key, value in vars(configuration).items()
-        if isinstance(value, str | list) and not isinstance(value, enum.Enum) and "://" not in value
-    }
-    writes = {key: str(places[key]) for key in configuration.writes if key in places}
-    refuse_unusable(writes, configuration.written_files)
-    replaced = {"output": configuration.replaced, "checkpoints": (".",)}
-    refuse_overlap(
-        {
-            key: Writing(path, key in configuration.written_files, replaced.get(key, ()))
-            for key, path in writes.items()
-        },
-        {
-            key: Reading((given,) if isinstance(given, str) else tuple(given), key in LOGS, key in WHOLE)
-            for key in configuration.reads
-            if (given := places.get(key))
-        },
-    )
 
 
 def _check_machine_name(composed: DictConfig) -> None:

@@ -1,7 +1,7 @@
 """Where a command reads and writes: nothing that is only read is changed, and what is to be written can be."""
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,61 +9,58 @@ from pipeline.errors import InputError
 
 
 @dataclass(frozen=True)
-class Writing:
+class Output:
     """How a setting's path is written to.
 
     Attributes:
-        path: As given.
         is_file: Whether it is a file, not a folder.
         replaced: Entries of the folder that are deleted or written over; `.` is all of it.
     """
 
-    path: str
     is_file: bool = False
     replaced: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
-class Reading:
+class Input:
     """How a setting's paths are read.
 
     Attributes:
-        paths: As given.
         is_of_logs: Whether every log in such a folder is read, so that a new one there would be one of them.
         is_whole: Whether it is one thing, in which nothing else may lie: a model, a policy.
     """
 
-    paths: tuple[str, ...]
     is_of_logs: bool = False
     is_whole: bool = False
 
 
-def refuse_overlap(writes: Mapping[str, Writing], reads: Mapping[str, Reading]) -> None:
+def refuse_overlap(
+    writes: Mapping[str, tuple[str, Output]], reads: Mapping[str, tuple[Sequence[str], Input]]
+) -> None:
     """Raise `InputError` if writing would change what is only read, links followed.
 
     A result may lie beside or around what it was made from, a report also among logs; but not in its place.
 
     Args:
-        writes: By the names of the settings that give them.
-        reads: The same.
+        writes: A path and how it is written to, by the names of the settings that give them.
+        reads: Paths and how they are read, in the same way.
     """
-    for name, reading in reads.items():
-        for path in reading.paths:
-            for written, writing in writes.items():
-                relation = _harm(writing, path, reading)
+    for name, (paths, reading) in reads.items():
+        for path in paths:
+            for written, (place, writing) in writes.items():
+                relation = _harm(place, writing, path, reading)
                 if relation:
                     raise InputError(
-                        f"{written}={writing.path}: {relation} {name}={path}, which is only read; "
-                        f"name another {written}"
+                        f"{written}={place}: {relation} {name}={path}, which is only read; name another {written}"
                     )
 
 
-def _harm(writing: Writing, path: str, reading: Reading) -> str | None:
+def _harm(written: str, writing: Output, path: str, reading: Input) -> str | None:
     """How writing would change what is read; None: it would not."""
-    own, read = _place(writing.path), _place(path)
+    own, read = _place(written), _place(path)
     if own == read:
         return "is"
-    if any(read.is_relative_to(_place(f"{writing.path}/{entry}")) for entry in writing.replaced):
+    if any(read.is_relative_to(_place(f"{written}/{entry}")) for entry in writing.replaced):
         return "contains"
     if not own.is_relative_to(read):
         return None
@@ -75,25 +72,25 @@ def _place(path: str) -> Path:
     return Path(os.path.realpath(path))  # unlike Path.resolve it does not mind links that are loops
 
 
-def refuse_unusable(writes: Mapping[str, str], files: Collection[str]) -> None:
+def refuse_unusable(name: str, path: str, is_file: bool) -> None:
     """Raise `InputError` if a place cannot be written to, which would else be found after the work.
 
     Args:
-        writes: Paths by the names of the settings that give them.
-        files: Names of those that are to be files; the others are to be folders.
+        name: Of the setting that gives it.
+        path: As given.
+        is_file: Whether it is to be a file, not a folder.
     """
-    for name, path in writes.items():
-        if not path:
-            raise InputError(f"{name} is empty; name a {'file' if name in files else 'folder'} to write")
-        if name in files and Path(path).is_dir():
-            raise InputError(f"{name}={path}: is a folder; name the file to write")
-        folder = _nearest(name, Path(path).parent if name in files else Path(path))
-        if not folder.is_dir():
-            raise InputError(f"{name}={path}: {folder} is no folder; move it away, or name another {name}")
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise InputError(
-                f"{name}={path}: {folder} must not be written to; change its permissions, or name another {name}"
-            )
+    if not path:
+        raise InputError(f"{name} is empty; name a {'file' if is_file else 'folder'} to write")
+    if is_file and Path(path).is_dir():
+        raise InputError(f"{name}={path}: is a folder; name the file to write")
+    folder = _nearest(name, Path(path).parent if is_file else Path(path))
+    if not folder.is_dir():
+        raise InputError(f"{name}={path}: {folder} is no folder; move it away, or name another {name}")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(
+            f"{name}={path}: {folder} must not be written to; change its permissions, or name another {name}"
+        )
 
 
 def _nearest(name: str, folder: Path) -> Path:

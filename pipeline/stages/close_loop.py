@@ -3,11 +3,13 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated
 
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.load import ControlConfiguration
+from pipeline.configuration.paths import InputLogs, InputModel, OutputFile
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.discrepancy.close_loop import close_loop
 from pipeline.discrepancy.families.uncorrectable import WITHOUT_WRAPPER
 from pipeline.discrepancy.settings import CloseLoopConfig
@@ -23,6 +25,7 @@ from pipeline.effects.store import FILE, save_effects
 from pipeline.effects.unaugmented_model import load_plain_model_of
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
+from pipeline.files.path_checks import Output
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import Trajectory
@@ -36,17 +39,15 @@ from pipeline.tracking.registry.publish import publish_dynamics_model
 class CloseLoopStage(PipelineConfiguration):
     """Keys of `conf/close_loop.yaml`."""
 
-    replaced: ClassVar[tuple[str, ...]] = ("model_before", "model_after")
-
     control: ControlConfiguration = MISSING
     ingest: IngestConfig = MISSING
     identify: IdentifyConfig = MISSING
     close_loop: CloseLoopConfig = MISSING
-    nominal: str = MISSING
-    measured: str = MISSING
-    output: str = MISSING
-    model: str | None = None
-    learned: str | None = None
+    nominal: InputLogs = MISSING
+    measured: InputLogs = MISSING
+    output: Annotated[str, Output(replaced=("model_before", "model_after"))] = MISSING
+    model: InputModel | None = None
+    learned: OutputFile | None = None
     kind: str = MISSING
     allow_empty: bool = False
 

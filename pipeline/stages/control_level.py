@@ -5,6 +5,7 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
+from pipeline.configuration.paths import InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.plant.sealed.seal import open_seal
 from pipeline.reporting.report import write_table
@@ -16,11 +17,11 @@ from pipeline.tracking import StageRun
 class ControlLevelStage(PipelineConfiguration):
     """Keys of `conf/control_level.yaml`."""
 
-    runs: str = MISSING
+    runs: InputPath = MISSING
     models: list[str] = MISSING
     seeds: list[int] = MISSING
-    seal: str = MISSING
-    output: str = MISSING
+    seal: InputPath = MISSING
+    output: OutputFolder = MISSING
 
 
 @stage(ControlLevelStage)

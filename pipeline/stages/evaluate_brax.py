@@ -5,7 +5,9 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
+from pipeline.configuration.paths import InputModel, OutputFolder
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.policy import load_policy_of
 from pipeline.effects.store import load_dynamics
@@ -25,9 +27,9 @@ class EvaluateBraxStage(PipelineConfiguration):
     control: ControlConfiguration = MISSING
     episodes: EpisodesConfig = MISSING
     reward: RewardConfig = MISSING
-    model: str = MISSING
-    policy: str = MISSING
-    output: str = MISSING
+    model: InputModel = MISSING
+    policy: InputModel = MISSING
+    output: OutputFolder = MISSING
 
 
 @stage(EvaluateBraxStage)

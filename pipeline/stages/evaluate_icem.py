@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
+from pipeline.configuration.paths import CheckpointFolder, InputModel, OutputFolder
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.control.checkpoint import identity
 from pipeline.control.chunks import evaluate_in_chunks, is_chunk
 from pipeline.control.evaluate import controller_evaluation
@@ -32,11 +34,11 @@ class EvaluateIcemStage(PipelineConfiguration):
     episodes: EpisodesConfig = MISSING
     reward: RewardConfig = MISSING
     icem: IcemConfig = MISSING
-    model: str = MISSING
+    model: InputModel = MISSING
     variant: RewardVariant = MISSING
     seed: int = MISSING
-    checkpoints: str | None = None
-    output: str = MISSING
+    checkpoints: CheckpointFolder | None = None
+    output: OutputFolder = MISSING
 
 
 @stage(EvaluateIcemStage)

@@ -4,12 +4,14 @@ that were seen, and what safety did."""
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
+from pipeline.configuration.paths import InputLogs, InputModel, OutputFile
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.deployment.graph_topics import GraphRecord, read_graph_topics
 from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
 from pipeline.dynamics.evaluation.errors import Predictor, prediction_errors
@@ -31,14 +33,12 @@ from pipeline.tracking import StageRun, flatten_metrics
 class EvaluateLogsStage(PipelineConfiguration):
     """Keys of `conf/evaluate_logs.yaml`."""
 
-    written_files: ClassVar[tuple[str, ...]] = ("output",)
-
     control: ControlConfiguration = MISSING
     ingest: IngestConfig = MISSING
     episodes: EpisodesConfig = MISSING
-    model: str = MISSING
-    logs: str = MISSING
-    output: str = MISSING
+    model: InputModel = MISSING
+    logs: InputLogs = MISSING
+    output: OutputFile = MISSING
     allow_empty: bool = MISSING
 
 

@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.configuration.stage import stage
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.control_supervisor import ControlSupervisor

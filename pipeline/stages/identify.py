@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from omegaconf import MISSING
 
+from pipeline.configuration.paths import CheckpointFolder, InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.dynamics.judgement import check_unseen, judge, long_prediction
 from pipeline.dynamics.model.dynamics_model import Target
@@ -31,11 +32,11 @@ class IdentifyStage(PipelineConfiguration):
     identify: IdentifyConfig = MISSING
     model: Parameterization = MISSING
     target: Target = MISSING
-    tuples: str = MISSING
-    held_out: str | None = None
+    tuples: InputPath = MISSING
+    held_out: InputPath | None = None
     hold_out: list[str] = field(default_factory=list)
-    checkpoints: str | None = None
-    output: str = MISSING
+    checkpoints: CheckpointFolder | None = None
+    output: OutputFolder = MISSING
 
 
 @stage(IdentifyStage)

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
+from pipeline.configuration.paths import OutputFolder
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.logs.ingest import ingest, write_metrics
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.machine.kinematics import load_arm
@@ -18,13 +19,11 @@ from pipeline.tracking import StageRun, flatten_metrics
 class IngestStage(PipelineConfiguration):
     """Keys of `conf/ingest.yaml`."""
 
-    reads: ClassVar[tuple[str, ...]] = ()  # the output may lie among the logs: see pipeline.logs.ingest
-
     control: ControlConfiguration = MISSING
     ingest: IngestConfig = MISSING
-    logs: str = MISSING
-    output: str = MISSING
-    report: str = MISSING
+    logs: str = MISSING  # not checked: the output may lie among the logs, see pipeline.logs.ingest
+    output: OutputFolder = MISSING
+    report: OutputFolder = MISSING
     allow_empty: bool = False
 
 

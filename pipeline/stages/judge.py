@@ -8,6 +8,7 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
+from pipeline.configuration.paths import InputModel, InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.dynamics.evaluation.errors import Predictor
 from pipeline.dynamics.judgement import JudgeConfig, ModelJudgement, check_unseen, flat_metrics, judge_fully
@@ -36,10 +37,10 @@ class JudgeStage(PipelineConfiguration):
     """Keys of `conf/judge.yaml`."""
 
     judge: JudgeConfig = MISSING
-    models: list[str] = MISSING
-    tuples: str = MISSING
-    held_out: str = MISSING
-    output: str = MISSING
+    models: list[InputModel] = MISSING
+    tuples: InputPath = MISSING
+    held_out: InputPath = MISSING
+    output: OutputFolder = MISSING
 
 
 @stage(JudgeStage)

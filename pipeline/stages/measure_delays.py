@@ -7,6 +7,7 @@ from typing import Any
 
 from omegaconf import MISSING
 
+from pipeline.configuration.paths import OutputFile
 from pipeline.configuration.stage import stage
 from pipeline.control.icem.variant import RewardVariant
 from pipeline.deployment.components.controllers import ControllerKind
@@ -34,7 +35,7 @@ class MeasureDelaysStage(GraphStage):
     """Keys of `conf/measure_delays.yaml`."""
 
     planner: RewardVariant | None = None
-    delays: str = MISSING
+    delays: OutputFile = MISSING
 
 
 @stage(MeasureDelaysStage)

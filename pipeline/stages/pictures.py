@@ -5,7 +5,9 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, PipelineConfiguration, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.configuration.paths import InputPath, OutputFolder
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.errors import InputError
 from pipeline.reporting.pictures import draw_pictures, save_pictures
 from pipeline.reporting.results.cells import read_controller_cells
@@ -18,12 +20,12 @@ from pipeline.tracking import StageRun
 class PicturesStage(PipelineConfiguration):
     """Keys of `conf/pictures.yaml`."""
 
-    cells: str = MISSING
-    artifacts: str = MISSING
+    cells: InputPath = MISSING
+    artifacts: InputPath = MISSING
     episode: int = MISSING
     paths: int = MISSING
     frames_per_second: int = MISSING
-    output: str = MISSING
+    output: OutputFolder = MISSING
 
     def __post_init__(self) -> None:
         if self.episode < 0 or self.paths < 1:

@@ -6,7 +6,9 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
+from pipeline.configuration.paths import CheckpointFolder, InputModel, OutputFolder
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.control.checkpoint import is_checkpoint
 from pipeline.control.curve import CurvePoint, write_curve
 from pipeline.control.policy import save_policy
@@ -29,10 +31,10 @@ class PPOStage(PipelineConfiguration):
     episodes: EpisodesConfig = MISSING
     reward: RewardConfig = MISSING
     ppo: PPOConfig = MISSING
-    model: str = MISSING
+    model: InputModel = MISSING
     seed: int = MISSING
-    checkpoints: str | None = None
-    output: str = MISSING
+    checkpoints: CheckpointFolder | None = None
+    output: OutputFolder = MISSING
 
 
 @stage(PPOStage)

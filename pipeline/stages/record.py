@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 from omegaconf import MISSING
 
+from pipeline.configuration.paths import OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.errors import InputError
 from pipeline.logs.formats.recorded_folders import clear_recorded, list_recorded
@@ -29,14 +29,12 @@ SEAL = "undeclared.seal"
 class RecordStage(PipelineConfiguration):
     """Keys of `conf/record.yaml`."""
 
-    reads: ClassVar[tuple[str, ...]] = ()  # `logs` may name what is recorded here, which is then no input
-
     record: RecordConfig = MISSING
-    logs: str | None = None
+    logs: str | None = None  # no input where it names what is recorded here
     effects: list[str] = field(default_factory=list)
     effects_seed: int = MISSING
     effect_size: float = MISSING
-    output: str = MISSING
+    output: OutputFolder = MISSING
 
 
 @stage(RecordStage)

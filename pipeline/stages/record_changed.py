@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 from omegaconf import MISSING
 
+from pipeline.configuration.paths import OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.errors import InputError
 from pipeline.logs.formats.recorded_folders import clear_recorded, list_recorded
@@ -49,19 +49,15 @@ class RecordChangedConfig:
 class RecordChangedStage(PipelineConfiguration):
     """Keys of `conf/record_changed.yaml`."""
 
-    reads: ClassVar[
-        tuple[str, ...]
-    ] = ()  # `logs` and `measured` may name what is recorded, which is then no input
-
     record: RecordConfig = MISSING
     record_changed: RecordChangedConfig = MISSING
-    logs: str | None = None
+    logs: str | None = None  # no inputs where they name what is recorded
     measured: str | None = None
     recorded: str = MISSING
     effects: list[str] = field(default_factory=list)
     effects_seed: int = MISSING
     effect_size: float = MISSING
-    output: str = MISSING
+    output: OutputFolder = MISSING
 
 
 @stage(RecordChangedStage)

@@ -5,7 +5,9 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, PipelineConfiguration, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.configuration.paths import InputLogs, InputPath, OutputFolder
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.logs.tuples import read_tuples
 from pipeline.machine.kinematics import load_arm
 from pipeline.reporting.pictures import load_pictures
@@ -30,10 +32,10 @@ DATA = [
 class ReportStage(PipelineConfiguration):
     """Keys of `conf/report.yaml`."""
 
-    cells: str = MISSING
-    sessions: str = MISSING
-    artifacts: str = MISSING
-    output: str = MISSING
+    cells: InputPath = MISSING
+    sessions: InputLogs = MISSING
+    artifacts: InputPath = MISSING
+    output: OutputFolder = MISSING
 
 
 @stage(ReportStage)

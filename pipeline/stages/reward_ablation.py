@@ -9,7 +9,9 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
+from pipeline.configuration.paths import CheckpointFolder, InputModel, InputPath, OutputFolder
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.control.checkpoint import is_checkpoint
 from pipeline.control.curve import CurvePoint
 from pipeline.control.ppo import PPOConfig
@@ -42,10 +44,10 @@ class RewardAblationStage(PipelineConfiguration):
     reward: RewardConfig = MISSING
     ppo: PPOConfig = MISSING
     reward_ablation: RewardAblationConfig = MISSING
-    cells: str = MISSING
-    model: str = MISSING
-    checkpoints: str = MISSING
-    output: str = MISSING
+    cells: InputPath = MISSING
+    model: InputModel = MISSING
+    checkpoints: CheckpointFolder = MISSING
+    output: OutputFolder = MISSING
 
 
 @stage(RewardAblationStage)

@@ -9,7 +9,8 @@ from typing import Any
 
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.configuration.stage import stage
 from pipeline.deployment.components.goals import known_configurations
 from pipeline.deployment.components.recording import Recorder
 from pipeline.deployment.drivers.machine import LearnedMachine, Machine

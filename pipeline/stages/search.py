@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from omegaconf import MISSING
 
+from pipeline.configuration.paths import CheckpointFolder, InputPath, OutputFile, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.model.network import Parameterization
@@ -42,12 +43,12 @@ class SearchStage(PipelineConfiguration):
     search: SearchConfig = MISSING
     model: Parameterization = MISSING
     target: Target = MISSING
-    tuples: str = MISSING
+    tuples: InputPath = MISSING
     hold_out: list[str] = field(default_factory=list)
     n_trials: int = MISSING
-    storage: str = MISSING
-    checkpoints: str = MISSING
-    output: str = MISSING
+    storage: OutputFile = MISSING
+    checkpoints: CheckpointFolder = MISSING
+    output: OutputFolder = MISSING
 
     def __post_init__(self) -> None:
         if isinstance(self.n_trials, int) and self.n_trials < 1:

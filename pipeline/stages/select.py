@@ -9,6 +9,7 @@ import jax
 import yaml
 from omegaconf import MISSING
 
+from pipeline.configuration.paths import InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.dynamics.evaluation.inference_time import count_parameters, time_step, unit_scale_model
 from pipeline.dynamics.model.dynamics_model import Target
@@ -35,8 +36,8 @@ class SelectStage(PipelineConfiguration):
 
     identify: IdentifyConfig = MISSING
     search: SearchConfig = MISSING
-    searched: str = MISSING
-    output: str = MISSING
+    searched: InputPath = MISSING
+    output: OutputFolder = MISSING
 
 
 @stage(SelectStage)

@@ -13,7 +13,8 @@ import jax
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.configuration.stage import stage
 from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
 from pipeline.deployment.components.control_supervisor import ControlSupervisor
 from pipeline.deployment.components.controllers import ControllerKind

@@ -9,7 +9,9 @@ from pathlib import Path
 import jax
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, PipelineConfiguration, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
+from pipeline.configuration.paths import InputModel, OutputFolder
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.control.policy import load_policy_of
@@ -55,10 +57,10 @@ class Sim2SimStage(PipelineConfiguration):
     reward: RewardConfig = MISSING
     icem: IcemConfig = MISSING
     deployment: DeploymentConfig = MISSING
-    model: str = MISSING
-    policy: str | None = None
+    model: InputModel = MISSING
+    policy: InputModel | None = None
     variant: RewardVariant | None = None
-    output: str = MISSING
+    output: OutputFolder = MISSING
 
     @property
     def kind(self) -> ControllerKind:

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.configuration.stage import stage
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.controllers import ControllerKind
 from pipeline.deployment.components.recording import Recorder

@@ -3,10 +3,11 @@
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from omegaconf import MISSING
 
+from pipeline.configuration.paths import InputLogs, InputPath, OutputFile
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
@@ -21,12 +22,10 @@ SESSIONS = "sessions"  # beside the seal: the bags that it is about
 class UnsealStage(PipelineConfiguration):
     """Keys of `conf/unseal.yaml`."""
 
-    written_files: ClassVar[tuple[str, ...]] = ("output",)
-
-    closed_loop: str = MISSING
-    measured: str | None = None
-    seal: str = MISSING
-    output: str = MISSING
+    closed_loop: InputPath = MISSING
+    measured: InputLogs | None = None
+    seal: InputPath = MISSING
+    output: OutputFile = MISSING
 
 
 @stage(UnsealStage)

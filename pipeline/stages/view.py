@@ -5,7 +5,9 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, PipelineConfiguration, stage
+from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.configuration.paths import InputLogs, OutputFolder
+from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.deployment.graph_topics import read_graph_topics
 from pipeline.deployment.transports.mcap_file import write_mcap_file
 from pipeline.deployment.viewing.visual_topics import STORE, visual_topics
@@ -19,8 +21,8 @@ from pipeline.tracking import StageRun
 class ViewStage(PipelineConfiguration):
     """Keys of `conf/view.yaml`."""
 
-    logs: str = MISSING
-    output: str = MISSING
+    logs: InputLogs = MISSING
+    output: OutputFolder = MISSING
 
 
 @stage(ViewStage)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.control.ppo import PPOConfig
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes, evaluation_episodes

@@ -12,7 +12,7 @@ from brax.training import distribution
 from brax.training.agents.ppo import networks
 from brax.training.agents.ppo import train as brax_ppo
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.control import ppo
 from pipeline.control.ppo import PPOConfig
 

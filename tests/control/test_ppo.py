@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from brax.training import acting
 
-from pipeline.configuration.stage import load_machine, load_section
+from pipeline.configuration.load import load_machine, load_section
 from pipeline.control import ppo
 from pipeline.control.checkpoint import load_checkpoint
 from pipeline.control.curve import write_curve

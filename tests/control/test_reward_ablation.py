@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.control import reward_ablation
 from pipeline.control.ppo import TrainingResult
 from pipeline.control.reward_ablation import (

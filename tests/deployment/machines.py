@@ -7,7 +7,7 @@ from functools import cache
 import can
 import numpy as np
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, load_machine, load_section
+from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_section
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.components.autonomous_server import AutonomousServer
 from pipeline.deployment.components.control_interface import ControlInterface

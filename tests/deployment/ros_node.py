@@ -7,7 +7,7 @@ import dataclasses
 import sys
 from pathlib import Path
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, load_machine, load_section
+from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_section
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.settings import DeploymentConfig
 from pipeline.deployment.transports.ros1.can_bus import CanBusConfig, open_bus

@@ -12,7 +12,7 @@ from pathlib import Path
 import can
 import numpy as np
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.messages import JointCommand, ReachGoal, Topic
 from pipeline.deployment.transports.ros1.can_bus import CanBusConfig, open_bus

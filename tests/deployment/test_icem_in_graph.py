@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flax.serialization import msgpack_restore
 
-from pipeline.configuration.stage import ControlConfiguration, load_section
+from pipeline.configuration.load import ControlConfiguration, load_section
 from pipeline.control.evaluate import controller_evaluation
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_controller

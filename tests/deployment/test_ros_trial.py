@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from tests.deployment.ros_node import CAN, GOAL_TICKS, NODES
 from tests.ros_graph import DIST_PACKAGES, ROSMASTER, requires_debian
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import ControlConfiguration, load_machine, load_section
+from pipeline.configuration.load import ControlConfiguration, load_machine, load_section
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.policy import Policy, PolicyLayer
 from pipeline.deployment.components.controllers import PolicyController

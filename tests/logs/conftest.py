@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_machine, load_section
+from pipeline.configuration.load import load_machine, load_section
 from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig

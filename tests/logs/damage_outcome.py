@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.configuration.stage import load_machine, load_section
+from pipeline.configuration.load import load_machine, load_section
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs

@@ -228,7 +228,7 @@ PEAK_OF_INGEST = """
 import sys
 from pathlib import Path
 from pipeline.logs.ingest import ingest
-from pipeline.configuration.stage import load_machine, load_section
+from pipeline.configuration.load import load_machine, load_section
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 

@@ -8,7 +8,7 @@ import yaml
 from omegaconf import OmegaConf
 
 from benchmarks.log_damage import page
-from pipeline.configuration.stage import load_machine, load_section
+from pipeline.configuration.load import load_machine, load_section
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import FORMATS, find_logs
 from pipeline.logs.ingest_config import IngestConfig

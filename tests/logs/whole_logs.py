@@ -20,7 +20,7 @@ import polars
 import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session, make_session
 

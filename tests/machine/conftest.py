@@ -5,7 +5,7 @@ from pathlib import Path
 import jax
 import pytest
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, load_machine
+from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine
 from pipeline.machine.kinematics import Arm, load_arm
 from pipeline.machine.specification import MachineSpecification
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.machine.kinematics import load_arm
 
 if __name__ == "__main__":

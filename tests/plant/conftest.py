@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.machines.bobcat_e10 import bobcat_e10
 from pipeline.plant.parameters import Parameters

@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY
+from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.plant.physics.load import dynamics, gravity_torque, inverse_mass, potential_energy
 from pipeline.plant.scratch import allocate
 

@@ -6,7 +6,7 @@ import dataclasses
 import jax
 import pytest
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, load_machine, load_section
+from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_section
 from pipeline.machine.kinematics import Arm, load_arm
 from pipeline.machine.poses import PoseTable
 from pipeline.machine.specification import MachineSpecification

@@ -10,7 +10,7 @@ from brax.envs.base import Env
 from brax.envs.wrappers.training import AutoResetWrapper, EpisodeWrapper, EvalWrapper, VmapWrapper
 from brax.training.agents.ppo.losses import compute_gae
 
-from pipeline.configuration.stage import ControlConfiguration, load_section
+from pipeline.configuration.load import ControlConfiguration, load_section
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.errors import InputError
 from pipeline.reaching.environment import ReachingEnvironment

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.reporting.chapters.closed_loop import closed_loop_section, closed_loop_table, seal_sentence
 from pipeline.reporting.page import render_page
 from pipeline.reporting.results.artifacts import ClosedLoopResult

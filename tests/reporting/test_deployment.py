@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.control.icem.variant import RewardVariant
 from pipeline.reaching.metrics import Traces, reaching_metrics, success_rate_matrix
 from pipeline.reporting.chapters.deployment import (

@@ -13,6 +13,8 @@ import yaml
 ROOT = Path(__file__).parents[2]
 # The frame around a stage decides nothing of its outputs.
 FRAME = {
+    "pipeline.configuration.load",
+    "pipeline.configuration.paths",
     "pipeline.configuration.stage",
     "pipeline.configuration.number_checks",
     "pipeline.files.checkpoint_cleanup",

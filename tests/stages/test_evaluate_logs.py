@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_machine, load_section
+from pipeline.configuration.load import load_machine, load_section
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.model.store import save_model
 from pipeline.effects.effect import Setting

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.dynamics.evaluation.errors import prediction_errors
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.model.predictor import LearnedPredictor

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.control.checkpoint import Checkpoint, is_checkpoint, load_checkpoint, save_checkpoint
 from pipeline.control.chunks import evaluate_in_chunks, is_chunk
 from pipeline.control.evaluate import EvaluatedEpisodes

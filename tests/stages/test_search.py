@@ -20,7 +20,7 @@ import yaml
 from optuna.storages import BaseStorage
 from optuna.trial import TrialState
 
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.search.search_space import Choose

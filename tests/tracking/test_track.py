@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from mlflow import MlflowClient
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.control.reward_ablation import RewardAblationConfig, cells
 from pipeline.errors import InputError
 from pipeline.tracking import StageRun, TrackingConfiguration, track

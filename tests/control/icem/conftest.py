@@ -3,7 +3,7 @@ import dataclasses
 import jax.numpy as jnp
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.control.icem.config import IcemConfig
 
 

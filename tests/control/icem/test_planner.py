@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.control.icem.config import Bounds, IcemConfig
 from pipeline.control.icem.noise import coloured_noise, synthesis_matrix
 from pipeline.control.icem.planner import Planner, RankedPlans

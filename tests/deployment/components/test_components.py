@@ -6,7 +6,7 @@ import can
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY
+from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import Computation, Publication, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.goals import compiled_forward

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY
+from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import nanoseconds
 from pipeline.deployment.components.control_supervisor import ControlSupervisor
 from pipeline.deployment.components.self_collision import SelfCollision

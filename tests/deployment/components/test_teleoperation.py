@@ -15,7 +15,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY
+from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.control_supervisor import ControlSupervisor

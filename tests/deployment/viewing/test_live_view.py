@@ -15,7 +15,7 @@ from mcap_ros2.decoder import DecoderFactory
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection, connect
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY
+from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import nanoseconds
 from pipeline.deployment.components.goals import compiled_forward
 from pipeline.deployment.messages import EmergencyStop, JointState, MachineCommand, TargetPose, Topic

@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY
+from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.components.goals import compiled_forward
 from pipeline.deployment.graph_topics import GraphRecord
 from pipeline.deployment.messages import EmergencyStop, GoalOutcome, ReachResult

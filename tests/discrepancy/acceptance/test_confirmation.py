@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.selection.candidate import Candidate

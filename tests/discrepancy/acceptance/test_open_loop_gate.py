@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors
 from pipeline.discrepancy.acceptance.open_loop_gate import OpenLoopGate
 from pipeline.discrepancy.selection.grouping import MachineEffect

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.discrepancy.diagnosis.diagnosis_model import Scales, is_known, train_diagnosis_model
 from pipeline.discrepancy.diagnosis.sequences import Sequences
 from pipeline.discrepancy.settings import CloseLoopConfig

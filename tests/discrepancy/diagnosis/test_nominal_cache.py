@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_machine, load_section
+from pipeline.configuration.load import load_machine, load_section
 from pipeline.discrepancy.diagnosis import nominal_cache as module
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, Scales
 from pipeline.discrepancy.diagnosis.nominal_cache import (

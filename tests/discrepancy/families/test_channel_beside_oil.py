@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, rows_in_blocks
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.cold_oil import channel_beside

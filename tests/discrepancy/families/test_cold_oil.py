@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.discrepancy.families import cold_oil as module
 from pipeline.discrepancy.families.cold_oil import OF_OWN_CAUSES, cold_oil, with_doubts_of_the_oil
 from pipeline.discrepancy.selection.candidate import Candidate

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.discrepancy.close_loop import Loop
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.selection.grouping import depends_on, effects_of

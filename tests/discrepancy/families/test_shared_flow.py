@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.discrepancy import close_loop
 from pipeline.discrepancy.families.contract_parameters import plausible, quantity
 from pipeline.discrepancy.selection.grouping import MachineEffect, effects_of

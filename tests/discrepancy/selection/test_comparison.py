@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.configuration.stage import load_section
+from pipeline.configuration.load import load_section
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.comparison import Comparison
 from pipeline.discrepancy.selection.regression import Folds

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from rosbags.rosbag1 import Reader
 
 from benchmarks.log_damage import row
-from pipeline.configuration.stage import load_machine
+from pipeline.configuration.load import load_machine
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs

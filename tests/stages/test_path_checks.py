@@ -185,4 +185,4 @@ def test_an_output_that_cannot_be_written_is_refused_before_any_work(
 def test_a_folder_that_must_not_be_written_to_is_refused(tmp_path: Path) -> None:
     (tmp_path / "theirs").mkdir(mode=0o500)
     with pytest.raises(InputError, match="theirs must not be written to"):
-        refuse_unusable({"output": str(tmp_path / "theirs/out")}, ())
+        refuse_unusable("output", str(tmp_path / "theirs/out"), is_file=False)

@@ -1,0 +1,59 @@
+"""Machines and sections of profiles from `conf/`, checked as every stage checks them, for use from Python too."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from pipeline.errors import InputError
+from pipeline.logs.loop_tracker import LoopTrackerConfig
+from pipeline.machine.specification import MachineSpecification
+
+CONFIGURATION_DIRECTORY = Path(__file__).resolve().parents[2] / "conf"
+MACHINE_DIRECTORY = CONFIGURATION_DIRECTORY / "machine"
+
+
+@dataclass
+class ControlConfiguration:
+    """Section `control` of a profile: the rate at which commands are decided, and the velocity estimator."""
+
+    action_repeats: int
+    loop_tracker: LoopTrackerConfig
+
+    def __post_init__(self) -> None:
+        if self.action_repeats < 1:
+            raise InputError(f"control.action_repeats is {self.action_repeats}; it must be at least 1")
+
+
+def load_machine(name: str) -> MachineSpecification:
+    """Read `conf/machine/<name>.yaml` as every stage does, for use from Python.
+
+    Raises:
+        InputError: There is no such machine, or its description is not valid.
+    """
+    path = MACHINE_DIRECTORY / f"{name}.yaml"
+    if not path.exists():
+        known = ", ".join(sorted(file.stem for file in MACHINE_DIRECTORY.glob("*.yaml")))
+        raise InputError(f"{path}: no such machine; use one of {known}, or describe it there")
+    return _typed(MachineSpecification, OmegaConf.load(path), path)
+
+
+def load_section(section: str, schema: type, profile: str = "paper") -> Any:
+    """Read a section of a profile, over the paper's values, as every stage does, for use from Python.
+
+    Raises:
+        InputError: A value is not valid.
+    """
+    folder = CONFIGURATION_DIRECTORY / "profile"
+    contents = [OmegaConf.load(folder / f"{name}.yaml") for name in dict.fromkeys(("paper", profile))]
+    merged = OmegaConf.merge(*(OmegaConf.select(content, section) or {} for content in contents))
+    return _typed(schema, merged, folder / f"{profile}.yaml")
+
+
+def _typed(schema: type, content: Any, place: Path) -> Any:
+    try:
+        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), content))
+    except OmegaConfBaseException as error:
+        raise InputError(f"{place}: {str(error).splitlines()[0]}") from error
