@@ -53,11 +53,6 @@ def validation_part(trajectory: Trajectory) -> Trajectory:
     return Trajectory(trajectory.name, **columns)
 
 
-def bag_of(trajectory_name: str) -> str:
-    """Return the bag that a trajectory is from."""
-    return trajectory_name.partition("#")[0]
-
-
 def write_tuples(path: Path, machine: MachineSpecification, sections: Iterable[Trajectory]) -> None:
     """Write one Parquet file, at once or not at all, byte for byte alike for alike tuples.
 

@@ -10,7 +10,6 @@ from pipeline.machine.specification import WorkspaceSpecification
 from pipeline.reporting.figures.arrays import (
     CurvePanel,
     LearningCurve,
-    error_growth_figure,
     learning_curve_figure,
     open_loop_figure,
     success_rate_figure,
@@ -27,11 +26,6 @@ def open_loop() -> bytes:
     return open_loop_figure(t_s, q, np.sign(q), {"MLP": q + 0.1, "KAN": q - 0.1}, JOINTS, UNITS)
 
 
-def error_growth() -> bytes:
-    error = np.sqrt(np.arange(1, 81))[:, None] * np.array([0.01, 0.02])
-    return error_growth_figure(0.05, {"MLP": error, "ARX": 2 * error}, JOINTS, UNITS)
-
-
 def success_rate() -> bytes:
     return success_rate_figure({"PPO": np.linspace(0, 1, 12).reshape(4, 3)}, np.arange(4), np.arange(3))
 
@@ -42,7 +36,7 @@ def learning_curve() -> bytes:
     return learning_curve_figure([CurvePanel("return", None, curves)])
 
 
-@pytest.mark.parametrize("draw", [open_loop, error_growth, success_rate, learning_curve])
+@pytest.mark.parametrize("draw", [open_loop, success_rate, learning_curve])
 def test_figures_are_stable_svg_and_leave_no_settings_behind(draw):
     settings = dict(mpl.rcParams)
     first = draw()

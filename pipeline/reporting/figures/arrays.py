@@ -69,40 +69,6 @@ def open_loop_figure(
         return to_svg(figure)
 
 
-def error_growth_figure(
-    dt_s: float,
-    errors: Mapping[str, np.ndarray],
-    joint_names: Sequence[str],
-    units: Sequence[str],
-) -> bytes:
-    """How open-loop errors grow over the horizon, joint by joint.
-
-    Args:
-        dt_s: time step, s.
-        errors: RMSE after 1, 2, ... H steps, rad (m), shape (H, n_joint) each, by model.
-        joint_names: n_joint names.
-        units: their units.
-
-    Returns:
-        SVG bytes.
-    """
-    n_joint = len(joint_names)
-    with StyledFigure(WIDTH_IN, 2.6) as figure:
-        panels = figure.subplots(1, n_joint, squeeze=False)[0]
-        for j, (name, unit) in enumerate(zip(joint_names, units, strict=True)):
-            for i, (model, error) in enumerate(errors.items()):
-                t_s = dt_s * np.arange(1, len(error) + 1)
-                panels[j].plot(t_s, error[:, j], label=model, **series_style(i))
-            panels[j].set_title(f"{name} [{unit}]")
-            panels[j].set_ylim(bottom=0.0)
-            panels[j].set_xlim(left=0.0)
-            panels[j].set_xlabel("horizon [s]")
-        panels[0].set_ylabel("RMSE")
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
-        return to_svg(figure)
-
-
 def success_rate_figure(
     rates: Mapping[str, np.ndarray],
     position_thresholds_m: np.ndarray,
