@@ -1,4 +1,4 @@
-"""Learns to move a hydraulic arm from its teleoperation logs, and keeps its model honest against measured data.
+"""Learn to move a hydraulic arm from its teleoperation logs, and check its model against measured data.
 
 The layers, each of which imports only what stands to its left (checked by `lint-imports`)::
 

@@ -1,4 +1,4 @@
-"""Errors that are the user's to mend, told in one line."""
+"""Errors that the user can correct, each with a message of one line."""
 
 
 class InputError(Exception):
@@ -9,7 +9,7 @@ class InputError(Exception):
 
     def __init__(self, message: str) -> None:
         line = " ".join(message.split())
-        # What was read from a damaged file must not move the cursor or colour the terminal.
+        # Text read from a damaged file must not move the cursor or colour the terminal.
         super().__init__(
             "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in line)
         )

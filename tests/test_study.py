@@ -15,7 +15,7 @@ from optuna.trial import TrialState
 from pipeline.errors import InputError
 from pipeline.study.liveness import is_known_dead, own_identity
 from pipeline.study.settings import Pruner, SamplerKind
-from pipeline.study.storage import open_storage, refuse_password, shown
+from pipeline.study.storage import open_storage, refuse_password, without_password
 from pipeline.study.trials import TrialOutcome
 from pipeline.study.worker import DivergedError, Study
 
@@ -267,7 +267,7 @@ def test_a_line_left_unfinished_is_cut_off(tmp_path):
 def test_a_file_of_something_else_is_no_journal(content: str, tmp_path: Path) -> None:
     mine = tmp_path / "mine.txt"
     mine.write_text(content)
-    with pytest.raises(InputError, match=r"mine\.txt: no journal of studies"):
+    with pytest.raises(InputError, match=r"mine\.txt: not a journal of studies"):
         open_storage(str(mine))
     assert mine.read_text() == content
 
@@ -285,7 +285,7 @@ def test_a_process_is_known_dead_when_it_is():
 
 def test_a_password_is_neither_shown_nor_accepted():
     url = "postgresql://me:secret@host/db"
-    assert "secret" not in shown(url)
+    assert "secret" not in without_password(url)
     with pytest.raises(InputError, match="PGPASSWORD") as refusal:
         refuse_password(url)
     assert "secret" not in str(refusal.value)

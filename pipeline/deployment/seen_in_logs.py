@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.graph_topics import GraphRecord
 from pipeline.deployment.messages import GoalOutcome, JointCommand
-from pipeline.logs.messages.columns import whole
+from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.raw_log import RawLog
 
 QUANTILES = {"median": 0.5, "p99": 0.99, "p999": 0.999, "maximum": 1.0}
@@ -37,7 +37,7 @@ def delay_samples(raw: RawLog, record: GraphRecord) -> dict[str, np.ndarray]:
         `request_to_command`: from a server's request to the command that the interface passed on.
     """
     stamps, recorded, commands = map(
-        whole, (raw.joint_stamp_ns, raw.joint_log_time_ns, raw.command_log_time_ns)
+        as_array, (raw.joint_stamp_ns, raw.joint_log_time_ns, raw.command_log_time_ns)
     )
     stamped = stamps > 0
     times = np.sort(np.where(stamped, stamps, recorded))
@@ -80,8 +80,8 @@ def safety_events(name: str, raw: RawLog, record: GraphRecord) -> dict[str, Any]
         raw: the log; `t` of an event is seconds since its first joint state or command.
         record: what the graph said; not empty.
     """
-    command_times, values = whole(raw.command_log_time_ns), whole(raw.command)
-    begin_ns = min(int(whole(raw.joint_log_time_ns)[0]), int(command_times[0]))
+    command_times, values = as_array(raw.command_log_time_ns), as_array(raw.command)
+    begin_ns = min(int(as_array(raw.joint_log_time_ns)[0]), int(command_times[0]))
     events: list[dict[str, Any]] = [
         {"who": "control_supervisor", "rule": stop.rule, "detail": stop.detail, "time_ns": time_ns}
         for time_ns, stop in record.stops

@@ -1,1 +1,1 @@
-"""Files and folders: written whole, checked before work starts, cleaned up after it."""
+"""Files and folders: atomic writes, checks before work starts, clean-up after it."""

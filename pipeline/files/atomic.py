@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic writes: a file appears complete or not at all."""
 
 import os
 from collections.abc import Iterator
@@ -7,17 +7,17 @@ from pathlib import Path
 
 from pipeline.errors import InputError
 
-PARTIAL_SUFFIX = ".partial"  # of hidden files that a killed process may leave
+PARTIAL_SUFFIX = ".partial"  # hidden files that a killed process may leave behind
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Give a path to write to, which takes the place of `path` once the block ends without an error.
+def atomic_path(path: Path) -> Iterator[Path]:
+    """Yield a temporary path; its file replaces `path` once the block ends without an error.
 
-    The folder is made if need be; a file of an earlier run stays as it is until then.
+    A missing folder is created. A file of an earlier run stays unchanged until then.
 
     Raises:
-        InputError: The file cannot be written: the disk is full, or there is no permission.
+        InputError: The file cannot be written: the disk is full, or permission is missing.
     """
     partial = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL_SUFFIX}")
     try:
@@ -29,15 +29,15 @@ def replacing(path: Path) -> Iterator[Path]:
             f"{path}: cannot be written ({error.strerror or error}); make room or check permissions"
         ) from error
     finally:
-        with suppress(OSError):  # where the folder is none, what says so has been raised
+        with suppress(OSError):  # if the folder is a file, the error above was raised
             partial.unlink(missing_ok=True)
 
 
 def write_whole(path: Path, content: bytes | memoryview) -> None:
-    """Write a file at once.
+    """Write a file atomically.
 
     Raises:
-        InputError: As of `replacing`.
+        InputError: The file cannot be written.
     """
-    with replacing(path) as partial:
+    with atomic_path(path) as partial:
         partial.write_bytes(content)

@@ -1,4 +1,4 @@
-"""A folder of checkpoints, which the user may have named: a finished run takes its own out of it, and nothing else."""
+"""Clean-up of checkpoints: a finished run deletes its own and leaves everything else in the user's folder."""
 
 import re
 import shutil
@@ -10,17 +10,17 @@ from pipeline.files.atomic import PARTIAL_SUFFIX
 
 PARTIAL = re.compile(
     rf"\.(?P<name>.+)\.\d+{re.escape(PARTIAL_SUFFIX)}"
-)  # of a file that a kill left half-written
+)  # files that a killed process left incomplete
 
 
 def remove_checkpoints(folder: Path, is_own: Callable[[Path], bool]) -> None:
-    """Delete a stage's checkpoints, lest changed code takes up a finished run; then the folder, if it is empty.
+    """Delete a stage's checkpoints, so that changed code cannot resume a finished run; then the folder if empty.
 
-    What cannot be deleted stays: the run's results are written.
+    Deletion errors are ignored, because the run's results have been written.
 
     Args:
         folder: It may be missing.
-        is_own: Whether a file or folder is a checkpoint of the stage, as may be told from its name and what it holds.
+        is_own: Whether a file or folder is a checkpoint of the stage, by its name and content.
     """
     with suppress(OSError):
         for entry in folder.iterdir():

@@ -1,4 +1,4 @@
-"""Where a command reads and writes: nothing that is only read is changed, and what is to be written can be."""
+"""Checks of paths before work starts: inputs are not overwritten, and outputs can be written."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -10,11 +10,11 @@ from pipeline.errors import InputError
 
 @dataclass(frozen=True)
 class Output:
-    """How a setting's path is written to.
+    """How an output path is written.
 
     Attributes:
-        is_file: Whether it is a file, not a folder.
-        replaced: Entries of the folder that are deleted or written over; `.` is all of it.
+        is_file: Whether the path is a file, not a folder.
+        replaced: Entries of the folder that are deleted or overwritten; `.` means all of them.
     """
 
     is_file: bool = False
@@ -23,11 +23,11 @@ class Output:
 
 @dataclass(frozen=True)
 class Input:
-    """How a setting's paths are read.
+    """How input paths are read.
 
     Attributes:
-        is_of_logs: Whether every log in such a folder is read, so that a new one there would be one of them.
-        is_whole: Whether it is one thing, in which nothing else may lie: a model, a policy.
+        is_of_logs: Whether every log in the folder is read, so that a new log there would become an input.
+        is_whole: Whether the folder is one artifact (a model, a policy) that may hold nothing else.
     """
 
     is_of_logs: bool = False
@@ -37,30 +37,30 @@ class Input:
 def refuse_overlap(
     writes: Mapping[str, tuple[str, Output]], reads: Mapping[str, tuple[Sequence[str], Input]]
 ) -> None:
-    """Raise `InputError` if writing would change what is only read, links followed.
+    """Raise `InputError` if an output would change an input; links are followed.
 
-    A result may lie beside or around what it was made from, a report also among logs; but not in its place.
+    A result may lie beside or around its input, and a report also among logs, but it may not replace the input.
 
     Args:
-        writes: A path and how it is written to, by the names of the settings that give them.
-        reads: Paths and how they are read, in the same way.
+        writes: Output path and kind by the name of its setting.
+        reads: Input paths and kind by the name of their setting.
     """
     for name, (paths, reading) in reads.items():
         for path in paths:
             for written, (place, writing) in writes.items():
-                relation = _harm(place, writing, path, reading)
+                relation = _conflict(place, writing, path, reading)
                 if relation:
                     raise InputError(
                         f"{written}={place}: {relation} {name}={path}, which is only read; name another {written}"
                     )
 
 
-def _harm(written: str, writing: Output, path: str, reading: Input) -> str | None:
-    """How writing would change what is read; None: it would not."""
-    own, read = _place(written), _place(path)
+def _conflict(written: str, writing: Output, path: str, reading: Input) -> str | None:
+    """How the output would change the input; None if it would not."""
+    own, read = _real_path(written), _real_path(path)
     if own == read:
         return "is"
-    if any(read.is_relative_to(_place(f"{written}/{entry}")) for entry in writing.replaced):
+    if any(read.is_relative_to(_real_path(f"{written}/{entry}")) for entry in writing.replaced):
         return "contains"
     if not own.is_relative_to(read):
         return None
@@ -68,17 +68,17 @@ def _harm(written: str, writing: Output, path: str, reading: Input) -> str | Non
     return "lies in" if reading.is_whole or may_be_log else None
 
 
-def _place(path: str) -> Path:
-    return Path(os.path.realpath(path))  # unlike Path.resolve it does not mind links that are loops
+def _real_path(path: str) -> Path:
+    return Path(os.path.realpath(path))  # unlike Path.resolve, realpath accepts link loops
 
 
 def refuse_unusable(name: str, path: str, is_file: bool) -> None:
-    """Raise `InputError` if a place cannot be written to, which would else be found after the work.
+    """Raise `InputError` if an output cannot be written, before the work rather than after it.
 
     Args:
-        name: Of the setting that gives it.
+        name: Name of the setting.
         path: As given.
-        is_file: Whether it is to be a file, not a folder.
+        is_file: Whether the path is a file, not a folder.
     """
     if not path:
         raise InputError(f"{name} is empty; name a {'file' if is_file else 'folder'} to write")
@@ -86,7 +86,7 @@ def refuse_unusable(name: str, path: str, is_file: bool) -> None:
         raise InputError(f"{name}={path}: is a folder; name the file to write")
     folder = _nearest(name, Path(path).parent if is_file else Path(path))
     if not folder.is_dir():
-        raise InputError(f"{name}={path}: {folder} is no folder; move it away, or name another {name}")
+        raise InputError(f"{name}={path}: {folder} is not a folder; move it away, or name another {name}")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise InputError(
             f"{name}={path}: {folder} must not be written to; change its permissions, or name another {name}"
@@ -94,7 +94,7 @@ def refuse_unusable(name: str, path: str, is_file: bool) -> None:
 
 
 def _nearest(name: str, folder: Path) -> Path:
-    """The folder, or the nearest of those around it that is there, were it a link that leads nowhere."""
+    """The nearest existing path at or above `folder`; a broken link counts as existing."""
     for place in (folder, *folder.parents):
         try:
             place.lstat()

@@ -1,1 +1,1 @@
-"""Logs: bags and tables of any format in, tuples that can be trusted out (contract, sections 1 and 2)."""
+"""Logs: from bags and tables of any format to checked tuples (contract, sections 1 and 2)."""

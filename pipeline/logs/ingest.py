@@ -1,4 +1,4 @@
-"""A folder of logs in, tuples and the quality report out; log by log, side by side, resumable."""
+"""Turn a folder of logs into tuples and the quality report; logs run in parallel and resume."""
 
 import hashlib
 import json
@@ -16,17 +16,17 @@ from pipeline.files.atomic import PARTIAL_SUFFIX, write_whole
 from pipeline.logs.conditioning.excitation import Excitation
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import LogEntry, find_logs
-from pipeline.logs.formats.opened_file import why_no_file
+from pipeline.logs.formats.opened_file import why_unreadable
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.columns import ColumnStore, DiskStore
 from pipeline.logs.messages.raw_log import Note, NoteKind
 from pipeline.logs.quality import QualityReport, measure
 from pipeline.logs.trajectories import grid_log, trajectory_sections
-from pipeline.logs.tuples import SUFFIX, Trajectory, are_tuples, write_tuples
+from pipeline.logs.tuples import SUFFIX, Trajectory, is_tuple_file, write_tuples
 from pipeline.machine.specification import MachineSpecification
 
-SCHEMA_VERSION = 3  # raise it when the same log would give other tuples or another report
+SCHEMA_VERSION = 3  # raise it when the tuples or the report of a log change
 RECORD_SUFFIX = ".ingest.json"
 SCRATCH_SUFFIX = ".scratch"
 HASH_PIECE_BYTES = 1 << 22
@@ -43,11 +43,11 @@ class Failure:
 
 @dataclass
 class IngestSummary:
-    """What became of a folder of logs.
+    """Outcome of ingesting a folder of logs.
 
     Attributes:
         reports: Quality of each log that yielded tuples, by name.
-        failures: The others.
+        failures: Logs that could not be used.
         n_skipped: Logs whose tuples were up to date.
     """
 
@@ -56,7 +56,7 @@ class IngestSummary:
     n_skipped: int = 0
 
     def metrics(self) -> dict[str, float | int | None]:
-        """Return flat, deterministic metrics: totals, then those of each log behind its name."""
+        """Return flat, deterministic metrics: totals, then those of each log, prefixed by its name."""
         totals = {
             "n_logs": len(self.reports) + len(self.failures),
             "n_failed": len(self.failures),
@@ -90,18 +90,16 @@ def ingest(
 ) -> IngestSummary:
     """Turn every log of a folder into tuples.
 
-    Each log becomes `<name>.parquet` and, beside it, a record of what was measured. A log whose record is of
-    the same bytes, machine and configuration is not read again. What the folder holds of logs that are gone
-    is removed. A log that fails does not stop the others.
+    Each log becomes `<name>.parquet` and a record of its measurements. A log whose record has the same bytes, machine
+    and configuration is not read again. Outputs of removed logs are deleted. A log that fails does not stop the others.
 
     Args:
-        machine: The machine.
         logs_directory: Folder of logs, or one log.
-        output_directory: Where tuples and records go.
+        output_directory: Folder of tuples and records.
         config: Section `ingest`.
         loop_tracker: Section `control.loop_tracker`.
         allow_empty: Whether a folder without logs is allowed.
-        n_processes: How many logs are read side by side; by default as many as there are cores.
+        n_processes: Number of logs read in parallel; by default the number of cores.
 
     Raises:
         InputError: The folder holds no logs (unless allowed), or the output cannot be written.
@@ -153,15 +151,14 @@ def _find(directory: Path, allow_empty: bool) -> list[LogEntry]:
 
 
 def _outside(entries: list[LogEntry], logs_directory: Path, output_directory: Path) -> list[LogEntry]:
-    """The logs less the tuples of an earlier run, where the output lies among the logs.
+    """The logs without the tuples of an earlier run, if the output lies among the logs.
 
-    Logs may lie in folders of the output: written over or removed is only what lies in it directly.
+    Logs may lie in subfolders of the output: only files directly in the output are overwritten or removed.
 
     Raises:
-        InputError: The output is the folder of the logs, or a log lies where tuples are written, or removed as those
-            of a log that is gone.
+        InputError: The output is the folder of the logs, or a log lies where tuples are written or removed.
     """
-    # unlike `resolve` it does not mind links that are loops
+    # unlike `resolve`, realpath accepts link loops
     output, logs = (Path(os.path.realpath(path)) for path in (output_directory, logs_directory))
     if output == logs:
         raise InputError(f"{output_directory}: is the folder of the logs; name another folder for the output")
@@ -180,11 +177,11 @@ def _outside(entries: list[LogEntry], logs_directory: Path, output_directory: Pa
 
 
 def _holds_tuples(entry: LogEntry) -> bool:
-    return entry.path.suffix == SUFFIX and are_tuples(entry.path)
+    return entry.path.suffix == SUFFIX and is_tuple_file(entry.path)
 
 
 def _would_be_lost(path: Path, output: Path) -> bool:
-    """Whether a file is one that is written over or removed in the output, be it by a link from there or to there."""
+    """Whether the output would overwrite or remove a file, directly or through a link."""
     for place in (Path(os.path.realpath(path.parent)) / path.name, Path(os.path.realpath(path))):
         if place.parent == output and place.suffix == SUFFIX:
             return True
@@ -216,12 +213,12 @@ def _run(entries: list[LogEntry], settings: _Settings, n_processes: int) -> Iter
 def _size(path: Path) -> int:
     try:
         return path.stat().st_size
-    except OSError:  # told of when the log is read
+    except OSError:  # reported when the log is read
         return 0
 
 
 def _ingest_one(entry: LogEntry, settings: _Settings) -> _Outcome:
-    """Read one log and write its tuples and its record, unless they are there."""
+    """Read one log and write its tuples and its record, unless they are up to date."""
     record_path = settings.output / f"{entry.name}{RECORD_SUFFIX}"
     tuples_path = settings.output / f"{entry.name}{SUFFIX}"
     try:
@@ -234,7 +231,7 @@ def _ingest_one(entry: LogEntry, settings: _Settings) -> _Outcome:
         try:
             _write_record(record_path, fingerprint, tuples_path, report)
         except InputError:
-            tuples_path.unlink(missing_ok=True)  # no record would vouch for them
+            tuples_path.unlink(missing_ok=True)  # their record is missing
             raise
         return report, False
     except InputError as error:
@@ -248,7 +245,7 @@ def _ingest_one(entry: LogEntry, settings: _Settings) -> _Outcome:
 
 
 def _convert(entry: LogEntry, settings: _Settings, store: ColumnStore, tuples_path: Path) -> QualityReport:
-    """Write one log's tuples, section by section, and measure it on the way."""
+    """Write one log's tuples section by section, and measure the log in the same pass."""
     machine, config = settings.machine, settings.config
     raw = read_log(entry, machine, store)
     gridded = grid_log(raw, machine, config, store)
@@ -268,15 +265,15 @@ def _convert(entry: LogEntry, settings: _Settings, store: ColumnStore, tuples_pa
 
 
 def _fingerprint(entry: LogEntry, settings: _Settings) -> str:
-    """Digest everything that the tuples and the record depend on."""
+    """Return a digest of everything that the tuples and the record depend on."""
     digest = hashlib.sha256()
     described = [SCHEMA_VERSION, entry.name, entry.format, [path.name for path in entry.files], entry.missing]
     sections = [asdict(settings.machine), asdict(settings.config), asdict(settings.loop_tracker)]
     digest.update(json.dumps([*described, *sections]).encode())
     for path in entry.files:
         try:
-            if (reason := why_no_file(path)) is not None:
-                digest.update(reason.encode())  # to open a named pipe would wait without end
+            if (reason := why_unreadable(path)) is not None:
+                digest.update(reason.encode())  # opening a named pipe would block
                 continue
             with path.open("rb") as file:
                 digest.update(f"{path.stat().st_size}:".encode())
@@ -293,7 +290,7 @@ def _write_record(path: Path, fingerprint: str, tuples_path: Path, report: Quali
 
 
 def _read_record(path: Path, fingerprint: str, tuples_path: Path) -> QualityReport | None:
-    """Return the report of an earlier run if it is of the same input and its tuples are as it left them."""
+    """Return the report of an earlier run if its input is the same and its tuples are unchanged."""
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
         if record["fingerprint"] != fingerprint or record["tuples"] != _file_digest(tuples_path):
@@ -311,7 +308,7 @@ def _file_digest(path: Path) -> str:
 
 
 def _remove_stale(directory: Path, names: Iterable[str]) -> None:
-    """Remove what an earlier run left: tuples and records of logs that are gone or fail now, and what a kill left."""
+    """Remove tuples and records of logs that are gone or fail now, and files of killed runs."""
     kept = set(names)
     for record in directory.glob(f"*{RECORD_SUFFIX}"):
         name = record.name.removesuffix(RECORD_SUFFIX)
@@ -319,10 +316,14 @@ def _remove_stale(directory: Path, names: Iterable[str]) -> None:
             (directory / f"{name}{SUFFIX}").unlink(missing_ok=True)
             record.unlink()
     for path in directory.glob(f"*{SUFFIX}"):  # killed before its record was written
-        if not path.name.startswith(".") and path.name.removesuffix(SUFFIX) not in kept and are_tuples(path):
+        if (
+            not path.name.startswith(".")
+            and path.name.removesuffix(SUFFIX) not in kept
+            and is_tuple_file(path)
+        ):
             path.unlink()
     for scratch in directory.glob(f".*{SCRATCH_SUFFIX}"):
         shutil.rmtree(scratch, ignore_errors=True)
     for partial in directory.glob(f".*{PARTIAL_SUFFIX}"):
-        if not partial.is_dir():  # which is a bag's, where logs are recorded into the same folder
+        if not partial.is_dir():  # a folder belongs to a bag that is being recorded here
             partial.unlink(missing_ok=True)

@@ -7,16 +7,16 @@ from pipeline.errors import InputError
 
 @dataclass
 class IngestConfig:
-    """How logs become tuples.
+    """Settings of the conversion from logs to tuples.
 
     Attributes:
-        validation_fraction: Last share of each trajectory that is for validation.
+        validation_fraction: Share at each trajectory's end that is for validation.
         maximum_gap_s: Longer gaps between joint samples split a trajectory.
-        minimum_trajectory_s: Shorter stretches are left out, and counted.
-        maximum_clock_offset_s: Header stamps further than this from log time are of a foreign clock; log time is used.
-        maximum_speed_ranges_per_s: No joint is faster, in joint ranges per second; more is an encoder's fault.
-        maximum_invalid_command_fraction: A log with a larger share of impossible commands is refused.
-        frozen_after_s: An encoder that repeats its value for longer, while its joint is commanded, is reported.
+        minimum_trajectory_s: Shorter stretches are dropped, and counted.
+        maximum_clock_offset_s: Header stamps further from log time come from another clock; log time is used.
+        maximum_speed_ranges_per_s: Highest speed, in joint ranges per second; more is an encoder fault.
+        maximum_invalid_command_fraction: A log with a larger share of invalid commands is refused.
+        frozen_after_s: An encoder is reported if it repeats its value for longer under command.
     """
 
     validation_fraction: float

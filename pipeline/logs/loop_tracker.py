@@ -1,7 +1,7 @@
 """Velocity estimates from positions alone: the loop tracker (paper, section on the dynamic models).
 
 A proportional-integral loop makes an estimate q̂ follow the measured position q. Its integral term is the
-velocity estimate; q̂'s own rate would pass the high frequencies. Per joint, from q̂ = q₀ and i = 0 (contract,
+velocity estimate; the rate of q̂ would pass high frequencies. Per joint, from q̂ = q₀ and i = 0 (contract,
 section 2):
 
     e = q − q̂;  i += k_i·e·Δt;  q̂ += Δt·(k_p·e + i);  q̇ = i
@@ -37,7 +37,7 @@ class LoopTrackerConfig:
 
 
 class LoopTrackerState(NamedTuple):
-    """What the tracker remembers, per joint.
+    """The tracker's state, per joint.
 
     Attributes:
         q_estimate: q̂, shape (n_joint,), float64, rad or m.
@@ -57,7 +57,7 @@ def initial_state(q: np.ndarray) -> LoopTrackerState:
 def advance(
     state: LoopTrackerState, q: np.ndarray, dt_s: float, config: LoopTrackerConfig
 ) -> tuple[LoopTrackerState, np.ndarray]:
-    """Take in one sample, as a controller does online.
+    """Process one sample, as a controller does online.
 
     Args:
         state: State after the previous sample.

@@ -1,4 +1,4 @@
-"""What is measured about every log: rates, jitter, gaps, clocks, commands, delays, and what the data lack."""
+"""Quality of a log: rates, jitter, gaps, clocks, commands, delays, and gaps in the data."""
 
 from dataclasses import dataclass
 
@@ -17,13 +17,13 @@ SIGNIFICANT_DIGITS = 6
 
 @dataclass(frozen=True)
 class QualityReport:
-    """What was measured about one log.
+    """Measurements of one log.
 
     Attributes:
         name: The log.
-        metrics: Flat: names with `/`, numbers or None where there was nothing to measure. Deterministic.
-        notes: Everything lost, left out, changed or odd.
-        findings: What later stages will find missing, one sentence each.
+        metrics: Flat names with `/`; numbers, or None if nothing could be measured. Deterministic.
+        notes: Damage, losses, changes and irregularities.
+        findings: What the data lack for later stages, one sentence each.
     """
 
     name: str
@@ -40,7 +40,7 @@ def measure(
     machine: MachineSpecification,
     config: IngestConfig,
 ) -> QualityReport:
-    """Measure one log: as it was read, on the grid, and what its trajectories' commands did."""
+    """Measure one log: as read, on the grid, and its trajectories' excitation."""
     clock = gridded.clock
     metrics: Figures = {
         "duration_s": (gridded.end_ns - gridded.start_ns) / NANOSECONDS,
@@ -85,7 +85,7 @@ def sampling(intervals_ns: Column, maximum_gap_s: float) -> Figures:
     return {
         "rate_hz": 1.0 / median if median > 0 else None,
         "interval_s": median,
-        # Half the distance of the 16th and 84th percentile: the standard deviation without the gaps' weight.
+        # Half the distance of the 16th and 84th percentile: a standard deviation that is robust to gaps.
         "jitter_s": (high - low) / 2,
         "longest_gap_s": extent(intervals_ns)[1] / NANOSECONDS,
         "n_gaps": sum(int((part > gap_ns).sum()) for (part,) in sections((intervals_ns,))),

@@ -1,7 +1,6 @@
-"""The loop tracker over whole trajectories, compiled (`loop_tracker.py` says what it computes).
+"""The loop tracker over whole trajectories, compiled (definition in `loop_tracker.py`).
 
-Apart from it, as every stage's configuration names the gains and few stages read logs: importing the compiler takes a
-second.
+A separate module, because importing the compiler takes a second and few stages read logs.
 """
 
 import numba
@@ -11,7 +10,7 @@ from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, init
 
 
 def track(q: np.ndarray, dt_s: float, config: LoopTrackerConfig) -> np.ndarray:
-    """Estimate the velocities of a whole trajectory; bit for bit what `advance` gives sample by sample.
+    """Estimate the velocities of a whole trajectory; bit for bit equal to `advance` sample by sample.
 
     Args:
         q: Measured positions at the time step, shape (T, n_joint), rad or m; at least one row.
@@ -22,13 +21,13 @@ def track(q: np.ndarray, dt_s: float, config: LoopTrackerConfig) -> np.ndarray:
         Velocity estimates, shape (T, n_joint), float64, rad/s or m/s.
     """
     q = np.asarray(q, dtype=np.float64)
-    return track_on(initial_state(q[0]), q, dt_s, config)[1] if len(q) else np.empty_like(q)
+    return continue_tracking(initial_state(q[0]), q, dt_s, config)[1] if len(q) else np.empty_like(q)
 
 
-def track_on(
+def continue_tracking(
     state: LoopTrackerState, q: np.ndarray, dt_s: float, config: LoopTrackerConfig
 ) -> tuple[LoopTrackerState, np.ndarray]:
-    """Take in the next samples of a trajectory; arguments as of `track`, from the state before them.
+    """Continue a trajectory from a given state; see `track` for the other arguments.
 
     Returns:
         The state after the last sample, and the velocity estimates, shape (T, n_joint).

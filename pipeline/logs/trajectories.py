@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.conditioning.clocks import ClockReport, extent_without_strays
+from pipeline.logs.conditioning.clocks import ClockReport, extent_without_outliers
 from pipeline.logs.conditioning.conditioned_log import COMMAND_INTERVALS, JOINT_INTERVALS, ConditionedLog
 from pipeline.logs.conditioning.resample import GridRows, resample
 from pipeline.logs.formats.bags import read_log
@@ -17,7 +17,7 @@ from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state
 from pipeline.logs.messages.columns import Column, ColumnStore, MemoryStore, sections
 from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog, TargetPoses
-from pipeline.logs.tracked_velocities import track_on
+from pipeline.logs.tracked_velocities import continue_tracking
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
@@ -26,20 +26,20 @@ GRID = "grid"  # table of the store
 
 @dataclass(frozen=True)
 class GriddedLog:
-    """A log on the machine's grid, wherever its rows are stored.
+    """A log on the machine's grid, with rows in memory or on disk.
 
     Attributes:
         name: The bag's name.
         start_ns: The bag's start by log time.
         end_ns: The bag's end by log time.
-        stamp_ns: Times of the rows of all trajectories, one after the other, a column of shape (T,), int64.
+        stamp_ns: Times of the rows of all trajectories in sequence, a column of shape (T,), int64.
         q: Positions, a column of shape (T, n_joint).
         a: Commands in force, a column of shape (T, n_joint).
         lengths: Rows of each trajectory.
-        clock: What was measured about the log's clocks.
+        clock: Measurements of the log's clocks.
         joint_intervals_ns: Between joint samples in order of time, a column of shape (n,), int64.
-        command_intervals_ns: The same of commands.
-        notes: Everything lost, left out, changed or odd, from reading on.
+        command_intervals_ns: Between commands, likewise.
+        notes: Damage, losses, changes and irregularities.
     """
 
     name: str
@@ -57,7 +57,7 @@ class GriddedLog:
 
 @dataclass(frozen=True)
 class LogTrajectories:
-    """A log's trajectories in memory, in time order, its target poses, and what was met on the way."""
+    """A log's trajectories in memory, in time order, its target poses, and notes."""
 
     trajectories: list[Trajectory]
     clock: ClockReport
@@ -76,10 +76,9 @@ def grid_log(
 
     Args:
         raw: The log.
-        machine: The machine.
         config: The rules' thresholds.
-        store: Takes the rows.
-        section_rows: Samples that are processed at a time; it makes no difference to the result.
+        store: Stores the rows.
+        section_rows: Samples processed at a time; the result does not depend on it.
 
     Raises:
         InputError: The log yields no trajectory, or cannot be used.
@@ -92,7 +91,7 @@ def grid_log(
     minimum_rows = max(1, round(config.minimum_trajectory_s * machine.rate_hz))
     lengths: list[int] = []
     short: list[int] = []
-    pending: list[GridRows] = []  # of a stretch that is not known yet to be long enough
+    pending: list[GridRows] = []  # a stretch that may be too short
     segment, is_long = -1, False
     for part in _known_stretches(rows):
         if part.segment != segment:
@@ -125,7 +124,7 @@ def grid_log(
         notes.append(Note(NoteKind.attention, text, len(lengths) - 1))
     gap_ns = round(config.maximum_gap_s * NANOSECONDS)
     extents = [
-        extent_without_strays(times, gap_ns) for times in (raw.joint_log_time_ns, raw.command_log_time_ns)
+        extent_without_outliers(times, gap_ns) for times in (raw.joint_log_time_ns, raw.command_log_time_ns)
     ]
     none = np.zeros(0, np.int64)
     return GriddedLog(
@@ -148,11 +147,10 @@ def trajectory_sections(
     loop_tracker: LoopTrackerConfig,
     section_rows: int | None = None,
 ) -> Iterator[Trajectory]:
-    """Yield the trajectories with their velocities and their split, in sections that follow each other.
+    """Yield the trajectories with their velocities and their split, in consecutive sections.
 
     Args:
         gridded: The log on the grid.
-        machine: The machine.
         config: The share of rows for validation.
         loop_tracker: Gains of the velocity estimate.
         section_rows: Rows of a section.
@@ -164,7 +162,7 @@ def trajectory_sections(
         columns = (gridded.stamp_ns, gridded.q, gridded.a)
         first_row = 0
         for stamp_ns, q, a in sections(columns, begin, begin + length, section_rows):
-            state, qd = track_on(state or initial_state(q[0]), q, machine.dt_s, loop_tracker)
+            state, qd = continue_tracking(state or initial_state(q[0]), q, machine.dt_s, loop_tracker)
             rows = np.arange(first_row, first_row + len(q))
             yield Trajectory(
                 name=name,
@@ -189,7 +187,7 @@ def make_trajectories(
     """Turn one log into trajectories in memory.
 
     Raises:
-        InputError: The log yields none.
+        InputError: The log yields no trajectory.
     """
     gridded = grid_log(raw, machine, config, MemoryStore(), section_rows)
     longest = max(gridded.lengths)
@@ -200,7 +198,7 @@ def make_trajectories(
 def load_trajectories(
     directory: Path, machine: MachineSpecification, config: IngestConfig, loop_tracker: LoopTrackerConfig
 ) -> list[Trajectory]:
-    """Read all logs of a folder straight into trajectories; arguments and errors as of `load_logs`."""
+    """Read all logs of a folder straight into trajectories; see `load_logs` for arguments and errors."""
     logs = load_logs(directory, machine, config, loop_tracker)
     return [trajectory for log in logs for trajectory in log.trajectories]
 
@@ -220,12 +218,12 @@ def load_logs(
 
 
 def first_validation_row(n_rows: int, fraction: float) -> int:
-    """Return the row from which on rows are for validation: the last `fraction` of them are."""
+    """Return the first validation row; the last `fraction` of the rows are for validation."""
     return n_rows - round(fraction * n_rows)
 
 
 def _known_stretches(rows: Iterable[GridRows]) -> Iterator[GridRows]:
-    """Cut stretches where the command in force is unknown."""
+    """Split stretches where the command in force is unknown."""
     number, last = -1, (-1, False)
     for part in rows:
         known = np.isfinite(part.a).all(axis=1)

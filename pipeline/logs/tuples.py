@@ -1,4 +1,4 @@
-"""Tuples (q, q̇, a) at the machine's rate, in and out of Parquet (contract, section 2)."""
+"""Tuples (q, q̇, a) at the machine's rate, read from and written to Parquet (contract, section 2)."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import pyarrow
 from pyarrow.parquet import ParquetFile, ParquetWriter, read_schema
 
 from pipeline.errors import InputError
-from pipeline.files.atomic import replacing
+from pipeline.files.atomic import atomic_path
 from pipeline.machine.specification import MachineSpecification
 
 TRAIN, VALIDATION = "train", "validation"
@@ -20,7 +20,7 @@ ROW_GROUP_ROWS = 1 << 14
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A stretch of tuples without gaps.
+    """A gap-free stretch of tuples.
 
     Attributes:
         name: Bag name, with `#n` appended for the n-th stretch after a gap.
@@ -45,7 +45,7 @@ class Trajectory:
 
 
 def validation_part(trajectory: Trajectory) -> Trajectory:
-    """Return the trajectory's validation rows, which lie at its end, as a trajectory of their own."""
+    """Return the validation rows at the trajectory's end as a trajectory."""
     rows = trajectory.is_validation
     columns = {
         name: getattr(trajectory, name)[rows] for name in ("t_s", "stamp_ns", "q", "qd", "a", "is_validation")
@@ -54,12 +54,12 @@ def validation_part(trajectory: Trajectory) -> Trajectory:
 
 
 def write_tuples(path: Path, machine: MachineSpecification, sections: Iterable[Trajectory]) -> None:
-    """Write one Parquet file, at once or not at all, byte for byte alike for alike tuples.
+    """Write one Parquet file atomically; equal tuples give equal bytes.
 
     Args:
-        path: The file; its folder is made if need be.
+        path: The file; a missing folder is created.
         machine: Gives the columns' names.
-        sections: Trajectories in their order, whole or in sections that follow each other.
+        sections: Trajectories in their order, whole or in consecutive sections.
 
     Raises:
         InputError: The file cannot be written.
@@ -67,7 +67,7 @@ def write_tuples(path: Path, machine: MachineSpecification, sections: Iterable[T
     schema = _schema(machine)
     repeating = [name for name in schema.names if name.startswith("a_") or name in ("trajectory", "split")]
     with (
-        replacing(path) as partial,
+        atomic_path(path) as partial,
         ParquetWriter(partial, schema, compression="zstd", use_dictionary=repeating) as writer,
     ):
         for group in _row_groups(sections):
@@ -79,7 +79,7 @@ def read_tuples(directory: Path, machine: MachineSpecification) -> list[Trajecto
     """Read all tuples of a folder, in the order of file names and of trajectories within them.
 
     Raises:
-        InputError: The folder holds none, or a file is not one of this machine's tuples.
+        InputError: The folder holds no tuples, or a file does not hold this machine's tuples.
     """
     paths = sorted(path for path in directory.glob(f"*{SUFFIX}") if not path.name.startswith("."))
     if not paths:
@@ -89,8 +89,8 @@ def read_tuples(directory: Path, machine: MachineSpecification) -> list[Trajecto
     return [trajectory for path in paths for trajectory in _read(path, machine)]
 
 
-def are_tuples(path: Path) -> bool:
-    """Whether a Parquet file is one that `write_tuples` wrote, of any machine."""
+def is_tuple_file(path: Path) -> bool:
+    """Whether `write_tuples` wrote the Parquet file, for any machine."""
     try:
         names = read_schema(path).names
     except (OSError, pyarrow.ArrowException):
@@ -99,14 +99,14 @@ def are_tuples(path: Path) -> bool:
 
 
 def thinned_positions(path: Path, machine: MachineSpecification, maximum_rows: int) -> np.ndarray:
-    """Return every n-th row's positions of one file, at most `maximum_rows`, shape (n_rows, n_joint).
+    """Return the positions of every n-th row of one file, at most `maximum_rows`, shape (n_rows, n_joint).
 
-    Only a row group is held in memory at a time.
+    Memory holds one row group at a time.
     """
     names = [f"q_{joint}" for joint in machine.joint_names]
     file = ParquetFile(path)
     stride = max(1, -(-file.metadata.num_rows // maximum_rows))
-    parts, behind = [], 0  # rows since the last one that was taken
+    parts, behind = [], 0  # rows since the last one taken
     for batch in file.iter_batches(columns=names):
         values = np.stack([batch.column(name).to_numpy() for name in names], axis=1)
         parts.append(values[-behind % stride :: stride])
@@ -115,7 +115,7 @@ def thinned_positions(path: Path, machine: MachineSpecification, maximum_rows: i
 
 
 def columns(machine: MachineSpecification) -> list[str]:
-    """Return the columns' names in their order."""
+    """Return the columns' names in order."""
     joints = [f"{prefix}_{joint}" for prefix in ("q", "qd", "a") for joint in machine.joint_names]
     return ["trajectory", "t", "stamp", *joints, "split"]
 
@@ -126,7 +126,7 @@ def _schema(machine: MachineSpecification) -> pyarrow.Schema:
 
 
 def _row_groups(sections: Iterable[Trajectory]) -> Iterator[list[Trajectory]]:
-    """Gather short trajectories, so that no row group is needlessly small."""
+    """Gather short trajectories into row groups of sufficient size."""
     group: list[Trajectory] = []
     for section in sections:
         group.append(section)

@@ -1,4 +1,4 @@
-"""The robot description (URDF) read with MuJoCo and held against the machine's specification."""
+"""The robot description (URDF), read with MuJoCo and checked against the machine's specification."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +43,7 @@ def arm_description(machine: MachineSpecification) -> ArmDescription:
     """The machine's `arm` section.
 
     Raises:
-        InputError: it has none.
+        InputError: the specification has no such section.
     """
     if machine.arm is None:
         raise InputError(
@@ -57,7 +57,6 @@ def urdf_path(machine: MachineSpecification, directory: Path) -> Path:
     """Path of the machine's URDF.
 
     Args:
-        machine: the machine.
         directory: where conf/machine lies.
 
     Raises:
@@ -98,7 +97,6 @@ def load_description(machine: MachineSpecification, directory: Path) -> RobotDes
     """Reads the machine's URDF and checks that it describes this machine.
 
     Args:
-        machine: the machine.
         directory: where conf/machine lies.
 
     Raises:

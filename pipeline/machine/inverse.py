@@ -19,7 +19,7 @@ from pipeline.machine.orientation import yaw_pitch
 from pipeline.machine.specification import MachineSpecification
 
 START_FRACTION = 0.25  # starts lie this share of the range inside the limits
-SOLVER_TOLERANCE = 1e-14  # relative, near what float64 allows
+SOLVER_TOLERANCE = 1e-14  # relative, near float64's precision
 SAME_CONFIGURATION = 1e-3  # rad or m: solutions closer than this are one
 POSE_TOLERANCE = 1e-5  # m and rad: what counts as reaching a pose, which logs hold in float32 at times
 
@@ -50,7 +50,6 @@ def solve_inverse(machine: MachineSpecification, arm: Arm, pose: Pose) -> Soluti
     is assumed about the arm's structure.
 
     Args:
-        machine: the machine.
         arm: its kinematics.
         pose: one pose in {B}: position (3,) in m, quaternion (4,) of either sign.
 
@@ -110,14 +109,14 @@ class _Chain:
         self.pitch_gradient = np.array([arm.pitch(row) - arm.pitch(zero) for row in np.eye(machine.n_joint)])
 
     def position(self, q: np.ndarray) -> np.ndarray:
-        """Of the tip in {B}, m, shape (3,)."""
+        """Position of the tip in {B}, m, shape (3,)."""
         self._data.qpos[:] = q[self._description.joint_order]
         mujoco.mj_kinematics(self._description.model, self._data)
         rotation = self._data.xmat[self._body].reshape(3, 3)
         return self._data.xpos[self._body] + rotation @ self._description.end_effector_position
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Of the tip's position, shape (3, n_joint)."""
+        """Jacobian of the tip's position, shape (3, n_joint)."""
         point = self.position(q)
         mujoco.mj_comPos(self._description.model, self._data)
         rows = np.zeros((3, self._description.model.nv))

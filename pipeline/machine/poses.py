@@ -3,7 +3,7 @@
 Poses are drawn as configurations, uniformly over the box of joint limits, and kept if their pose lies in W+
 and meets the conditions. The paper selects "a random initial configuration ... such that" these hold, and its
 observations and reward need a target's configuration beside its pose; uniform in configuration space gives
-both without inverse kinematics, and covers what the joints can do evenly. In W+ itself the density is
+both without inverse kinematics, and covers the joints' ranges evenly. In W+ itself the density is
 therefore not uniform: it goes with the inverse of the Jacobian's determinant, so it is higher near the swing
 axis and near full stretch.
 """
@@ -48,7 +48,7 @@ def workspace_of(machine: MachineSpecification) -> WorkspaceSpecification:
     """The machine's `workspace` section.
 
     Raises:
-        InputError: it has none.
+        InputError: the specification has no such section.
     """
     if machine.workspace is None:
         raise InputError(
@@ -138,7 +138,6 @@ def sample_configurations(
 
     Args:
         key: JAX key; the same key gives the same configurations.
-        machine: the machine.
         arm: its kinematics.
         conditions: bounds on pitch and height, besides W+.
         n: how many.

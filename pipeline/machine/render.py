@@ -82,7 +82,7 @@ class ArmRenderer:
         self._rectangle = mujoco.MjrRect(0, 0, width, height)
 
     def __enter__(self) -> "ArmRenderer":
-        """Nothing beyond construction."""
+        """Returns the renderer; its context exists already."""
         return self
 
     def __exit__(
@@ -116,7 +116,7 @@ class ArmRenderer:
             The picture, uint8, shape (height, width, 3).
 
         Raises:
-            InputError: there is no such view.
+            InputError: the view is unknown.
         """
         if view not in VIEWS:
             raise InputError(f"no view {view!r} of the machine; there are {', '.join(VIEWS)}")
@@ -147,7 +147,7 @@ class ArmRenderer:
         return picture[::-1].copy()  # OpenGL's first row is the lowest
 
     def _keep_workspace_from_casting_shadows(self) -> None:
-        """MuJoCo lets translucent shapes cast full shadows, decorative ones none."""
+        """Redraws translucent shapes as decoration: MuJoCo lets them cast full shadows otherwise."""
         for geom in self._scene.geoms[: self._scene.ngeom]:
             if geom.rgba[3] < 1.0:
                 geom.category = mujoco.mjtCatBit.mjCAT_DECOR
@@ -231,7 +231,7 @@ def render_frame(
         The picture, uint8, shape (height, width, 3).
 
     Raises:
-        InputError: the machine cannot be drawn, OpenGL is missing, or there is no such view.
+        InputError: the machine cannot be drawn, OpenGL is missing, or the view is unknown.
     """
     with ArmRenderer(machine, directory, width, height) as renderer:
         return renderer.frame(q, target, view=view)
@@ -246,7 +246,7 @@ def save_film(pictures: Sequence[np.ndarray], path: Path, frames_per_second: flo
         frames_per_second: of the animation.
 
     Raises:
-        InputError: there is no picture, or the suffix is another.
+        InputError: `pictures` is empty, or the suffix is neither.
     """
     if not pictures:
         raise InputError(f"{path}: no picture to write; give at least one configuration")
@@ -270,7 +270,6 @@ def render_film(
     """Draws a motion, with the path of the chisel tip so far.
 
     Args:
-        machine: the machine.
         directory: where conf/machine lies.
         configurations: rad (m), shape (T, n_joint).
         targets: target pose at each of the T steps, or None.
@@ -283,7 +282,7 @@ def render_film(
         T pictures, uint8, shape (height, width, 3); `save_film` writes them.
 
     Raises:
-        InputError: the machine cannot be drawn, OpenGL is missing, or there is no such view.
+        InputError: the machine cannot be drawn, OpenGL is missing, or the view is unknown.
     """
     with ArmRenderer(machine, directory, width, height) as renderer:
         return [

@@ -1,4 +1,4 @@
-"""What the pipeline knows of a machine: the content of `conf/machine/<name>.yaml`.
+"""The specification of a machine: the content of `conf/machine/<name>.yaml`.
 
 Nothing outside that file and the robot description knows joint names, the number of joints, or whether
 commands are discrete. The dataclasses are mutable because Hydra's structured configs must be.
@@ -33,7 +33,7 @@ class CommandKind(enum.StrEnum):
 
 
 class CommandSourceKind(enum.StrEnum):
-    """How commands stand in the logs (contract, section 1)."""
+    """Message format of the commands in the logs (contract, section 1)."""
 
     array = (
         "array"  # Int8MultiArray, Float32MultiArray, Float64MultiArray: one value per joint, in joint order
@@ -171,7 +171,7 @@ class MachineSpecification:
 
     @property
     def dt_s(self) -> float:
-        """Length of one time step."""
+        """Time step, s."""
         return 1.0 / self.rate_hz
 
     @property
@@ -191,7 +191,7 @@ class MachineSpecification:
 
     @property
     def error_scale(self) -> np.ndarray:
-        """What position errors are divided by before they are summed over joints, shape (n_joint,).
+        """Divisor of position errors before they are summed over joints, shape (n_joint,).
 
         One where all joints share a unit (the paper's loss); the joint range where units are mixed
         (contract, section 4).

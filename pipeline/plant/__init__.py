@@ -1,1 +1,1 @@
-"""The simulated machine: hydraulics, load, sensors, the operator who drives it, and effects to be found."""
+"""The simulated machine: hydraulics, load, sensors, the scripted operator, and undeclared effects."""

@@ -4,6 +4,6 @@ import os
 
 from numba import njit
 
-# Numba takes a compiled function from its store if the function's own file is unchanged, whatever became of the files
-# of the functions that it calls. So nothing is stored unless somebody names a folder, which should begin empty.
+# Numba reuses a stored function if the function's own file is unchanged, even if the functions that it calls have
+# changed. So nothing is stored unless the user names a folder, which should be empty at first.
 compiled = njit(cache="NUMBA_CACHE_DIR" in os.environ)

@@ -1,7 +1,7 @@
 """Every physical quantity of the simulated machine, with its unit.
 
 Named tuples: the compiled inner loop takes them as they are, and a change of a quantity (an effect, a
-machine variant) is a `_replace`. Values and their sources stand in `bobcat_e10.py`.
+machine variant) is a `_replace`. `bobcat_e10.py` holds values and their sources.
 
 Shapes: `(n,)` one value per joint in the machine's joint order, `(n, 2)` one per joint and direction of
 motion, index 0 for the negative and 1 for the positive direction of the joint. Each cylinder has two
@@ -30,7 +30,7 @@ class Pilot(NamedTuple):
     """Electro-hydraulic pilot stage: controller cycle, electro-valve, pilot hose (one per direction)."""
 
     controller_cycle_s: float
-    """The controller reads commands once per cycle, at a phase that nobody controls."""
+    """The controller reads commands once per cycle, at a random phase."""
     dead_time_s: FloatArray
     """(n, 2) Bus, solenoid current rise and hose transport."""
     set_pressure_Pa: FloatArray
@@ -54,7 +54,7 @@ class Pilot(NamedTuple):
     supply_sag: float
     """1. Relative loss of pilot pressure when all pilots have lately been active."""
     supply_time_constant_s: float
-    """Over how long 'lately' reaches."""
+    """Time constant of that average of recent activity."""
 
 
 class Spool(NamedTuple):
@@ -108,7 +108,7 @@ class Supply(NamedTuple):
     hose_modulus_Pa: float
     """Equivalent bulk modulus of the elastic line between them."""
     return_pressure_Pa: float
-    """Back pressure of the return line and filter."""
+    """Back pressure of return line and filter."""
     engine_droop: float
     """1. Relative loss of engine speed at rated power."""
     engine_power_W: float

@@ -9,7 +9,7 @@ N_BODY = 4  # and the payload at the chisel's tip
 
 
 class Scratch(NamedTuple):
-    """Values within one substep; nothing here is remembered. n joints."""
+    """Values within one substep; none persists. n joints."""
 
     mass: np.ndarray  # (n, n) mass matrix
     inverse_mass: np.ndarray  # (n, n)

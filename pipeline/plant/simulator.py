@@ -1,6 +1,6 @@
 """The simulated machine: the compiled loop over substeps and the object that drives it.
 
-The plant stands for the real machine wherever this project speaks of measured data or Sim2Real. It shares no
+The plant represents the real machine wherever this project uses measured data or Sim2Real. It shares no
 form with the learned models: from discrete commands it integrates pilot stage, spools, pump, chambers,
 rigid-body load, friction, stops and oil temperature, and publishes encoder readings.
 """
@@ -152,9 +152,9 @@ class PlantSample:
 
 
 class Plant:
-    """A simulated machine in the state that its past commands left it in.
+    """A simulated machine and its state.
 
-    The same parameters, seed, start and commands give the same samples, however the commands are divided
+    The same parameters, seed, start and commands give the same samples, independent of the division of commands
     over calls.
     """
 
@@ -162,7 +162,7 @@ class Plant:
         """A machine at rest in `start_configuration`, (n_joint,), rad.
 
         Raises:
-            InputError: the start lies outside the stops, or a dead time exceeds what the plant remembers.
+            InputError: the start lies outside the stops, or a dead time exceeds the plant's memory.
         """
         self.parameters = parameters
         self._parameter_record = pack(parameters)
@@ -198,11 +198,11 @@ class Plant:
 
     @property
     def time_s(self) -> float:
-        """Since the start."""
+        """Time since the start, s."""
         return self._n_period * self.parameters.numerics.control_period_s
 
     def change(self, parameters: Parameters) -> None:
-        """Go on with other parameters from now on; the state stays."""
+        """Replace the parameters; the state is kept."""
         self.parameters = parameters
         self._parameter_record = pack(parameters)
 
@@ -241,7 +241,7 @@ class Plant:
             trace,
         )
         step_s = numerics.substep_s * numerics.trace_stride
-        # times from whole counts, so that they do not depend on how the calls are divided
+        # times from integer counts, so that they do not depend on the division of calls
         trace_s = step_s * (self._n_row + 1.0 + np.arange(n_row))
         period_s = numerics.control_period_s
         begins = period_s * (self._n_period + np.arange(n_period))

@@ -17,7 +17,7 @@ N_VOLUME = 5
 
 
 class State(NamedTuple):
-    """Everything that the plant remembers from one substep to the next."""
+    """The plant's complete state between substeps."""
 
     angle_rad: np.ndarray  # (n,) on the drive's side of the pin clearance
     velocity_rad_s: np.ndarray  # (n,)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.logs.messages.columns import whole
+from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.raw_log import TargetPoses
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.kinematics import Arm
@@ -70,7 +70,7 @@ def logged_trials(
         In time order; none for targets without a tick before the next one, and for target poses that are none
         (a value that is not finite, or a quaternion of zeros).
     """
-    time_ns, position, quaternion = map(whole, (targets.log_time_ns, targets.position, targets.quaternion))
+    time_ns, position, quaternion = map(as_array, (targets.log_time_ns, targets.position, targets.quaternion))
     order = np.argsort(time_ns, kind="stable")
     poses = np.concatenate([position, quaternion], axis=1)[order]
     usable = np.isfinite(poses).all(axis=1) & (np.abs(poses[:, 3:]).max(axis=1) > 0)

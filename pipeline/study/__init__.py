@@ -1,1 +1,1 @@
-"""Hyper-parameter studies that any number of workers share and that survive the death of any of them."""
+"""Hyper-parameter studies that several workers share and that survive the death of any worker."""

@@ -1,4 +1,4 @@
-"""Section `search` of a profile: what is searched, how, and by which rule a model is selected from it."""
+"""Section `search` of a profile: search spaces, the study, and the rule that selects a model."""
 
 from dataclasses import dataclass
 
@@ -14,11 +14,11 @@ class SearchConfig:
     """Section `search`.
 
     Attributes:
-        n_trials: Hyper-parameter sets that a study tries, over all its workers.
-        study: How.
-        spaces: Per parameterization what is tried; the same for both targets.
-        selection: Which of the tried models is selected.
-        timed_calls: Calls of one model step that an inference time is measured over.
+        n_trials: Number of hyper-parameter sets in a study, over all its workers.
+        study: How trials are proposed, ended and handed on.
+        spaces: Search space per parameterization; both targets share it.
+        selection: Rule that selects a model among the trials.
+        timed_calls: Number of model steps over which inference time is measured.
     """
 
     n_trials: int

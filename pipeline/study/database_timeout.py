@@ -1,4 +1,4 @@
-"""How long a database that does not answer is waited for, before any work has begun."""
+"""Connection time-out of a database."""
 
 import os
 from typing import TYPE_CHECKING
@@ -8,16 +8,16 @@ if TYPE_CHECKING:
 
 CONNECT_TIMEOUT_S = 10
 KEY = "connect_timeout"
-# Drivers that know the key; others fail on one they do not know.
+# Drivers that accept the key; the others fail on it.
 DRIVERS = ("psycopg", "psycopg2", "mysqldb", "pymysql")
 VARIABLE = "PGCONNECT_TIMEOUT"  # PostgreSQL's own
 
 
 def engine_options(url: "URL") -> dict[str, object]:
-    """Arguments of `sqlalchemy.create_engine`; a time-out of the user's own, in URL or environment, has precedence.
+    """Arguments of `sqlalchemy.create_engine`; a time-out in URL or environment has precedence.
 
     Raises:
-        SQLAlchemyError: There is no such kind of database.
+        SQLAlchemyError: The kind of database is unknown.
     """
     is_given = KEY in url.query or (url.get_backend_name() == "postgresql" and VARIABLE in os.environ)
     if is_given or url.get_driver_name() not in DRIVERS:

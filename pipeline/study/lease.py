@@ -1,4 +1,4 @@
-"""A worker's hold on an attempt: it says that it lives until it ends the attempt, or finds that others took it over."""
+"""A worker's lease on an attempt: a heartbeat until the attempt ends or another worker takes it over."""
 
 import threading
 import time
@@ -17,7 +17,7 @@ class LostError(Exception):
 
 
 class Lease:
-    """Hold of this process on a running attempt, from `start` to `end`."""
+    """Lease of this process on a running attempt, from `start` to `end`."""
 
     def __init__(self, attempt: optuna.Trial, heartbeat_s: float) -> None:
         self._attempt = attempt
@@ -33,7 +33,7 @@ class Lease:
         return time.monotonic() - self._start_s
 
     def start(self) -> None:
-        """Say for the first time that this worker lives, and go on doing so."""
+        """Send the first heartbeat and keep sending."""
         self._attempt.set_user_attr(SECONDS, 0.0)
         self._thread.start()
 
@@ -43,7 +43,7 @@ class Lease:
             raise LostError
 
     def end(self, state: AttemptState, value: float | None, attributes: dict[str, Any]) -> None:
-        """Record how the attempt ended.
+        """Record the attempt's end.
 
         Raises:
             LostError: if others have taken the trial over; then nothing is recorded.
@@ -70,4 +70,4 @@ class Lease:
                 self._lost.set()
                 return
             except (optuna.exceptions.OptunaError, SQLAlchemyError, OSError):
-                continue  # the storage may be back before the others give this worker up
+                continue  # the storage may be back before the lease expires

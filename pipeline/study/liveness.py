@@ -1,4 +1,4 @@
-"""Who a worker process is, so that others can tell whether it still lives."""
+"""Identity of a worker process, from which others can tell whether it still runs."""
 
 import contextlib
 import os
@@ -10,12 +10,12 @@ _SEPARATOR = "@"
 
 
 def own_identity() -> str:
-    """This process, among all processes of all computers: its number, its start and its computer."""
+    """Process number, start time and computer: unique over all computers."""
     return _identity(psutil.Process())
 
 
 def is_known_dead(identity: str) -> bool:
-    """Whether the process has certainly ended; False where it runs on another computer, which cannot be asked."""
+    """Whether the process has certainly ended; always False for another computer."""
     if not identity.endswith(f"{_SEPARATOR}{_computer()}"):
         return False
     with contextlib.suppress(psutil.Error, ValueError):

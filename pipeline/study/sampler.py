@@ -1,4 +1,4 @@
-"""Proposals and pruning, with a generator of its own for each trial: the n-th trial's does not depend on who asks."""
+"""Proposals and pruning, with a generator per trial: trial n's draws do not depend on the worker."""
 
 from typing import Any
 
@@ -15,17 +15,17 @@ from pipeline.study.trials import trial_number
 class SeededPerTrial(BaseSampler):
     """The configured sampler, seeded anew by (seed, number of the trial) before each trial.
 
-    With one worker the proposals are then the same whether or not it was killed and started again in between.
+    With one worker, the proposals are then the same even if it is killed and restarted.
     """
 
     def __init__(self, settings: StudySettings) -> None:
         self._settings = settings
         self._sampler: BaseSampler = _build(settings, 0)
-        self.whole_study: optuna.Study | None = None  # a pruner may show a sampler but a part of it
+        self.full_study: optuna.Study | None = None  # a pruner may pass a sampler only part of it
 
     def before_trial(self, study: optuna.Study, trial: FrozenTrial) -> None:
         """Seed."""
-        attempts = (self.whole_study or study).get_trials(deepcopy=False)
+        attempts = (self.full_study or study).get_trials(deepcopy=False)
         number = trial_number(attempts, trial.number)
         self._sampler = _build(self._settings, number)
         self._sampler.before_trial(study, trial)
@@ -50,7 +50,7 @@ class SeededPerTrial(BaseSampler):
 
 
 def build_pruner(settings: StudySettings, maximum_epochs: int) -> optuna.pruners.BasePruner:
-    """The configured pruner, on the value after each epoch."""
+    """The configured pruner, which judges the value after each epoch."""
     match settings.pruner:
         case Pruner.none:
             return optuna.pruners.NopPruner()

@@ -1,4 +1,4 @@
-"""How a study proposes and ends trials, and hands them from worker to worker: section `search.study` of a profile."""
+"""Section `search.study` of a profile: how a study proposes, prunes and re-assigns trials."""
 
 import enum
 from dataclasses import dataclass
@@ -7,14 +7,14 @@ from pipeline.errors import InputError
 
 
 class SamplerKind(enum.StrEnum):
-    """How hyper-parameters are proposed; the paper names none."""
+    """How hyper-parameters are proposed; the paper does not say."""
 
     tpe = "tpe"  # tree-structured Parzen estimator (Bergstra et al., 2011)
     random = "random"
 
 
 class Pruner(enum.StrEnum):
-    """How unpromising trials are ended early; the paper has none."""
+    """How unpromising trials are ended early; the paper does not prune."""
 
     none = "none"
     median = "median"  # worse than the median of the earlier trials at the same epoch
@@ -23,18 +23,18 @@ class Pruner(enum.StrEnum):
 
 @dataclass
 class StudySettings:
-    """How trials are proposed, ended, and handed from a dead worker to a live one.
+    """How trials are proposed, ended, and passed from a dead worker to a live one.
 
     Attributes:
-        seed: Of the proposals; the n-th trial's draw with a generator of their own.
+        seed: Of the proposals; each trial has its own generator.
         sampler: Proposes hyper-parameters.
-        startup_trials: Trials that the sampler `tpe` draws at random before it models the others' results.
+        startup_trials: Trials that the sampler `tpe` draws at random before it models results.
         pruner: Ends unpromising trials.
-        pruner_warmup_epochs: Epochs that a trial always gets.
-        heartbeat_s: How often a worker says that it lives.
-        stale_after_s: A trial whose worker (on another computer) has not been heard for so long is taken over.
-            A worker of the same computer is known to be dead at once.
-        maximum_attempts: A trial whose worker died so often is given up: it may be what kills them.
+        pruner_warmup_epochs: Epochs before a trial can be pruned.
+        heartbeat_s: Interval between a worker's heartbeats.
+        stale_after_s: A trial is taken over after this time without a heartbeat from another computer.
+            A dead worker on the same computer is detected at once.
+        maximum_attempts: A trial is given up after so many dead workers: the trial may cause the deaths.
     """
 
     seed: int

@@ -1,4 +1,4 @@
-"""Where studies are kept: a journal file, or a database that workers on several computers share."""
+"""Storage of studies: a journal file, or a database that workers on several computers share."""
 
 import contextlib
 import fcntl
@@ -14,15 +14,15 @@ from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 from pipeline.errors import InputError
 from pipeline.study.database_timeout import engine_options
 
-_CREATION_LOCK = 0x68617264  # any number that other programs on the database do not lock
+_CREATION_LOCK = 0x68617264  # arbitrary; other programs on the database must not lock it
 _JOURNAL_BEGINNING = b'{"op_code":'  # of every line that Optuna writes
 
 
 class FileLock(JournalFileOpenLock):
     """Excludes other processes while one writes to the journal.
 
-    The kernel releases it when its holder is killed, which Optuna's own locks wait half a minute for. Needs a file
-    system with `flock` (Linux's own, NFS from version 4).
+    The kernel releases it when its holder is killed; Optuna's own locks wait half a minute. It needs a file system
+    with `flock` (Linux's own, NFS from version 4).
     """
 
     def __init__(self, journal: Path) -> None:
@@ -31,14 +31,14 @@ class FileLock(JournalFileOpenLock):
         self._file: IO[str] | None = None
 
     def acquire(self) -> bool:
-        """Wait for the lock; then cut off a line that a computer's crash or a full disk left unfinished."""
+        """Wait for the lock; then cut off a line that a crash or a full disk left unfinished."""
         self._file = self._journal.with_name(f"{self._journal.name}.lock").open("a")
         fcntl.flock(self._file, fcntl.LOCK_EX)
         self._cut_unfinished_line()
         return True
 
     def release(self) -> None:
-        """Give the lock back."""
+        """Release the lock."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -55,13 +55,13 @@ class FileLock(JournalFileOpenLock):
 
 
 def open_storage(storage: str) -> optuna.storages.BaseStorage:
-    """Open a storage, and create it where there is none.
+    """Open a storage; create it if it is missing.
 
     Args:
         storage: A path (a journal file), or the URL of a database: `postgresql://…`, `sqlite:///…`.
 
     Raises:
-        InputError: if the database cannot be reached, its driver is not installed, or the file is no journal.
+        InputError: if the database cannot be reached, its driver is not installed, or the file is not a journal.
     """
     if "://" not in storage:
         return _open_journal(Path(storage))
@@ -71,20 +71,20 @@ def open_storage(storage: str) -> optuna.storages.BaseStorage:
             return optuna.storages.RDBStorage(storage, engine_kwargs=_engine_options(url))
     except (ImportError, sqlalchemy.exc.NoSuchModuleError) as error:
         raise InputError(
-            f"storage={shown(storage)}: no driver for this database is installed ({error}); use postgresql://…, "
-            "sqlite:///… or a path"
+            f"storage={without_password(storage)}: no driver for this database is installed ({error}); "
+            "use postgresql://…, sqlite:///… or a path"
         ) from error
     except sqlalchemy.exc.SQLAlchemyError as error:
         raise InputError(
-            f"storage={shown(storage)}: {getattr(error, 'orig', None) or error}; "
+            f"storage={without_password(storage)}: {getattr(error, 'orig', None) or error}; "
             "is the database up, and may this user create tables in it?"
         ) from error
 
 
 def _open_journal(path: Path) -> optuna.storages.BaseStorage:
-    """A file of anything else is left as it is: opening a journal cuts off what looks like an unfinished line."""
+    """Check the file first: opening a journal cuts off an unfinished line, which would damage any other file."""
     refusal = InputError(
-        f"storage={path}: no journal of studies, or a damaged one; name another file, or one that is not there"
+        f"storage={path}: not a journal of studies, or a damaged one; name another file, or a new one"
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.exists():
@@ -94,26 +94,26 @@ def _open_journal(path: Path) -> optuna.storages.BaseStorage:
             raise refusal
     try:
         return optuna.storages.JournalStorage(JournalFileBackend(str(path), FileLock(path)))
-    # what Optuna makes of lines that are none of its own
+    # Optuna's errors for foreign lines
     except (ValueError, LookupError, TypeError) as error:
         raise refusal from error
 
 
-def shown(storage: str) -> str:
-    """The storage as it may be printed."""
+def without_password(storage: str) -> str:
+    """The storage's address without its password."""
     return storage if "://" not in storage else _parse(storage).render_as_string(hide_password=True)
 
 
 def refuse_password(storage: str) -> None:
-    """Configurations are printed, tracked and kept with the results, so a password must not stand in one.
+    """Refuse a URL with a password: configurations are printed, tracked and kept with the results.
 
     Raises:
-        InputError: if it does, or if the URL is none.
+        InputError: if the URL holds a password or cannot be parsed.
     """
     if "://" in storage and _parse(storage).password is not None:
         raise InputError(
-            f"storage={shown(storage)}: this would be tracked with the password in it; leave the password out and "
-            "give it as PGPASSWORD or in ~/.pgpass"
+            f"storage={without_password(storage)}: this would be tracked with the password in it; leave the password "
+            "out and give it as PGPASSWORD or in ~/.pgpass"
         )
 
 
@@ -127,13 +127,13 @@ def _parse(storage: str) -> sqlalchemy.URL:
 
 
 def _engine_options(url: sqlalchemy.URL) -> dict[str, object]:
-    # A search may think for minutes between two queries; a connection that was dropped meanwhile is replaced.
+    # Minutes may pass between two queries; a connection that was dropped meanwhile is replaced.
     return {"pool_pre_ping": True} | engine_options(url)
 
 
 @contextlib.contextmanager
 def _creating(url: sqlalchemy.URL) -> Iterator[None]:
-    """Let one process at a time create tables: several that start at once would create the same ones and fail."""
+    """Let one process at a time create tables: simultaneous creation of the same tables fails."""
     if url.get_backend_name() == "postgresql":
         engine = sqlalchemy.create_engine(url, **_engine_options(url))
         try:

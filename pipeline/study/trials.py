@@ -1,7 +1,7 @@
 """Trials and their attempts.
 
 A trial is one set of hyper-parameters, numbered 0 … n-1 within its study. Optuna's own trials are attempts at it: the
-first, and one more each time that a worker died or was interrupted over it. An attempt that ended so has Optuna's state
+first, and one more each time that its worker died or was interrupted. Such an attempt has Optuna's state
 FAIL; the trial is finished as soon as one attempt is COMPLETE or PRUNED.
 """
 
@@ -16,17 +16,17 @@ from optuna.trial import TrialState as AttemptState
 # Attributes of an attempt.
 RETRY_OF = "retry_of"  # number of the trial, on every attempt but the first
 WORKER = "worker"  # identity of the process that runs it
-SECONDS = "seconds"  # spent so far; written again and again, it is the worker's heartbeat
+SECONDS = "seconds"  # spent so far; repeated writing is the worker's heartbeat
 FACTS = "facts"  # what the objective reported beside the value
 REASON = "reason"  # why it ended without a value
 DIVERGED = "diverged"
-SURPLUS = "surplus"  # of two workers that wanted the study's last trial at once, one was too late
+SURPLUS = "surplus"  # two workers claimed the study's last trial; this one was too late
 
 FINISHED = (AttemptState.COMPLETE, AttemptState.PRUNED)
 
 
 class TrialOutcome(enum.StrEnum):
-    """How far a trial is."""
+    """State of a trial."""
 
     complete = "complete"
     pruned = "pruned"
@@ -37,18 +37,18 @@ class TrialOutcome(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial, from all its attempts.
+    """A trial, summed up from all its attempts.
 
     Attributes:
         number: 0 … n-1.
         outcome: How it ended.
-        parameters: Of the search space, by name.
-        value: The objective's; None unless complete.
-        facts: What the objective reported beside it.
-        seconds: Spent on all attempts.
+        parameters: Hyper-parameters by name.
+        value: Value of the objective; None unless complete.
+        facts: Further results that the objective reported.
+        seconds: Time spent on all attempts.
         attempts: Number of attempts that did work on it.
-        worker: Who finished it.
-        reason: Why there is no value.
+        worker: Identity of the worker that finished it.
+        reason: Why `value` is missing.
     """
 
     number: int
@@ -65,8 +65,7 @@ class Trial:
 def group_attempts(attempts: Iterable[FrozenTrial]) -> dict[int, list[FrozenTrial]]:
     """Attempts by the number of their trial, each in the order of their creation.
 
-    A first attempt's trial is its rank among the first attempts, so it never changes and needs no counter that workers
-    would have to share.
+    A first attempt's trial is its rank among the first attempts. The number never changes and needs no shared counter.
     """
     trials: dict[int, list[FrozenTrial]] = {}
     n_retries = 0
@@ -91,7 +90,7 @@ def trial_number(attempts: Iterable[FrozenTrial], attempt_number: int) -> int:
 
 
 def deaths(attempts: Iterable[FrozenTrial]) -> int:
-    """How many workers died over these attempts: those that failed and could not say why."""
+    """Number of workers that died over these attempts: those that failed without a reason."""
     return sum(
         attempt.state is AttemptState.FAIL and REASON not in attempt.user_attrs for attempt in attempts
     )

@@ -1,12 +1,12 @@
-"""A worker: takes trials of a study until all are finished, whoever else does or dies meanwhile.
+"""A worker: runs trials of a study until all are finished, beside other workers that may die.
 
-Workers know of each other only through the storage. What makes the study exact:
+Workers know of each other only through the storage. These rules keep the number of trials exact:
 
-- Optuna numbers attempts uniquely, and a trial's number follows from that (`trials.group_attempts`). Who finds its
-  trial beyond the study's last gives it back.
+- Optuna numbers attempts uniquely, and a trial's number follows from that (`trials.group_attempts`). A worker
+  whose trial lies beyond the study's last gives it back.
 - An attempt whose worker has died is failed, and a retry with the same hyper-parameters is queued. Several workers
   may queue one at once; the earliest attempt that has not failed owns the trial, the others are given back.
-- A worker that was only thought dead cannot record its result any more, as its attempt has failed.
+- A live worker that passed for dead cannot record its result, as its attempt has failed.
 """
 
 import contextlib
@@ -44,26 +44,26 @@ from pipeline.study.trials import (
     trial_number,
 )
 
-LONGEST_WAIT_S = 1.0  # between two looks at what the other workers do
+LONGEST_WAIT_S = 1.0  # between two polls of the other workers' progress
 
 Proposal = TypeVar("Proposal")
 
 
 class DivergedError(Exception):
-    """The objective has no finite value here. The sampler learns that it is a bad place."""
+    """The objective has no finite value here; the sampler avoids this region."""
 
 
 class RunningTrial:
-    """What an objective sees of the trial that it evaluates."""
+    """The objective's view of the trial that it evaluates."""
 
     def __init__(self, attempt: optuna.Trial, number: int, lease: Lease, reported: set[int] | None) -> None:
         self.number = number
         self._attempt = attempt
         self._lease = lease
-        self._reported = reported  # epochs that an earlier attempt reported; None: nothing is pruned
+        self._reported = reported  # epochs that an earlier attempt reported; None: no pruning
 
     def report(self, epoch: int, value: float) -> None:
-        """Report the value after an epoch. Raises to end the trial: let the exception pass."""
+        """Report the value after an epoch; an exception ends the trial and must not be caught."""
         self._lease.check()
         if self._reported is None:
             return
@@ -84,9 +84,9 @@ class Study(Generic[Proposal]):
 
         Args:
             storage: See `storage.open_storage`.
-            name: Of the study; workers that give the same name share it.
+            name: Name of the study; workers that give the same name share it.
             settings: How trials are proposed, ended and handed on.
-            maximum_epochs: Of any trial.
+            maximum_epochs: Most epochs of any trial.
 
         Raises:
             InputError: if the storage cannot be opened.
@@ -95,7 +95,7 @@ class Study(Generic[Proposal]):
         self.name = name
         self.identity = own_identity()
         self._settings = settings
-        self._shown_storage = storages.shown(storage)
+        self._storage_address = storages.without_password(storage)
         sampler = SeededPerTrial(settings)
         self._study = optuna.create_study(
             study_name=name,
@@ -105,11 +105,11 @@ class Study(Generic[Proposal]):
             direction="minimize",
             load_if_exists=True,
         )
-        sampler.whole_study = self._study
+        sampler.full_study = self._study
         self._heard: dict[int, tuple[object, float]] = {}
 
     def trials(self) -> list[Trial]:
-        """All trials in the order of their numbers, also those that are not finished."""
+        """All trials in the order of their numbers, unfinished ones included."""
         grouped = group_attempts(self._study.get_trials(deepcopy=False))
         return [
             read_trial(number, attempts, self._settings.maximum_attempts)
@@ -137,13 +137,13 @@ class Study(Generic[Proposal]):
         A trial whose hyper-parameters equal those of a complete one takes its value: training is deterministic.
 
         Args:
-            n_trials: The study's total.
+            n_trials: Number of trials in the study.
             propose: Chooses hyper-parameters.
             evaluate: (proposal, trial) -> value to be minimised, facts for the record. May raise `DivergedError`.
             finished: Called with each trial that this worker finished.
 
         Raises:
-            InputError: from `evaluate`, or if the storage fails; the trial is then taken up again at the next start.
+            InputError: from `evaluate`, or if the storage fails; the next start then resumes the trial.
         """
         try:
             while (attempt := self._next_attempt(n_trials)) is not None:
@@ -154,7 +154,7 @@ class Study(Generic[Proposal]):
         except (optuna.exceptions.StorageInternalError, SQLAlchemyError) as error:
             cause = error.__cause__ or error
             raise InputError(
-                f"storage={self._shown_storage}: {getattr(cause, 'orig', None) or cause}; nothing finished is lost: "
+                f"storage={self._storage_address}: {getattr(cause, 'orig', None) or cause}; nothing finished is lost: "
                 "start it again when the storage is back"
             ) from error
 
@@ -162,7 +162,7 @@ class Study(Generic[Proposal]):
         return self._study.get_trials(deepcopy=False)
 
     def _next_attempt(self, n_trials: int) -> optuna.Trial | None:
-        """Claim an attempt; None when all trials are finished. Waits while others run all that is left."""
+        """Claim an attempt; None when all trials are finished. Waits while others run the last ones."""
         while True:
             self._fail_stale()
             grouped = group_attempts(self._attempts())
@@ -198,7 +198,7 @@ class Study(Generic[Proposal]):
         )
 
     def _owns(self, claimed: optuna.Trial, n_trials: int) -> bool:
-        """Whether the claimed attempt is the one that counts; if not, it is given back."""
+        """Whether the claimed attempt owns its trial; if not, it is given back."""
         all_attempts = self._attempts()
         number = trial_number(all_attempts, claimed.number)
         attempts = group_attempts(all_attempts)[number]
@@ -222,7 +222,7 @@ class Study(Generic[Proposal]):
         propose: Callable[[Choose], Proposal],
         evaluate: Evaluate[Proposal],
     ) -> None:
-        """Run an attempt and record how it ended."""
+        """Run an attempt and record its end."""
 
         def choose(name: str, options: Sequence[Value]) -> Value:
             return attempt.suggest_categorical(name, options)
@@ -257,7 +257,7 @@ class Study(Generic[Proposal]):
             lease.stop()
 
     def _twin(self, number: int, parameters: dict[str, Any]) -> Trial | None:
-        """A complete trial with the same hyper-parameters that was computed and not itself copied."""
+        """A complete trial with the same hyper-parameters whose value was computed, not copied."""
         return next(
             (
                 trial
@@ -271,7 +271,7 @@ class Study(Generic[Proposal]):
         )
 
     def _fail_stale(self) -> None:
-        """Fail the attempts of dead workers; those of our own, too, for we run none now."""
+        """Fail the attempts of dead workers, and those of this worker, which runs nothing at this point."""
         now_s = time.monotonic()
         for attempt in self._attempts():
             if attempt.state is not AttemptState.RUNNING:
@@ -284,7 +284,9 @@ class Study(Generic[Proposal]):
                 since_s = now_s
             silent = now_s - since_s > self._settings.stale_after_s
             if silent or (worker is not None and (worker == self.identity or is_known_dead(worker))):
-                with contextlib.suppress(UpdateFinishedTrialError):  # its worker or another one was faster
+                with contextlib.suppress(
+                    UpdateFinishedTrialError
+                ):  # another worker finished or failed it first
                     self._study.tell(attempt.number, state=AttemptState.FAIL, skip_if_finished=True)
 
 
@@ -293,5 +295,5 @@ def _all_failed(attempts: Sequence[FrozenTrial]) -> bool:
 
 
 def _is_free(attempts: Sequence[FrozenTrial]) -> bool:
-    """Whether nobody runs a trial of which these are the attempts: none was started, all failed, or one waits."""
+    """Whether nobody runs the trial of these attempts: no attempt was started, all failed, or one waits."""
     return _all_failed(attempts) or any(attempt.state is AttemptState.WAITING for attempt in attempts)

@@ -1,6 +1,6 @@
 """Runs in MLflow: an experiment per kind of question, a parent run per pipeline run or sweep, a child per stage.
 
-The library knows nothing of this package; stages hand it plain numbers and files.
+The library does not import this package; stages pass it plain numbers and files.
 """
 
 from pipeline.tracking.configuration import TrackingConfiguration

@@ -1,7 +1,6 @@
-"""From an artifact to its runs: `python -m pipeline.tracking PATH` says which runs wrote or read what is there now.
+"""From an artifact to its runs: `python -m pipeline.tracking PATH` lists the runs that wrote or read it.
 
-The other way round, a run's tags `output.<path>` and `input.<path>` hold the hashes by which DVC knows what it wrote
-and read.
+In the other direction, a run's tags `output.<path>` and `input.<path>` hold DVC's hashes of what it wrote and read.
 """
 
 import argparse
@@ -38,10 +37,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def runs_of(path: str, uri: str) -> list[str]:
-    """The runs that wrote or read what lies at a path now, newest first, a line each.
+    """The runs that wrote or read the present content of a path, newest first, a line each.
 
     Raises:
-        InputError: There is nothing at the path, or the store does not answer.
+        InputError: The path is missing, or the store does not answer.
     """
     digest = content_hash(Path(path))
     if digest is None:

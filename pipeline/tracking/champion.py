@@ -1,4 +1,4 @@
-"""Which version of a registered model is the champion: the one that predicts best beside the linear ARX."""
+"""The champion among a registered model's versions: the one with the smallest error relative to the linear ARX."""
 
 import math
 from collections.abc import Mapping
@@ -11,8 +11,8 @@ MODEL, REFERENCE = "model.open_loop_rmse_80.", "arx.open_loop_rmse_80."
 def score(metrics: Mapping[str, float]) -> float | None:
     """Geometric mean over joints of the model's 4-second error over the ARX's on the same rows: smaller is better.
 
-    The ratio has no unit, so joints in rad and in m count alike, and the ARX takes out most of how hard the rows are.
-    None: there are no such metrics.
+    The ratio has no unit, so joints in rad and in m count alike. The ARX removes most of the rows' difficulty.
+    None if a metric is missing.
     """
     ratios = [
         metrics[f"{MODEL}{joint}"] / metrics[f"{REFERENCE}{joint}"]
@@ -24,8 +24,8 @@ def score(metrics: Mapping[str, float]) -> float | None:
     return math.exp(math.fsum(math.log(ratio) for ratio in ratios) / len(ratios))
 
 
-def crown(client: Any, name: str, version: str, run_id: str) -> None:
-    """Give the alias to a new version of registered model `name`, unless the version that has it is better."""
+def promote_if_better(client: Any, name: str, version: str, run_id: str) -> None:
+    """Move the alias to a new version of registered model `name`, unless its present version is better."""
     from mlflow.exceptions import MlflowException
 
     new = score(client.get_run(run_id).data.metrics)

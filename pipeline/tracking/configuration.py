@@ -1,4 +1,4 @@
-"""Where runs are tracked."""
+"""Section `tracking`: where runs are tracked."""
 
 from dataclasses import dataclass
 
@@ -13,12 +13,12 @@ class TrackingConfiguration:
     """Keys of `conf/tracking/*.yaml`.
 
     Attributes:
-        enabled: Whether runs are tracked at all.
-        uri: Of MLflow's tracking store: a server, or a database. A relative SQLite file lies in the project's folder,
-            wherever in it a command is started.
-        artifacts: Where a new experiment puts its artifacts, relative to the project's folder. A server decides itself.
-        experiment: None: each stage's run goes to the experiment of its question (`questions.py`).
-        system_metrics_interval_s: Between two samples of processor, memory, disk and network; None: no samples.
+        enabled: Whether runs are tracked.
+        uri: Address of MLflow's tracking store: a server, or a database. A relative path of a SQLite file starts at
+            the project's folder.
+        artifacts: Folder of a new experiment's artifacts, relative to the project's folder. A server chooses its own.
+        experiment: Name; None: each stage's run goes to the experiment of its question (`experiments.py`).
+        system_metrics_interval_s: Interval of samples of processor, memory, disk and network; None: no samples.
     """
 
     enabled: bool
@@ -35,7 +35,7 @@ class TrackingConfiguration:
             )
 
     def resolved_uri(self) -> str:
-        """The store's address, whatever the folder of the process that reads it."""
+        """The store's address, independent of the current folder."""
         if not self.uri.startswith(SQLITE):
             return self.uri
         return f"{SQLITE}{project_folder() / self.uri.removeprefix(SQLITE)}"

@@ -1,11 +1,11 @@
-"""The kinds of question that runs answer: an experiment each, in which runs can be compared."""
+"""MLflow experiments: one per question, so that comparable runs stand together."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Question:
-    """An experiment: its name, what its runs are to answer, and the stages whose runs they are."""
+    """An experiment: its name, the question that its runs answer, and the stages that run in it."""
 
     experiment: str
     text: str
@@ -24,7 +24,7 @@ QUESTIONS = (
     ),
     Question(
         "changed machine",
-        "What has changed in the machine, and does the mended model predict better?",
+        "What has changed in the machine, and does the corrected model predict better?",
         ("close_loop", "unseal", "control_level"),
     ),
     Question(
@@ -37,7 +37,7 @@ QUESTIONS = (
 
 
 def question_of(stage: str) -> Question:
-    """The question that a stage's runs answer; a stage that is none's has an experiment of its own."""
+    """The question that a stage's runs answer; an unlisted stage gets its own experiment."""
     for question in QUESTIONS:
         if stage in question.stages:
             return question

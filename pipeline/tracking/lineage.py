@@ -1,4 +1,4 @@
-"""What a run is from and what it wrote: hashes as DVC computes them, the code's commit, the environment."""
+"""Lineage of a run: DVC's hashes of inputs and outputs, the code's commit, the environment."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ def dvc_hashes(paths: list[str], lock: Path = DVC_LOCK) -> dict[str, str]:
     if not lock.exists():
         return {}
     stages = (yaml.safe_load(lock.read_text()) or {}).get("stages", {})
-    # What a stage wrote outdoes what another read before.
+    # The hash of an output replaces the hash that another stage read earlier.
     known = {
         entry["path"]: entry.get("md5", "")
         for role in ("deps", "outs")
@@ -33,10 +33,10 @@ def dvc_hashes(paths: list[str], lock: Path = DVC_LOCK) -> dict[str, str]:
 
 
 def content_hash(path: Path) -> str | None:
-    """The hash of a file or folder as DVC 3 computes it for `dvc.lock`, of what is there now; None: nothing is there.
+    """Hash of a file or folder as DVC 3 computes it for `dvc.lock`; None if the path is missing.
 
-    A file's is the MD5 of its bytes. A folder's is that of the list of its files' hashes, sorted by name, as JSON, with
-    `.dir` behind it.
+    For a file it is the MD5 of its bytes. For a folder it is the MD5 of the JSON list of its files' hashes, sorted by
+    name, with the suffix `.dir`.
     """
     if path.is_file():
         digest = hashlib.md5(usedforsecurity=False)
@@ -60,9 +60,9 @@ def files_in(folder: Path) -> Iterator[Path]:
 
 
 def written_since(output: Path, start_s: float) -> dict[str, str]:
-    """Hashes of what was written at `output` since a time (s since the epoch): itself, and each entry of a folder.
+    """Hashes of `output` and, for a folder, of each entry, if written since a time (s since the epoch).
 
-    An entry of which nothing is that new is another stage's.
+    Entries without a newer file belong to other stages.
     """
     paths = [output, *sorted(output.iterdir())] if output.is_dir() else [output]
     return {
@@ -77,7 +77,7 @@ def _newest_s(path: Path) -> float:
 
 
 def code_tags() -> dict[str, str]:
-    """Commit of the code, and whether files under git have changed since; nothing where there is no git."""
+    """Commit of the code, and whether files under git have changed since; empty without git."""
     try:
         commit, changed = (
             subprocess.run(

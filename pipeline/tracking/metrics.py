@@ -1,11 +1,11 @@
-"""Nested metrics and parameters as the flat names that MLflow knows."""
+"""Nested metrics and parameters flattened to dotted names, as MLflow needs them."""
 
 from collections.abc import Mapping
 from typing import Any
 
 
 def flatten_metrics(tree: Mapping[str, Any]) -> dict[str, float]:
-    """Nested metrics as `a.b.c: number`; what is not a number is left out."""
+    """Nested metrics as `a.b.c: number`; other values are left out."""
     return {
         key: float(value)
         for key, value in flatten(tree).items()

@@ -1,4 +1,4 @@
-"""Which process a run belongs to, and whether it lives: a killed one cannot end its run itself."""
+"""Identity and liveness of a run's process: a killed process cannot end its own run."""
 
 import contextlib
 import os
@@ -9,17 +9,17 @@ import psutil
 
 
 def identity(process: psutil.Process) -> str:
-    """What tells a process from all others, also from a later one with its number."""
+    """Unique identity of a process, also against a later one with the same number."""
     return f"{process.pid}-{process.create_time():.2f}@{socket.gethostname()}"
 
 
 def own_identity() -> str:
-    """Of this process."""
+    """Identity of this process."""
     return identity(psutil.Process())
 
 
 def is_known_dead(process: str) -> bool:
-    """Whether the process is over; nothing is known of another computer's."""
+    """Whether the process has certainly ended; always False for another computer."""
     if not process.endswith(f"@{socket.gethostname()}"):
         return False
     try:

@@ -1,4 +1,4 @@
-"""The project that a command belongs to: where its runs are kept."""
+"""The project that a command belongs to, which keeps its runs."""
 
 from pathlib import Path
 
@@ -11,8 +11,7 @@ QUEUED = (".dvc", "tmp", "exps")  # where DVC runs queued experiments, in copies
 def project_folder(start: Path | None = None) -> Path:
     """The DVC project around the folder `start` (the present one by default), else the repository of this code.
 
-    So runs neither land in whatever folder a command was started in, nor vanish with the copy of the project in which
-    DVC runs a queued experiment.
+    Runs are thus stored neither in the current folder nor in the temporary copy in which DVC runs a queued experiment.
     """
     folder = (start or Path.cwd()).resolve()
     for depth in range(len(folder.parts) - len(QUEUED) + 1):

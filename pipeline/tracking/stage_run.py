@@ -1,4 +1,4 @@
-"""What a stage says of its run."""
+"""A stage's reports to its MLflow run."""
 
 import contextlib
 import json
@@ -22,7 +22,7 @@ LONGEST_TAG = 250
 
 @dataclass
 class StageRun:
-    """What one stage reports of its run; without tracking it keeps nothing."""
+    """Reports of one stage; without tracking every call is a no-op."""
 
     name: str
     run_id: str | None = None
@@ -31,11 +31,11 @@ class StageRun:
 
     @property
     def is_tracked(self) -> bool:
-        """Whether anything is kept."""
+        """Whether reports are stored."""
         return self._client is not None
 
     def metrics(self, values: Mapping[str, float], step: int = 0) -> None:
-        """Report scalar metrics; nested names are joined by dots already."""
+        """Report scalar metrics, by dotted names."""
         if self._client is None:
             return
         from mlflow.entities import Metric
@@ -56,7 +56,7 @@ class StageRun:
             self._client.log_artifact(self.run_id, str(path), folder)
 
     def inputs(self, *paths: str | Path) -> None:
-        """Say what the run reads: tags `input.<path>` with DVC's hashes, and MLflow's data sets."""
+        """Report the run's inputs: tags `input.<path>` with DVC's hashes, and MLflow's data sets."""
         if self._client is None:
             return
         from mlflow.entities import Dataset, DatasetInput, InputTag
@@ -75,7 +75,7 @@ class StageRun:
             self._client.log_inputs(self.run_id, data_sets)
 
     def outputs(self, *paths: str | Path, since_s: float) -> None:
-        """Say what the run wrote since a time (s since the epoch): tags `output.<path>` with DVC's hashes."""
+        """Report files written since a time (s since the epoch): tags `output.<path>` with DVC's hashes."""
         if self._client is None:
             return
         for path in paths:
@@ -84,10 +84,10 @@ class StageRun:
 
     @contextlib.contextmanager
     def nested(self, name: str) -> Iterator["StageRun"]:
-        """A run inside this one, for what is to be compared under the same metric names.
+        """A child run, for results that are compared under the same metric names.
 
         Args:
-            name: Of the run.
+            name: Name of the child run.
         """
         if self._client is None:
             yield StageRun(name)
@@ -121,14 +121,14 @@ class StageRun:
 
         Args:
             code: File that MLflow runs to load the model.
-            package: Package that it imports; travels with the model.
-            artifacts: Files and folders of the model, by the names that the code knows.
-            requirements: Packages with versions, for a machine that has none of them.
+            package: Package that it imports; stored with the model.
+            artifacts: Files and folders of the model, by the names that the code uses.
+            requirements: Packages with versions, installed where the model is served.
             registered_name: Name in MLflow's registry.
-            example: A table that the model takes.
-            name: Of the model in the run.
-            alias: Of the new version in the registry, taken from the version that had it. None: it is the champion if
-                its run's metrics are better than those of the present one.
+            example: Example input of the model.
+            name: Name of the model in the run.
+            alias: Alias of the new version, moved from its present version. None: the new version becomes the champion
+                if its run's metrics are better.
         """
         if self._client is None:
             return
@@ -154,7 +154,7 @@ class StageRun:
         if alias is not None:
             self._client.set_registered_model_alias(registered_name, alias, version)
         elif self.run_id is not None:
-            champion.crown(self._client, registered_name, version, self.run_id)
+            champion.promote_if_better(self._client, registered_name, version, self.run_id)
 
     def parent_metrics(self, values: Mapping[str, float], tags: Mapping[str, str] | None = None) -> None:
         """Report metrics of the whole pipeline on the parent run, so that pipeline runs can be compared."""
@@ -166,7 +166,7 @@ class StageRun:
 
 
 def shown_path(path: str | Path) -> str:
-    """A path as `dvc.lock` has it: relative to the present folder where it lies in it."""
+    """A path as in `dvc.lock`: relative to the current folder if it lies inside."""
     return os.path.normpath(path)
 
 

@@ -1,4 +1,4 @@
-"""MLflow's tracking store: its opening, parent runs, and the ends of runs whose process was killed."""
+"""MLflow's tracking store: opening it, parent runs, and closing runs whose process was killed."""
 
 import contextlib
 import fcntl
@@ -10,30 +10,30 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import InputError
-from pipeline.files.atomic import PARTIAL_SUFFIX, replacing
+from pipeline.files.atomic import PARTIAL_SUFFIX, atomic_path
 from pipeline.tracking import processes
 from pipeline.tracking.configuration import SQLITE, TrackingConfiguration
 from pipeline.tracking.experiments import Question
 from pipeline.tracking.metrics import flatten
 from pipeline.tracking.project_root import project_folder
-from pipeline.tracking.store_check import ask_database, impatient
+from pipeline.tracking.store_check import check_database, short_timeouts
 
 LOCK = "runs/tracking.lock"  # in the project's folder; beside a SQLite file, its name with LOCK_SUFFIX
 LOCK_SUFFIX = ".lock"
 PARENT = "mlflow.parentRunId"  # MLflow's own tag for nested runs
 PARAMETERS_PER_REQUEST = 100  # MLflow's limit
-# Of a parent: what the worst of its children came to.
+# A parent gets the worst status of its children.
 STATUSES = ("FAILED", "KILLED", "FINISHED")
 
 
 @dataclass(frozen=True)
 class RunGroup:
-    """Runs that belong together: those of one `dvc repro`, or of one sweep.
+    """A group of runs: those of one `dvc repro`, or of one sweep.
 
     Attributes:
-        identity: Tells it from all others.
-        title: What its parent run is called, before the time.
-        process: That starts the runs; None: there is none that lives as long as they do.
+        identity: Unique among all groups.
+        title: Name of its parent run, before the time.
+        process: Process that starts the runs; None if no process lives as long as the group.
     """
 
     identity: str
@@ -43,7 +43,7 @@ class RunGroup:
 
 @contextlib.contextmanager
 def locked(uri: str) -> Iterator[None]:
-    """One process at a time, of those that use a store from this project."""
+    """Exclude the project's other processes from the store."""
     is_file = uri.startswith(SQLITE)
     path = Path(uri.removeprefix(SQLITE) + LOCK_SUFFIX) if is_file else project_folder() / LOCK
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,16 +59,16 @@ def open_store(configuration: TrackingConfiguration) -> Any:
         InputError: The store does not answer.
     """
     os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
-    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # nothing is told to anyone, as by DVC
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # no telemetry, as for DVC
     from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
     from sqlalchemy.exc import SQLAlchemyError
 
     uri = configuration.resolved_uri()
-    with locked(uri), impatient():  # processes that create one SQLite database at once crash
+    with locked(uri), short_timeouts():  # simultaneous creation of a SQLite database crashes
         try:
             _create_file(uri)
-            ask_database(uri)
+            check_database(uri)
             client = MlflowClient(tracking_uri=uri)
             client.search_experiments(max_results=1)
         except (MlflowException, ImportError, SQLAlchemyError) as error:
@@ -77,15 +77,15 @@ def open_store(configuration: TrackingConfiguration) -> Any:
 
 
 def _create_file(uri: str) -> None:
-    """Make an SQLite store's file with all of its tables at once: MLflow cannot read one that a kill left half made."""
+    """Create an SQLite store with all tables atomically: MLflow cannot read a half-created one."""
     path = Path(uri.removeprefix(SQLITE))
     if not uri.startswith(SQLITE) or path.exists():
         return
     from mlflow import MlflowClient
 
-    for left in path.parent.glob(f".{path.name}.*{PARTIAL_SUFFIX}"):  # by a process that was killed
+    for left in path.parent.glob(f".{path.name}.*{PARTIAL_SUFFIX}"):  # left by killed processes
         left.unlink()
-    with replacing(path) as partial:
+    with atomic_path(path) as partial:
         MlflowClient(tracking_uri=f"{SQLITE}{partial}").search_experiments(max_results=1)
 
 
@@ -108,12 +108,12 @@ def open_experiment(client: Any, configuration: TrackingConfiguration, question:
 
 
 def end_killed_runs(client: Any, writes: str | None = None) -> None:
-    """End runs whose process was killed before it could, and parents of which none is left.
+    """End the runs of killed processes, and parents whose children have all ended.
 
     Args:
-        client: Of the store.
-        writes: What the caller is about to write. Nobody else does any more, so a run of another computer that says so
-            was killed, too.
+        client: Client of the store.
+        writes: Output that the caller is about to write. No other process can be writing it, so a run of another
+            computer with this output was killed, too.
     """
     with locked(client.tracking_uri):
         experiments = [experiment.experiment_id for experiment in client.search_experiments()]
@@ -136,7 +136,7 @@ def end_killed_runs(client: Any, writes: str | None = None) -> None:
 def open_parent(
     client: Any, experiment: str, group: RunGroup, tags: Mapping[str, str], parameters: Mapping[str, Any]
 ) -> str:
-    """The parent run of a group's runs in an experiment, made by the first of them."""
+    """The parent run of a group in an experiment; the group's first run creates it."""
     with locked(client.tracking_uri):
         found = client.search_runs([experiment], f"tags.group = '{group.identity}'", max_results=1)
         if found:
@@ -176,7 +176,7 @@ def log_parameters(client: Any, run_id: str, tree: Mapping[str, Any]) -> None:
 
 
 def writes_tag(output: str | Path) -> str:
-    """What a run says of the place that it writes to."""
+    """Tag that names a run's output."""
     return str(Path(output).absolute())
 
 

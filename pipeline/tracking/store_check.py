@@ -1,6 +1,6 @@
-"""Whether a tracking store answers at all, found out within seconds.
+"""Check within seconds whether a tracking store answers.
 
-MLflow tries again for minutes, which is right in the middle of a training and wrong before anything has begun.
+MLflow retries for minutes, which suits a running training but not a start.
 """
 
 import contextlib
@@ -10,16 +10,16 @@ from collections.abc import Iterator
 
 from pipeline.study.database_timeout import engine_options
 
-PATIENCE = {
+SHORT_TIMEOUTS = {
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",
-}  # s; a user's own have precedence
+}  # s; the user's own values have precedence
 
 
 @contextlib.contextmanager
-def impatient() -> Iterator[None]:
-    """Let MLflow's requests to a server fail within seconds, without words of their own."""
-    own = {name: value for name, value in PATIENCE.items() if name not in os.environ}
+def short_timeouts() -> Iterator[None]:
+    """Let MLflow's requests to a server fail within seconds, without log messages."""
+    own = {name: value for name, value in SHORT_TIMEOUTS.items() if name not in os.environ}
     logger = logging.getLogger("urllib3.connectionpool")
     level = logger.level
     os.environ.update(own)
@@ -32,11 +32,11 @@ def impatient() -> Iterator[None]:
             os.environ.pop(name, None)
 
 
-def ask_database(uri: str) -> None:
-    """Connect to a store that is a database; nothing is done for any other.
+def check_database(uri: str) -> None:
+    """Connect to a store that is a database; ignore other stores.
 
     Raises:
-        SQLAlchemyError: It cannot be reached, or is none.
+        SQLAlchemyError: The database cannot be reached, or the address cannot be parsed.
         ImportError: Its driver is not installed.
     """
     import sqlalchemy

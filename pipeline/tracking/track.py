@@ -1,4 +1,4 @@
-"""The frame around a stage's run: opened before its work, ended whatever happens inside."""
+"""Context of a stage's run: opened before its work, closed even if the work fails."""
 
 import contextlib
 import logging
@@ -12,8 +12,8 @@ from pipeline.tracking.configuration import TrackingConfiguration
 from pipeline.tracking.experiments import question_of
 from pipeline.tracking.stage_run import StageRun
 
-OUTPUT_KEYS = ("output", "report")  # of a stage's configuration: where it writes
-CONFIGURATION = "configuration.yaml"  # artifact of every run: what was run, resolved
+OUTPUT_KEYS = ("output", "report")  # keys of a stage's configuration that name outputs
+CONFIGURATION = "configuration.yaml"  # artifact of every run: the resolved configuration
 
 
 @contextlib.contextmanager
@@ -25,15 +25,15 @@ def track(
     sweep: tuple[str, str] | None = None,
     unread: Collection[str] = (),
 ) -> Iterator[StageRun]:
-    """Open the run of stage `name`, nested in the run of its pipeline or sweep; close it whatever happens inside.
+    """Open the run of stage `name`, nested in the run of its pipeline or sweep; close it even after errors.
 
     Args:
-        name: Of the stage.
-        configuration: Where to.
+        name: Name of the stage.
+        configuration: Where runs are tracked.
         resolved: The stage's whole configuration.
-        configuration_yaml: The same as text.
-        sweep: Of a sweep's job, what tells the sweep from others, and what tells the job from the sweep's others.
-        unread: Sections of the configuration that the stage does not read: no parameters of its run.
+        configuration_yaml: `resolved` as text.
+        sweep: For a job of a sweep: the sweep's identity, and the job's identity within it.
+        unread: Sections that the stage does not read; they do not become parameters of its run.
     """
     if not configuration.enabled:
         yield StageRun(name)
@@ -83,7 +83,7 @@ def track(
 
 
 def _group(name: str, profile: str, sweep: tuple[str, str] | None) -> store.RunGroup | None:
-    """What the run belongs to."""
+    """The group that the run belongs to."""
     if sweep is not None:
         return store.RunGroup(f"sweep {sweep[0]}", f"{name} sweep", None)
     dvc = processes.dvc_process()
@@ -92,7 +92,7 @@ def _group(name: str, profile: str, sweep: tuple[str, str] | None) -> store.RunG
 
 @contextlib.contextmanager
 def _system_metrics(configuration: TrackingConfiguration, run_id: str) -> Iterator[None]:
-    """Sample processor, memory, disk and network meanwhile."""
+    """Sample processor, memory, disk and network inside the block."""
     if configuration.system_metrics_interval_s is None:
         yield
         return

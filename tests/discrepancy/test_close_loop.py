@@ -17,7 +17,7 @@ from pipeline.dynamics.training.fit import fit
 from pipeline.effects.store import ActiveEffects, predictor
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig, initial_state
-from pipeline.logs.tracked_velocities import track_on
+from pipeline.logs.tracked_velocities import continue_tracking
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointSpecification, MachineSpecification
 
@@ -67,7 +67,7 @@ def record(
         q[row + 1, 0] += DT_S * sag[int(command[0]) + 1]
     q = q + 5e-4 * random.standard_normal(q.shape)
     tracker = LoopTrackerConfig(proportional_gain=10.0, integral_gain=60.0)
-    _, qd = track_on(initial_state(q[0]), q, DT_S, tracker)
+    _, qd = continue_tracking(initial_state(q[0]), q, DT_S, tracker)
     t_s = DT_S * np.arange(n_rows)
     stamp_ns = (1_000_000_000 * (1000 * seed + t_s)).astype(np.int64)
     return Trajectory(name, t_s, stamp_ns, q, qd, a, np.arange(n_rows) >= 0.9 * n_rows)

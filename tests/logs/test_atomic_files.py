@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.files.atomic import replacing, write_whole
+from pipeline.files.atomic import atomic_path, write_whole
 
 
 def test_a_file_where_a_folder_should_be_is_named_and_left_as_it_is(tmp_path: Path) -> None:
@@ -24,6 +24,6 @@ def test_nothing_is_left_of_a_file_that_was_not_finished(tmp_path: Path) -> None
 
 
 def _write_half(path: Path) -> None:
-    with replacing(path) as partial:
+    with atomic_path(path) as partial:
         partial.write_text("{")
         raise ValueError("unfinished")

@@ -148,22 +148,22 @@ def test_a_model_kind_is_no_place(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("stage", "overrides", "said"),
     [
-        ("close_loop", ["nominal=a", "measured=b", "output=notes"], "output=notes: notes is no folder; "),
-        ("ppo", ["model=none", "output=notes/policy"], "output=notes/policy: notes is no folder; "),
+        ("close_loop", ["nominal=a", "measured=b", "output=notes"], "output=notes: notes is not a folder; "),
+        ("ppo", ["model=none", "output=notes/policy"], "output=notes/policy: notes is not a folder; "),
         (
             "ppo",
             ["model=none", "output=out", "checkpoints=notes/x"],
-            "checkpoints=notes/x: notes is no folder; ",
+            "checkpoints=notes/x: notes is not a folder; ",
         ),
-        ("ingest", ["logs=a", "output=nowhere/tuples"], "output=nowhere/tuples: nowhere is no folder; "),
-        ("ingest", ["logs=a", "output=out", "report=notes"], "report=notes: notes is no folder; "),
+        ("ingest", ["logs=a", "output=nowhere/tuples"], "output=nowhere/tuples: nowhere is not a folder; "),
+        ("ingest", ["logs=a", "output=out", "report=notes"], "report=notes: notes is not a folder; "),
         ("ingest", ["logs=a", "output="], "output is empty; name a folder to write"),
         (
             "evaluate_logs",
             ["model=a", "logs=b", "output=folder"],
             "output=folder: is a folder; name the file",
         ),
-        ("unseal", ["output=notes/judgement.json"], "notes is no folder; "),
+        ("unseal", ["output=notes/judgement.json"], "notes is not a folder; "),
         ("search", ["storage=folder"], "storage=folder: is a folder; name the file to write"),
         ("ppo", ["model=none", f"output={'x' * 300}"], "File name too long; name another output"),
     ],

@@ -3,7 +3,7 @@
 import pytest
 from mlflow.exceptions import MlflowException
 
-from pipeline.tracking.champion import crown, score
+from pipeline.tracking.champion import promote_if_better, score
 
 
 def metrics(boom: float, arm: float) -> dict[str, float]:
@@ -25,7 +25,7 @@ def test_the_score_is_the_mean_ratio_to_the_reference() -> None:
 
 
 class Registry:
-    """What `crown` asks of MLflow, in memory."""
+    """What `promote_if_better` asks of MLflow, in memory."""
 
     def __init__(self) -> None:
         self.runs: dict[str, dict[str, float]] = {}
@@ -49,6 +49,6 @@ def test_a_better_version_takes_the_alias_a_worse_one_does_not() -> None:
     registry, history = Registry(), []
     for version, boom in (("1", 0.05), ("2", 0.06), ("3", 0.04), ("4", float("nan"))):
         registry.runs[version] = metrics(boom, 0.002)
-        crown(registry, "m-mlp_dqdot", version, version)
+        promote_if_better(registry, "m-mlp_dqdot", version, version)
         history.append(registry.alias)
     assert history == ["1", "1", "3", "3"]

@@ -19,7 +19,7 @@ from pipeline.deployment.components.recording import BASE_FRAME
 from pipeline.deployment.graph_topics import GraphRecord
 from pipeline.deployment.transports.mcap_file import RecordedTopic
 from pipeline.deployment.viewing.joint_transforms import JointTransforms, joint_transforms
-from pipeline.logs.messages.columns import whole
+from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.raw_log import RawLog
 from pipeline.machine.description import urdf_path
 from pipeline.machine.poses import workspace_of
@@ -59,7 +59,7 @@ def visual_topics(
     Raises:
         InputError: the machine has no arm or no workspace.
     """
-    start_ns = int(whole(log.joint_log_time_ns)[0])
+    start_ns = int(as_array(log.joint_log_time_ns)[0])
     return [
         *standing_topics(machine, directory, start_ns),
         *moving_topics(log, graph, machine, directory),
@@ -92,7 +92,7 @@ def moving_topics(
     log: RawLog, graph: GraphRecord, machine: MachineSpecification, directory: Path
 ) -> list[RecordedTopic]:
     """What changes: frames, positions and commands, targets, events; arguments and errors of `visual_topics`."""
-    time_ns, q = whole(log.joint_log_time_ns), whole(log.q)
+    time_ns, q = as_array(log.joint_log_time_ns), as_array(log.q)
     by_joint = dict(zip(machine.joint_names, q.T, strict=True))
     transforms = joint_transforms(urdf_path(machine, directory), by_joint)
     moving = [joint for joint in transforms if len(joint.position) == len(time_ns)]
@@ -113,7 +113,7 @@ def _targets(log: RawLog) -> list[RecordedTopic]:
     if log.targets is None:
         return []
     time_ns, position, quaternion = map(
-        whole, (log.targets.log_time_ns, log.targets.position, log.targets.quaternion)
+        as_array, (log.targets.log_time_ns, log.targets.position, log.targets.quaternion)
     )
     poses, marks = [], []
     for t, p, w in zip(time_ns.tolist(), position, quaternion, strict=True):
@@ -141,7 +141,9 @@ def _events(log: RawLog, graph: GraphRecord) -> list[tuple[int, "Msg"]]:
     """Targets, ends of goals and emergency stops, as lines of a log."""
     lines: list[tuple[int, int, str, str]] = []
     if log.targets is not None:
-        for t, p in zip(whole(log.targets.log_time_ns).tolist(), whole(log.targets.position), strict=True):
+        for t, p in zip(
+            as_array(log.targets.log_time_ns).tolist(), as_array(log.targets.position), strict=True
+        ):
             lines.append(
                 (t, LEVEL_INFORMATION, "autonomous_server", f"target at {np.round(p, 3).tolist()} m")
             )
@@ -159,8 +161,8 @@ def _events(log: RawLog, graph: GraphRecord) -> list[tuple[int, "Msg"]]:
 
 def _joints(log: RawLog, names: Sequence[str]) -> list[tuple[int, "Msg"]]:
     """Positions, their rates of change between messages as velocities, and the commands in force as efforts."""
-    time_ns, q = whole(log.joint_log_time_ns), whole(log.q)
-    command_ns, command = whole(log.command_log_time_ns), whole(log.command)
+    time_ns, q = as_array(log.joint_log_time_ns), as_array(log.q)
+    command_ns, command = as_array(log.command_log_time_ns), as_array(log.command)
     newest = np.searchsorted(command_ns, time_ns, side="right") - 1
     in_force = np.zeros_like(q)
     in_force[newest >= 0] = command[newest[newest >= 0]]

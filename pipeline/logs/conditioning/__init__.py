@@ -1,1 +1,1 @@
-"""From samples as recorded to streams that can be resampled."""
+"""Conditioning: from samples as recorded to streams that can be resampled."""

@@ -1,4 +1,4 @@
-"""Which clock a log's joint samples are timed by, and what was measured about its clocks."""
+"""Choice of the clock for a log's joint samples, and measurements of its clocks."""
 
 import itertools
 from collections.abc import Iterator
@@ -17,12 +17,12 @@ DRIFT_WINDOWS = 20
 
 @dataclass(frozen=True)
 class ClockReport:
-    """What was measured about the clocks of one log.
+    """Measurements of one log's clocks.
 
     Attributes:
         used: `header stamp` (sample time) or `log time` (when the recorder got the message).
-        reason: Why log time was used, if it was.
-        offset_s: Median of log time − header stamp: transport and the clocks' difference. Reported, not removed.
+        reason: Why log time was used; empty for header stamps.
+        offset_s: Median of log time − header stamp: transport delay plus clock difference. It is reported, not removed.
         offset_p01_s: Its 1st percentile.
         offset_p99_s: Its 99th percentile.
         drift_ppm: How fast the recorder's clock gains on the header's, in parts per million.
@@ -41,17 +41,17 @@ def choose_clock(
 ) -> tuple[Column, ClockReport, list[Note]]:
     """Choose the joint samples' clock and measure the clocks against each other.
 
-    The header stamp is the sample time (contract, section 1). Log time takes its place where stamps cannot:
-    they are zero or all alike, they step back while log time does not, or they are so far from log time that
-    they are of another clock than the commands, whose time is log time.
+    The header stamp is the sample time (contract, section 1). Log time replaces it if stamps
+    are zero or all equal, if they step back while log time does not, or if they are so far from log time that they come
+    from another clock. Commands always have log time.
 
     Args:
         raw: The log.
-        maximum_gap_s: A step back longer than this is a step of the clock, a shorter one is reordering.
-        maximum_clock_offset_s: Median offset beyond which header stamps are of another clock.
+        maximum_gap_s: Longer steps back are steps of the clock; shorter ones are reordered messages.
+        maximum_clock_offset_s: Median offset beyond which header stamps come from another clock.
 
     Returns:
-        Time of each joint sample, a column of shape (N,), int64; what was measured; and notes.
+        Time of each joint sample, a column of shape (N,), int64; the measurements; and notes.
     """
     stamp, log_time = raw.joint_stamp_ns, raw.joint_log_time_ns
     low, median, high = quantiles(lambda: _offsets_s(stamp, log_time), [0.01, 0.5, 0.99])
@@ -69,7 +69,7 @@ def choose_clock(
 def _why_not_stamps(
     stamp: Column, log_time: Column, median_offset_s: float, gap_ns: int, maximum_clock_offset_s: float
 ) -> str:
-    """Return why header stamps cannot be used, or nothing."""
+    """Return why header stamps cannot be used; empty if they can."""
     first = int(stamp[0:1][0])
     n_zero = n_alike = 0
     for (part,) in sections((stamp,)):
@@ -90,7 +90,7 @@ def _why_not_stamps(
 
 
 def drift_ppm(stamp: Column, log_time: Column) -> float:
-    """Return the rate of the offset, in parts per million: a line through the medians of equal stretches."""
+    """Return the offset's rate in parts per million: the slope of a line through the medians of equal windows."""
     if len(stamp) < 2 * DRIFT_WINDOWS:
         return 0.0
     start = int(log_time[0:1][0])
@@ -104,8 +104,8 @@ def drift_ppm(stamp: Column, log_time: Column) -> float:
     return float(np.polyfit(np.asarray(at) - at[0], np.asarray(offset) - offset[0], 1)[0] * 1e6)
 
 
-def extent_without_strays(time_ns: Column, gap_ns: int) -> tuple[int, int]:
-    """Return the first and the last of some times, a column of shape (N,), without those far from both neighbours."""
+def extent_without_outliers(time_ns: Column, gap_ns: int) -> tuple[int, int]:
+    """Return the first and the last time of a column of shape (N,), isolated stamps excluded."""
     low, high = [], []
     for part, begin, end in _with_neighbours(time_ns):
         steady = part[begin:end][~isolated_stamps(part, gap_ns)[begin:end]]
@@ -116,10 +116,10 @@ def extent_without_strays(time_ns: Column, gap_ns: int) -> tuple[int, int]:
 
 
 def isolated_stamps(time_ns: np.ndarray, gap_ns: int) -> np.ndarray:
-    """Return which samples' stamps lie far from both neighbours' while those agree, shape (N,), bool."""
+    """Return which stamps lie far from both neighbours while these agree, shape (N,), bool."""
     isolated = np.zeros(len(time_ns), dtype=bool)
     if len(time_ns) >= 3:
-        time = time_ns.astype(np.float64)  # differences of damaged stamps may pass what int64 holds
+        time = time_ns.astype(np.float64)  # differences of damaged stamps may overflow int64
         far = np.abs(np.diff(time)) > gap_ns
         agree = np.abs(time[2:] - time[:-2]) <= gap_ns
         isolated[1:-1] = far[:-1] & far[1:] & agree
@@ -146,7 +146,7 @@ def _steps_back(time_ns: Column, gap_ns: int) -> tuple[int, int]:
 
 
 def _with_neighbours(time_ns: Column) -> Iterator[tuple[np.ndarray, int, int]]:
-    """Yield sections with the time before and after them, and where the sections themselves begin and end there."""
+    """Yield each section extended by one time on either side, and the section's bounds within it."""
     for row in range(0, len(time_ns), SECTION_ROWS):
         first = max(row - 1, 0)
         yield time_ns[first : row + SECTION_ROWS + 1], row - first, row - first + SECTION_ROWS

@@ -1,4 +1,4 @@
-"""Rules for commands: which values a machine takes, and which command is in force when."""
+"""Rules for commands: admissible values, and the command in force at a given time."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -11,20 +11,20 @@ from pipeline.logs.conditioning.samples import Samples, join
 from pipeline.logs.messages.raw_log import Note, NoteKind
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
-ROUNDING = 1e-6  # a float32 command of full scale may stand a hair beyond 1
+ROUNDING = 1e-6  # a float32 command of full scale may slightly exceed 1
 
 
-def only_possible(
+def mark_invalid(
     stream: Iterable[Samples],
     machine: MachineSpecification,
     maximum_fraction: float,
     path: Path,
     notes: list[Note],
 ) -> Iterator[Samples]:
-    """Make commands with a value outside the machine's set unknown: NaN for all joints.
+    """Replace commands with a value outside the machine's set by NaN for all joints.
 
     Raises:
-        InputError: At the stream's end, if more than `maximum_fraction` of them are.
+        InputError: At the stream's end, if their share exceeds `maximum_fraction`.
     """
     discrete = machine.command_kind == CommandKind.discrete
     allowed = "{-1, 0, 1}" if discrete else "[-1, 1]"
@@ -62,22 +62,22 @@ class HeldCommands:
 
     def __init__(self, stream: Iterable[Samples]) -> None:
         self.stream = iter(stream)
-        self.ahead: Samples | None = None  # read and not yet reached
-        self.known: Samples | None = None  # of the present era, from the one in force on
-        self.era = -1  # that the joint samples ask for
-        self.newest_era = -1  # of the commands themselves
+        self.ahead: Samples | None = None  # read but not in force yet
+        self.known: Samples | None = None  # the present era's commands, from the one in force on
+        self.era = -1  # era of the joint samples
+        self.newest_era = -1  # era of the newest command
         self.era_ended = False
         self.first_ns: int | None = None
 
     def begin(self, era: int) -> int | None:
-        """Go on to an era; return the time of its first command, None where it has none."""
+        """Advance to an era; return the time of its first command, None for an era without commands."""
         if era != self.era:
             self.era, self.known, self.first_ns, self.era_ended = era, None, None, False
             self._read()
         return self.first_ns
 
     def at(self, time_ns: np.ndarray) -> np.ndarray:
-        """Return the commands in force, shape (n, n_joint); none of the times is before the era's first command."""
+        """Return the commands in force, shape (n, n_joint); every time must follow the era's first command."""
         while not self.era_ended and self.known is not None and self.known.time_ns[-1] <= time_ns[-1]:
             self._read()
         assert self.known is not None
@@ -93,7 +93,7 @@ class HeldCommands:
         return self.newest_era + 1
 
     def _read(self) -> None:
-        """Take in the next section of the present era."""
+        """Read the next section of the present era."""
         while self.ahead is None or not len(self.ahead) or self.ahead.era < self.era:
             self.ahead = next(self.stream, None)
             if self.ahead is None:

@@ -13,13 +13,13 @@ from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind
 from pipeline.machine.specification import JointKind, MachineSpecification
 
 TURN = 2 * np.pi
-SAMPLES_FOR_TURNS = 4096  # whole turns are judged by the median of so many first samples
+SAMPLES_FOR_TURNS = 4096  # whole turns are judged by the median of these first samples
 
 
-def without_strays(
+def drop_isolated_stamps(
     stream: Iterable[Samples], gap_ns: int, what: str, clock_name: str, notes: list[Note]
 ) -> Iterator[Samples]:
-    """Leave out samples whose stamp alone lies far from both neighbours'."""
+    """Drop samples whose stamp lies far from both neighbours while these agree."""
     count = 0
     for widened, begin, end in with_neighbours(stream):
         stray = isolated_stamps(widened.time_ns, gap_ns)[begin:end]
@@ -31,10 +31,10 @@ def without_strays(
         notes.append(Note(NoteKind.left_out, text, count))
 
 
-def only_numbers(
+def drop_non_finite(
     stream: Iterable[Samples], machine: MachineSpecification, notes: list[Note]
 ) -> Iterator[Samples]:
-    """Leave out samples with a value that is not a finite number."""
+    """Drop samples with a non-finite value."""
     counts = np.zeros(machine.n_joint, np.int64)
     for section in stream:
         finite = np.isfinite(section.value)
@@ -49,15 +49,13 @@ def only_numbers(
             notes.append(Note(NoteKind.left_out, text, count))
 
 
-def unwrapped(
-    stream: Iterable[Samples], machine: MachineSpecification, notes: list[Note]
-) -> Iterator[Samples]:
-    """Undo wrap-around of revolute joints, and take off the whole turns that the log begins with."""
+def unwrap(stream: Iterable[Samples], machine: MachineSpecification, notes: list[Note]) -> Iterator[Samples]:
+    """Undo wrap-around of revolute joints, and subtract the whole turns at the log's start."""
     revolute = np.array([JointKind(joint.kind) is JointKind.revolute for joint in machine.joints])
     n_wraps = np.zeros(machine.n_joint, np.int64)
-    turns = np.zeros(machine.n_joint, np.int64)  # that were wound up so far
+    turns = np.zeros(machine.n_joint, np.int64)  # wraps counted so far
     last: np.ndarray | None = None
-    offset: np.ndarray | None = None  # whole turns that the log begins with
+    offset: np.ndarray | None = None  # whole turns at the log's start
     held: list[Samples] = []
     for section in stream:
         if not len(section):
@@ -89,10 +87,10 @@ def unwrapped(
             notes.append(Note(NoteKind.changed, text, max(int(n_wraps[number]), 1)))
 
 
-def within_limits_or_noted(
+def count_beyond_limits(
     stream: Iterable[Samples], machine: MachineSpecification, notes: list[Note]
 ) -> Iterator[Samples]:
-    """Count the values outside the joint limits; they are kept."""
+    """Count values outside the joint limits, and keep them."""
     counts = np.zeros(machine.n_joint, np.int64)
     furthest = np.zeros(machine.n_joint)
     for section in stream:
@@ -108,10 +106,10 @@ def within_limits_or_noted(
             notes.append(Note(NoteKind.attention, text, int(counts[number])))
 
 
-def without_spikes(
+def drop_spikes(
     stream: Iterable[Samples], machine: MachineSpecification, config: IngestConfig, notes: list[Note]
 ) -> Iterator[Samples]:
-    """Leave out samples that lie further from both neighbours than a joint can move, while those agree."""
+    """Drop samples that differ from both neighbours by more than a joint can move, while these agree."""
     counts = np.zeros(machine.n_joint, np.int64)
     for widened, begin, end in with_neighbours(stream):
         section = widened[begin:end]
@@ -165,7 +163,7 @@ def jumps(samples: Samples, machine: MachineSpecification, config: IngestConfig)
 
 
 def _reach(interval_ns: np.ndarray, machine: MachineSpecification, config: IngestConfig) -> np.ndarray:
-    """How far each joint can move in given intervals, shape (n, n_joint); at least a control period's way."""
+    """Largest motion of each joint in given intervals, shape (n, n_joint); at least that of a control period."""
     interval_s = np.maximum(interval_ns / NANOSECONDS, machine.dt_s)
     return config.maximum_speed_ranges_per_s * interval_s[:, None] * (machine.upper - machine.lower)
 

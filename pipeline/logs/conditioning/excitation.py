@@ -1,4 +1,4 @@
-"""What the commands of a log did: statistics per joint, delays, and what the data will not tell."""
+"""Excitation of a log: command statistics per joint, delays, and gaps in the data."""
 
 from collections.abc import Iterable
 from typing import Self
@@ -8,9 +8,9 @@ import numpy as np
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
-AT_REST_BEFORE_ROWS = 10  # half a second at 20 Hz: a delay is measured on starts from rest only
-MOTION_OF_RANGE = 0.002  # a joint has started to move once it is this share of its range from where it rested
-MOTION_IN_NOISE = 5.0  # and this many standard deviations of its rest noise
+AT_REST_BEFORE_ROWS = 10  # half a second at 20 Hz; delays need starts from rest
+MOTION_OF_RANGE = 0.002  # distance from the rest position that counts as motion
+MOTION_IN_NOISE = 5.0  # and in standard deviations of the rest noise
 LONGEST_DELAY_S = 3.0
 FEW_STARTS = 5
 ALONE_AT_LEAST_S = 2.0
@@ -21,9 +21,9 @@ Figures = dict[str, float | int | None]
 
 
 class Excitation:
-    """Takes in a log's trajectories section by section and measures what their commands did, per joint.
+    """Measures per joint what a log's commands did, from trajectories that come section by section.
 
-    Sections of one name that follow each other are one trajectory; how it is cut makes no difference.
+    Consecutive sections of one name are one trajectory; the sectioning does not change the result.
     """
 
     def __init__(self, machine: MachineSpecification, frozen_after_s: float) -> None:
@@ -40,8 +40,8 @@ class Excitation:
         self.fastest = np.zeros(n_joint)
         self.delays: list[list[np.ndarray]] = [[] for _ in range(n_joint)]
         self.name = ""
-        self.still_rows = np.zeros(n_joint, np.int64)  # for how long each encoder has repeated its value
-        self.q, self.a = np.zeros((2, 0, n_joint))  # rows whose starts are not settled, and those they need
+        self.still_rows = np.zeros(n_joint, np.int64)  # rows for which each encoder has repeated its value
+        self.q, self.a = np.zeros((2, 0, n_joint))  # rows of unfinished starts, with their context
         self.n_settled = 0
 
     @classmethod
@@ -56,7 +56,7 @@ class Excitation:
         return excitation
 
     def add(self, section: Trajectory) -> None:
-        """Take in a section."""
+        """Add the next section of a trajectory."""
         if section.name != self.name:
             self.end_trajectory()
             self.name = section.name
@@ -74,14 +74,14 @@ class Excitation:
         self._settle(max(len(self.q) - self.horizon, self.n_settled))
 
     def end_trajectory(self) -> None:
-        """Settle what waited for rows to come; the next section begins a trajectory."""
+        """Finish the pending starts; the next section begins a new trajectory."""
         self._settle(len(self.q))
         self.n_frozen += self.still_rows >= self.frozen_rows
         self.still_rows[:] = 0
         self.q, self.a, self.n_settled, self.name = self.q[:0], self.a[:0], 0, ""
 
     def position_range(self, joint: int) -> Figures:
-        """Return where the joint was, and how fast."""
+        """Return the range of positions and the speeds."""
         return {
             "position_min": float(self.lowest[joint]),
             "position_max": float(self.highest[joint]),
@@ -89,7 +89,7 @@ class Excitation:
         }
 
     def command_statistics(self, joint: int) -> Figures:
-        """Return shares of time, starts, and how long commands were held."""
+        """Return shares of time, number of starts, and durations of commands."""
         n_active = int(self.n_positive[joint] + self.n_negative[joint])
         n_starts = int(self.n_starts[joint])
         return {
@@ -105,23 +105,22 @@ class Excitation:
     def apparent_delay_s(self, joint: int) -> tuple[float | None, int]:
         """Return the time from a command's start to the joint's first visible motion, over starts from rest.
 
-        Visible is a distance from the rest position, towards the command's side or away from it, of
-        `MOTION_OF_RANGE` of the joint's range or `MOTION_IN_NOISE` times the noise at rest, whichever is more;
-        the moment is interpolated between rows. It holds dead time, the start of the response, and the clocks'
-        offset.
+        Motion is visible once the distance from the rest position, in either direction, exceeds both
+        `MOTION_OF_RANGE` times the joint's range and `MOTION_IN_NOISE` times the rest noise. The moment is
+        interpolated between rows. The delay includes dead time, the start of the response, and the clocks' offset.
 
         Returns:
-            The median in s (None if there was no such start), and the number of starts that it is of.
+            Median in s (None without such starts), and the number of starts.
         """
         delays = np.concatenate([*self.delays[joint], np.zeros(0)]) * self.machine.dt_s
         return (float(np.median(delays)) if len(delays) else None), len(delays)
 
     def frozen_stretches(self, joint: int) -> int:
-        """Return how often the position repeated exactly while the joint was commanded, off its limits."""
+        """Return how often the position repeated exactly under command, away from the limits."""
         return int(self.n_frozen[joint])
 
     def findings(self) -> list[str]:
-        """Say what later stages will find missing in the data, one sentence each."""
+        """Return what the data lack for later stages, one sentence each."""
         sentences = []
         for number, joint in enumerate(self.machine.joints):
             statistics = self.command_statistics(number)
@@ -143,7 +142,7 @@ class Excitation:
         return sentences
 
     def _count_frozen(self, section: Trajectory) -> None:
-        """Follow each encoder's runs of exact repetition under command, inside its limits."""
+        """Count each encoder's runs of exact repetition under command, inside its limits."""
         margin = NEAR_LIMIT_OF_RANGE * (self.machine.upper - self.machine.lower)
         inside = (section.q > self.machine.lower + margin) & (section.q < self.machine.upper - margin)
         before = self.q[-1:] if len(self.q) else np.full((1, self.machine.n_joint), np.nan)
@@ -163,7 +162,7 @@ class Excitation:
             self.n_frozen[joint] += int((lengths[: len(lengths) - is_open] >= self.frozen_rows).sum())
 
     def _settle(self, end: int) -> None:
-        """Measure the starts up to a row, and let go of the rows that no later start needs."""
+        """Measure the starts up to a row, and drop rows that later starts do not need."""
         for joint in range(self.machine.n_joint):
             q, a = self.q[:, joint], self.a[:, joint]
             rows = _starts(a, max(self.n_settled, 1), end)
@@ -189,7 +188,7 @@ _NONE = np.zeros(0, np.int64)
 def _delays_in_rows(
     q: np.ndarray, a: np.ndarray, rows: np.ndarray, least_distance: float, horizon: int
 ) -> np.ndarray:
-    """Measure each start's delay in rows, shape (n_delays,): starts from rest that are followed by motion."""
+    """Measure the delay in rows of each start from rest that is followed by motion, shape (n_delays,)."""
     rows = rows[(rows >= AT_REST_BEFORE_ROWS) & (rows + 1 < len(a))]
     before = rows[:, None] + np.arange(-AT_REST_BEFORE_ROWS, 0)
     at_rest = (a[before] == 0).all(axis=1)
@@ -204,7 +203,7 @@ def _delays_in_rows(
     distance = np.abs(q[after] - q[before].mean(axis=1)[:, None])
     beyond = held & (distance > threshold[:, None])
     first = beyond.argmax(axis=1)
-    moved = np.flatnonzero(beyond.any(axis=1) & (first > 0))  # in row 0 it was in motion already
+    moved = np.flatnonzero(beyond.any(axis=1) & (first > 0))  # row 0 means motion before the start
     last, threshold = first[moved], threshold[moved]
     nearer, farther = distance[moved, last - 1], distance[moved, last]
     return last - 1 + np.clip((threshold - nearer) / (farther - nearer), 0.0, 1.0)

@@ -1,7 +1,7 @@
-"""Exact quantiles of more values than are to be held in memory.
+"""Exact quantiles of more values than fit into memory.
 
-The values are passed over several times; each pass counts them in bins of the interval that is known to hold the
-wanted one, until so few are left that they can be sorted.
+The values are read in several passes. Each pass counts them in bins of the interval that holds the quantile, until few
+enough are left to be sorted.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -18,11 +18,11 @@ def quantiles(parts: Parts, fractions: Sequence[float]) -> list[float]:
     """Return quantiles, linear between neighbours as NumPy's default.
 
     Args:
-        parts: Gives the values anew at each call, in arrays of shape (n,); none of them NaN.
+        parts: Yields all values at each call, in arrays of shape (n,), without NaN.
         fractions: In [0, 1].
 
     Raises:
-        ValueError: There are no values.
+        ValueError: `parts` yields no value.
     """
     count = sum(len(part) for part in parts())
     if not count:
@@ -42,7 +42,7 @@ def quantiles(parts: Parts, fractions: Sequence[float]) -> list[float]:
 
 
 def _value_of_rank(parts: Parts, rank: int) -> float:
-    """Return the value with `rank` values before it in ascending order."""
+    """Return the value at position `rank` in ascending order, from 0."""
     low = min(float(part.min()) for part in parts() if len(part))
     high = max(float(part.max()) for part in parts() if len(part))
     while low < high:
@@ -51,7 +51,7 @@ def _value_of_rank(parts: Parts, rank: int) -> float:
         for values in _doubles(parts):
             before += int((values < low).sum())
             inside = values[(values >= low) & (values <= high)]
-            # Any bins do that ascend with the value; those of equal width are found by a division.
+            # Any ascending bins would do; those of equal width are found by a division.
             bins = np.minimum((inside - low) / (high - low) * N_BINS, N_BINS - 1).astype(np.int64)
             counts += np.bincount(bins, minlength=N_BINS)
             np.minimum.at(lowest, bins, inside)

@@ -1,4 +1,4 @@
-"""Rules that put a stream in order of time: steps of the clock, reordered messages, repeated stamps."""
+"""Rules for the order of time: steps of the clock, reordered messages, repeated stamps."""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -27,13 +27,12 @@ def split_at_steps_back(stream: Iterable[Samples], gap_ns: int) -> Iterator[Samp
         last_ns = section.time_ns[-1]
 
 
-def in_order(
+def sort_by_time(
     stream: Iterable[Samples], window_ns: int, what: str, clock_name: str, notes: list[Note]
 ) -> Iterator[Samples]:
-    """Put the samples of each era in order of time; equal times keep their order.
+    """Sort the samples of each era by time; equal times keep their order.
 
-    A sample that is older by more than `window_ns` than one before it is left out, so that only the samples of such
-    a window need to be held back.
+    A sample older by more than `window_ns` than an earlier one is dropped, so that the buffer holds one window only.
     """
     n_back = n_late = 0
     held: Samples | None = None
@@ -66,8 +65,8 @@ def in_order(
         notes.append(Note(NoteKind.left_out, text, n_late))
 
 
-def without_repeats(stream: Iterable[Samples], what: str, notes: list[Note]) -> Iterator[Samples]:
-    """Of samples with one stamp keep the first."""
+def drop_repeated_stamps(stream: Iterable[Samples], what: str, notes: list[Note]) -> Iterator[Samples]:
+    """Keep only the first sample of each stamp."""
     n_repeated, era, last_ns = 0, -1, 0
     for section in stream:
         if not len(section):
@@ -82,8 +81,8 @@ def without_repeats(stream: Iterable[Samples], what: str, notes: list[Note]) -> 
         notes.append(Note(NoteKind.left_out, f"{what} repeats the one before", n_repeated))
 
 
-def measured(stream: Iterable[Samples], store: ColumnStore, table: str) -> Iterator[Samples]:
-    """Keep the intervals between the samples of each era, in ns, for the quality report."""
+def record_intervals(stream: Iterable[Samples], store: ColumnStore, table: str) -> Iterator[Samples]:
+    """Store the intervals between the samples of each era, in ns, for the quality report."""
     era, last_ns = -1, 0
     for section in stream:
         if len(section):

@@ -13,7 +13,7 @@ from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind
 
 @dataclass(frozen=True)
 class GridRows:
-    """Rows of a stretch of log without gaps, on the machine's grid.
+    """Rows of a gap-free stretch of a log, on the machine's grid.
 
     Attributes:
         segment: Number of the stretch; rows of one stretch may come in several sections.
@@ -40,16 +40,16 @@ def resample(
 ) -> Iterator[GridRows]:
     """Put a log on the grid (contract, section 2).
 
-    Rows start at the first joint sample at or after the first command and follow every `dt_s` as long as
-    joint samples last. Between joint samples further apart than `maximum_gap_s` nothing is interpolated: a
-    new segment, with a grid of its own, starts at the sample after the gap.
+    Rows start at the first joint sample at or after the first command and follow every `dt_s` until the last joint
+    sample. Gaps longer than `maximum_gap_s` are not interpolated: a new segment with its own grid starts at the
+    sample after the gap.
 
     Args:
         joints: Joint samples; times strictly ascending within a stretch.
         commands: Commands of the same eras.
         dt_s: Time step of the grid.
         maximum_gap_s: Longest gap that is interpolated.
-        notes: Takes the count of joint samples before the first command.
+        notes: The count of joint samples before the first command is appended here.
     """
     gap_ns, step_ns = round(maximum_gap_s * NANOSECONDS), round(dt_s * NANOSECONDS)
     n_early, stretch = 0, -1
@@ -82,7 +82,7 @@ def resample(
 
 
 class _Segment:
-    """A stretch without gaps: where its grid starts, how far it has come, and the last sample so far."""
+    """A gap-free stretch: the start of its grid, the rows so far, and its last sample."""
 
     def __init__(self, first: Samples, step_ns: int) -> None:
         self.start_ns = self.next_ns = int(first.time_ns[0])
@@ -95,7 +95,7 @@ class _Segment:
         return int(self.known.time_ns[-1])
 
     def extend(self, section: Samples) -> tuple[np.ndarray, np.ndarray]:
-        """Take in samples; return the rows that they settle: times and positions."""
+        """Add samples; return the times and positions of the rows that they complete."""
         time_ns = np.concatenate([self.known.time_ns, section.time_ns])
         value = np.concatenate([self.known.value, section.value])
         self.known = Samples(time_ns[-1:], value[-1:])

@@ -1,6 +1,6 @@
-"""Streams of timed samples: what the rules of conditioning take in and pass on, section by section.
+"""Streams of timed samples, which the rules of conditioning transform section by section.
 
-A rule is a generator over such a stream. Where a log is cut into sections makes no difference to any of them.
+A rule is a generator over such a stream. The division into sections does not change any rule's result.
 """
 
 from collections.abc import Iterable, Iterator
@@ -43,10 +43,10 @@ def join(parts: list[Samples]) -> Samples:
 
 
 def with_neighbours(stream: Iterable[Samples]) -> Iterator[tuple[Samples, int, int]]:
-    """Yield each section with the sample before and after it, where its era has them.
+    """Yield each section with its neighbouring samples of the same era.
 
     Yields:
-        The widened section, and the rows in it at which the section itself begins and ends. No section is empty.
+        The widened section, and the section's bounds within it. No section is empty.
     """
     before: Samples | None = None
     held: Samples | None = None

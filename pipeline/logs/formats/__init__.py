@@ -1,1 +1,1 @@
-"""Files of every format, whole or damaged, to blocks of undecoded messages."""
+"""Readers of every file format, intact or damaged, which yield blocks of undecoded messages."""

@@ -1,4 +1,4 @@
-"""Reads one log of any format into a `RawLog`."""
+"""Read one log of any format into a `RawLog`."""
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -30,7 +30,7 @@ def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore 
     Args:
         entry: A log that `find_logs` found.
         machine: Names topics, joints and the command source.
-        store: Takes the columns; by default they are held in memory.
+        store: Stores the columns; in memory by default.
 
     Raises:
         InputError: The log cannot be read at all, lacks a topic or joint of the machine, or is of another type.
@@ -47,7 +47,7 @@ def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore 
 def _readable_blocks(
     reader: StorageReader, path: Path, ledger: ReadingLedger, wanted: Collection[str], is_only: bool
 ) -> Iterator[MessageBlock]:
-    """Yield a file's blocks; a file of a split bag that cannot be read costs itself and not the bag."""
+    """Yield a file's blocks; an unreadable file of a split bag is skipped, and the rest of the bag is read."""
     try:
         yield from reader(path, ledger, wanted)
     except InputError as error:

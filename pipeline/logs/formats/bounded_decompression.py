@@ -1,4 +1,4 @@
-"""Decompression of chunks: never more bytes than the chunk declares, and of a cut chunk its front."""
+"""Decompression of chunks: at most the declared number of bytes, and the readable front of a truncated chunk."""
 
 import bz2
 from collections.abc import Callable
@@ -10,10 +10,10 @@ MAXIMUM_CHUNK_BYTES = 1 << 29  # 512 MiB; recorders write 1 to 16 MiB, one raw i
 
 
 class DecompressionError(Exception):
-    """Compressed bytes that cannot be read to their end.
+    """Compressed bytes that cannot be read completely.
 
     Attributes:
-        front: What came out before the fault.
+        front: Bytes decompressed before the fault.
     """
 
     def __init__(self, message: str, front: bytes = b"") -> None:
@@ -28,10 +28,10 @@ def decompress(compression: str, data: bytes, size: int | None, cut: bool = Fals
         compression: `""` or `none`, `lz4`, `zstd`, `bz2`.
         data: Compressed bytes.
         size: Declared length of the result; None where the format does not state it.
-        cut: The bytes are known to end early: return what can be had without complaint.
+        cut: The bytes are known to be truncated: return the readable part without an error.
 
     Returns:
-        The chunk, or the front of a cut one.
+        The chunk, or the front of a truncated one.
 
     Raises:
         DecompressionError: The bytes are damaged, or longer than declared.
@@ -86,7 +86,7 @@ def _lz4(data: bytes, limit: int, cut: bool) -> tuple[bytes, str | None]:
             if decompressor.eof:
                 return result, None
         except RuntimeError:
-            pass  # in pieces, so that what came before the fault is kept
+            pass  # in pieces, so that bytes before the fault are kept
         decompressor.reset()
     waiting = data
 
@@ -123,7 +123,7 @@ def _bz2(data: bytes, limit: int, cut: bool) -> tuple[bytes, str | None]:
 def _in_pieces(
     read: Callable[[int], bytes], limit: int, fault_type: type[Exception]
 ) -> tuple[bytes, str | None]:
-    """Read up to `limit` bytes; a fault ends the reading and keeps what came before it."""
+    """Read up to `limit` bytes; a fault ends the reading and keeps the earlier bytes."""
     pieces: list[bytes] = []
     total = 0
     while total < limit:
@@ -140,5 +140,5 @@ def _in_pieces(
 
 PIECE_BYTES = 1 << 16
 ZSTD_PIECE_BYTES = 1 << 10  # of compressed bytes; one can become 32 KiB, so that a piece is at most 32 MiB
-LZ4_MOST_PER_BYTE = 255  # what one compressed byte can become; nothing is allocated that cannot be filled
+LZ4_MOST_PER_BYTE = 255  # most bytes from one compressed byte; bounds the allocation
 _STREAMS = {"zstd": _zstd, "lz4": _lz4, "bz2": _bz2}

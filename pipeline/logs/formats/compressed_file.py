@@ -1,4 +1,4 @@
-"""Bags that were compressed as whole files (`ros2 bag record --compression-mode file --compression-format zstd`)."""
+"""Bags compressed as whole files (`ros2 bag record --compression-mode file --compression-format zstd`)."""
 
 import shutil
 from collections.abc import Iterator
@@ -12,19 +12,19 @@ from pipeline.logs.messages.message_blocks import ReadingLedger
 
 COMPRESSED_SUFFIXES = (".zstd", ".zst")  # of rosbag2 and of the command `zstd`
 PIECE_BYTES = 1 << 10  # one compressed byte can become 32 KiB: a piece is at most 32 MiB in memory
-# No recording shrinks a thousandfold: a file that does is a bomb, or holds nothing.
+# Recordings do not shrink a thousandfold: such a file is a decompression bomb or empty.
 MAXIMUM_EXPANSION = 1000
 ALWAYS_ALLOWED_BYTES = 1 << 28
-KEPT_FREE_BYTES = 1 << 28  # of the temporary folder's disk, for everyone else
+KEPT_FREE_BYTES = 1 << 28  # of the temporary folder's disk, for other programs
 BYTES_BETWEEN_CHECKS = 1 << 26
 
 
 class _Damage(Exception):
-    """Compressed bytes that cannot be read on."""
+    """Compressed bytes are damaged or truncated."""
 
 
 def decompress_file(path: Path, source: BinaryIO, target: Path, ledger: ReadingLedger) -> None:
-    """Decompress a file as far as it can be read; where that is not its end, the ledger says so.
+    """Decompress the readable part of a file, and note in the ledger whether bytes were lost.
 
     Args:
         path: The compressed file's path, for messages.
@@ -33,8 +33,8 @@ def decompress_file(path: Path, source: BinaryIO, target: Path, ledger: ReadingL
         ledger: Where damage is noted.
 
     Raises:
-        InputError: Nothing can be decompressed, or the result is too large for the disk or beyond all measure.
-        OSError: The file cannot be read, or the result not be written.
+        InputError: Nothing can be decompressed, or the result exceeds the disk or `MAXIMUM_EXPANSION`.
+        OSError: The file cannot be read, or the result cannot be written.
     """
     limit = max(ALWAYS_ALLOWED_BYTES, MAXIMUM_EXPANSION * path.stat().st_size)
     written, next_check = 0, 0

@@ -1,4 +1,4 @@
-"""Finds the logs in a folder: bags of every format and tables, in any mix and depth."""
+"""Find the logs in a folder: bags of every format and tables, mixed and in subfolders."""
 
 import enum
 import os
@@ -10,16 +10,18 @@ import yaml
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.compressed_file import COMPRESSED_SUFFIXES
-from pipeline.logs.formats.opened_file import why_no_file
+from pipeline.logs.formats.opened_file import why_unreadable
 
 METADATA = "metadata.yaml"
-YamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same, ten times faster where it was built
+YamlLoader = getattr(
+    yaml, "CSafeLoader", yaml.SafeLoader
+)  # the C loader is ten times faster, where available
 MAXIMUM_METADATA_CHARACTERS = 1 << 22
 SPLIT_NAME = re.compile(r"(?P<stem>.+)_(?P<number>\d+)")
 
 
 class LogFormat(enum.StrEnum):
-    """File formats, by what reads them."""
+    """File formats, by their reader."""
 
     mcap = "mcap"
     rosbag1 = "rosbag1"
@@ -33,7 +35,7 @@ COMPRESSION_FORMATS = ("", "zstd")
 FORMATS = {
     ".mcap": LogFormat.mcap,
     ".bag": LogFormat.rosbag1,
-    ".active": LogFormat.rosbag1,  # what a crashed `rosbag record` leaves
+    ".active": LogFormat.rosbag1,  # left by a crashed `rosbag record`
     ".db3": LogFormat.sqlite3,
     ".csv": LogFormat.csv,
     ".parquet": LogFormat.parquet,
@@ -47,10 +49,10 @@ class LogEntry:
     Attributes:
         name: Unique within the folder that was searched.
         path: The file or the bag folder.
-        format: What reads its files.
+        format: Format of its files.
         files: Its files in the order of recording.
-        missing: Files that `metadata.yaml` lists and that are not there.
-        error: Why it cannot be read at all, if that is known already; `read_log` raises it.
+        missing: Files that `metadata.yaml` lists but that are absent.
+        error: Why it cannot be read, if already known; `read_log` raises it.
     """
 
     name: str
@@ -85,7 +87,7 @@ def find_logs(directory: Path) -> list[LogEntry]:
 
 
 def _entries(directory: Path, met: set[Path]) -> list[LogEntry]:
-    """Find the logs of a folder; `met` are the folders that need not be searched again, for links may lead to them."""
+    """Find the logs of a folder; `met` holds the folders searched already, to which links may lead back."""
     met.add(directory.resolve())
     try:
         children = sorted(os.scandir(directory), key=lambda child: child.name)
@@ -100,7 +102,7 @@ def _entries(directory: Path, met: set[Path]) -> list[LogEntry]:
     entries = _split_bag(directory, files)
     taken = {path for entry in entries for path in entry.files}
     entries += [entry for path in files if path not in taken and (entry := _file_entry(path)) is not None]
-    # Folders before links to them, so that a log is found where it lies.
+    # Folders before links to them, so that a log is listed at its real place.
     for folder in sorted(folders, key=lambda one: (one.is_symlink(), one)):
         if folder.resolve() not in met:
             entries += _entries(folder, met) or _folder_named_as_log(folder)
@@ -110,14 +112,14 @@ def _entries(directory: Path, met: set[Path]) -> list[LogEntry]:
 def _is_folder(child: os.DirEntry[str]) -> bool:
     try:
         return child.is_dir()
-    except OSError:  # a link that leads nowhere
+    except OSError:  # a broken link
         return False
 
 
 def _is_file(path: Path) -> bool:
-    """Whether there is a file and not a pipe, which would be waited at; what cannot be told, its reader tells."""
+    """Whether it is a regular file; opening a pipe would block. Unreadable files count: their reader reports them."""
     try:
-        return why_no_file(path) is None
+        return why_unreadable(path) is None
     except FileNotFoundError:
         return False
     except OSError:
@@ -130,18 +132,18 @@ def _folder_named_as_log(folder: Path) -> list[LogEntry]:
 
 
 def _plain(path: Path) -> Path:
-    """Return the path without the suffix of a compressed file."""
+    """Return the path without a compression suffix."""
     return path.with_suffix("") if path.suffix in COMPRESSED_SUFFIXES else path
 
 
 def _without_copies(files: list[Path]) -> list[Path]:
-    """Leave out compressed files that are there plain too; where a crash interrupted the compression, that is whole."""
+    """Drop compressed files whose plain file exists: after an interrupted compression only that one is complete."""
     plain = {path for path in files if path == _plain(path)}
     return [path for path in files if path in plain or _plain(path) not in plain]
 
 
 def _format_of(path: Path) -> LogFormat | None:
-    """Return what reads a file, by its name; tables are not read compressed."""
+    """Return a file's format, by its name; compressed tables are not supported."""
     found = FORMATS.get(_plain(path).suffix)
     return None if path != _plain(path) and found in (LogFormat.csv, LogFormat.parquet) else found
 
@@ -153,14 +155,14 @@ def _file_entry(path: Path) -> LogEntry | None:
     plain = _plain(path)
     name = plain.name.removesuffix(".active").removesuffix(plain.suffix).removesuffix(".bag")
     try:
-        reason = why_no_file(path)
+        reason = why_unreadable(path)
     except OSError as error:
         reason = f"{path}: cannot be read ({error.strerror}); check where it points to"
     return LogEntry(name, path, log_format, () if reason else (path,), error=reason or "")
 
 
 def _split_bag(directory: Path, files: list[Path]) -> list[LogEntry]:
-    """Files NAME_0, NAME_1, … in a folder NAME that lost its metadata."""
+    """The bag of files NAME_0, NAME_1, … in a folder NAME without metadata."""
     for suffix in BAG_SUFFIXES:
         parts = []
         for path in files:
@@ -176,10 +178,10 @@ def _split_bag(directory: Path, files: list[Path]) -> list[LogEntry]:
 
 
 def _bag_folder(directory: Path) -> LogEntry:
-    """A ROS 2 bag folder, as its metadata describes it."""
+    """A ROS 2 bag folder, read from its metadata."""
     place = directory / METADATA
     try:
-        if (reason := why_no_file(place)) is not None:
+        if (reason := why_unreadable(place)) is not None:
             return _broken(directory, reason)
         with place.open(encoding="utf-8") as file:
             information = yaml.load(file.read(MAXIMUM_METADATA_CHARACTERS), Loader=YamlLoader)[
@@ -191,12 +193,12 @@ def _bag_folder(directory: Path) -> LogEntry:
     except OSError as error:
         return _broken(directory, f"{place}: cannot be read ({error.strerror}); check its permissions")
     except (yaml.YAMLError, ValueError, KeyError, TypeError, RecursionError):
-        listed, compression = [], ""  # damaged metadata: the files themselves say what they hold
+        listed, compression = [], ""  # damaged metadata: search the files themselves
     if compression not in COMPRESSION_FORMATS:
         text = f"{place}: the bag is compressed as {compression}, which is not read; convert it with `ros2 bag convert`"
         return _broken(directory, text)
-    # Older releases list files with the folder.
-    paths = [_as_it_is(directory / Path(name).name) for name in listed]
+    # Older releases list files with their folder.
+    paths = [_existing_variant(directory / Path(name).name) for name in listed]
     present = [path for path in paths if _is_file(path)]
     if not present:
         found = [
@@ -215,8 +217,8 @@ def _bag_folder(directory: Path) -> LogEntry:
     return LogEntry(directory.name, directory, formats.pop(), tuple(present), missing)
 
 
-def _as_it_is(path: Path) -> Path:
-    """Return a listed file as it is there: it may have been compressed or decompressed since."""
+def _existing_variant(path: Path) -> Path:
+    """Return the existing variant of a listed file, which may have been compressed or decompressed since."""
     plain = _plain(path)
     others = [plain, *(plain.with_name(plain.name + suffix) for suffix in COMPRESSED_SUFFIXES)]
     return next((other for other in [path, *others] if other.exists()), path)
@@ -232,7 +234,7 @@ def _broken(path: Path, reason: str) -> LogEntry:
 
 
 def _with_unique_names(entries: list[LogEntry], directory: Path) -> list[LogEntry]:
-    """Name logs by file name; where two share one, put the folders before it."""
+    """Name logs by file name; put the folders before a name that occurs twice."""
     names = [entry.name for entry in entries]
     unique = []
     for entry in entries:

@@ -1,9 +1,9 @@
-"""Finds the messages of a chunk by the index that the bag keeps of it, as arrays, and trusts nothing that it says.
+"""Find the messages of a chunk from its index, as arrays; every index entry is verified.
 
-Every place that the index names is checked by `mcap_index` or `rosbag1_index`: a message record of that channel and
-that time must stand there. Here the rest is settled: the records must lie side by side, and what lies between them is
-walked record by record. So the messages found are those of a walk over the whole chunk; where anything contradicts the
-index, that walk is done. It goes on behind damage at the next place that the index names truly.
+`mcap_index` and `rosbag1_index` check each entry: a message record of that channel and time must stand at its offset.
+This module checks that the records do not overlap, and walks the bytes between them record by record. The result
+equals that of a walk over the whole chunk. If the index is contradicted, that walk is done; after damage it resumes at
+the next verified entry.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ Walk = Callable[[int, int, BlockColumns], int]
 
 @dataclass(frozen=True)
 class IndexedRecords:
-    """Message records that stand where an index says, in the order of their places.
+    """Verified message records of an index, in the order of their offsets.
 
     Attributes:
         channel: Channel or connection of each, shape (n,).
@@ -26,8 +26,8 @@ class IndexedRecords:
         begin: Where each record begins in the chunk, shape (n,), int64.
         start: Where its message begins, shape (n,), int64.
         length: Length of its message in bytes, shape (n,), int64.
-        channels: The channels that have any, each once.
-        are_all: Whether every entry of the index is among them.
+        channels: Channels with at least one record.
+        are_all: Whether every entry of the index was verified.
     """
 
     channel: np.ndarray
@@ -38,8 +38,8 @@ class IndexedRecords:
     channels: tuple[int, ...]
     are_all: bool
 
-    def only(self, true: np.ndarray) -> "IndexedRecords | None":
-        """Return those that a mask of shape (n,) keeps; None if it keeps none."""
+    def select(self, true: np.ndarray) -> "IndexedRecords | None":
+        """Return the records that a mask of shape (n,) keeps; None if it keeps nothing."""
         if true.all():
             return self if len(true) else None
         channel = self.channel[true]
@@ -57,12 +57,12 @@ class IndexedRecords:
 
 
 def records_at(data: np.ndarray, begin: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Copy the bytes at each place as elements of `dtype`.
+    """Copy the bytes at each offset as elements of `dtype`.
 
     Args:
         data: The chunk, shape (n_bytes,), uint8.
-        begin: Places, shape (n,); each at least `dtype.itemsize` bytes before the chunk's end.
-        dtype: A structured type without padding bytes that matter.
+        begin: Offsets, shape (n,); each at least `dtype.itemsize` bytes before the chunk's end.
+        dtype: A structured type; padding bytes are arbitrary.
 
     Returns:
         Elements, shape (n,).
@@ -81,13 +81,13 @@ def gather_records(
     Args:
         columns: Empty columns for the chunk's messages.
         n_bytes: Length of the chunk.
-        indexed: What its index names truly; None without one.
-        walk: Adds the messages of a stretch (begin, end) to columns, and returns where the stretch ends or a damaged
-            record begins.
+        indexed: Verified records of its index; None without an index.
+        walk: Adds the messages of a stretch (begin, end) to columns, and returns the end of the stretch or the start
+            of a damaged record.
         ledger: Where the walk notes damage.
 
     Returns:
-        The columns, and the stretches (begin, end) that no record could be made out in.
+        The columns, and the lost stretches (begin, end).
     """
     n_notes = len(ledger.notes)
     if indexed is not None and (stretches := _between(indexed, n_bytes)) is not None:
@@ -109,15 +109,15 @@ def gather_records(
     return columns, lost
 
 
-def told(lost: list[tuple[int, int]], n_bytes: int) -> str:
-    """Tell in words how much of a chunk was lost."""
+def describe_loss(lost: list[tuple[int, int]], n_bytes: int) -> str:
+    """Describe in words how much of a chunk was lost."""
     total = sum(end - begin for begin, end in lost)
     places = f"in {len(lost)} places " if len(lost) > 1 else ""
     return f"{total} of its {n_bytes} bytes, {places}from its byte {lost[0][0]} on, are lost"
 
 
 def _between(indexed: IndexedRecords, n_bytes: int) -> list[tuple[int, int]] | None:
-    """Return the stretches between the records; None if they overlap or do not give the whole index."""
+    """Return the stretches between the records; None if records overlap or the index was not verified completely."""
     begin, end = indexed.begin, indexed.start + indexed.length
     if not indexed.are_all or (begin[1:] < end[:-1]).any():
         return None

@@ -1,8 +1,8 @@
-"""Reads MCAP files, whole or damaged (mcap.dev/spec).
+"""Read MCAP files, intact or damaged (mcap.dev/spec).
 
-The data section is read front to back, chunk by chunk, so a file without summary, index or end is read as far
-as it goes. A chunk whose checksum fails is left out as a whole, for nothing tells which of its bytes are
-wrong; of a chunk that the file's end cuts, the front is used.
+The data section is read front to back, chunk by chunk, so a file without summary, index or end is read up to its last
+byte. A chunk whose checksum fails is dropped completely, because the wrong bytes are unknown. The front of a truncated
+chunk is used.
 """
 
 import struct
@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
-from pipeline.logs.formats.indexed_chunk import gather_records, told
+from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records
 from pipeline.logs.formats.mcap_index import ENTRY_WORDS, find_messages
 from pipeline.logs.formats.message_compression import plain_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
@@ -62,7 +62,7 @@ class _Scan:
         self.topics: dict[int, LoggedTopic] = {}
         self.chunk_starts: list[int] = []
         self.summary_is_read = False
-        self.unchunked = bytearray()  # message records that stand outside of chunks
+        self.unchunked = bytearray()  # message records outside of chunks
 
     def blocks(self) -> Iterator[MessageBlock]:
         """Yield blocks until the data section, the file or its readable part ends."""
@@ -102,14 +102,14 @@ class _Scan:
         yield from self.flush(offset)
 
     def next_indexed_chunk(self, offset: int) -> int:
-        """Return where the next chunk starts by the file's own index, or the file's size if it has none."""
+        """Return the next chunk's start from the file's index, or the file's size without one."""
         self.read_summary()
         return min((start for start in self.chunk_starts if offset < start < self.size), default=self.size)
 
     def read_summary(self) -> None:
-        """Take in the summary at the file's end, once: where chunks start, and the channels' repeated descriptions.
+        """Read the summary at the file's end, once: chunk offsets, and the channels' repeated descriptions.
 
-        It is only needed where the data section is damaged.
+        It is needed only if the data section is damaged.
         """
         if self.summary_is_read:
             return
@@ -137,7 +137,7 @@ class _Scan:
             position += PREFIX.size + length
 
     def flush(self, offset: int) -> Iterator[MessageBlock]:
-        """Yield the messages that stood outside of chunks."""
+        """Yield the messages outside of chunks."""
         if self.unchunked:
             data, self.unchunked = bytes(self.unchunked), bytearray()
             yield from self.records(data, f"in the unchunked messages before byte {offset}", offset, {})
@@ -204,13 +204,13 @@ class _Scan:
         indexed = find_messages(buffer, indexes)
         columns, lost = gather_records(BlockColumns(buffer), len(data), indexed, walk, self.ledger)
         if lost:
-            self.ledger.damage(offset, f"{place}, {told(lost, len(data))}")
+            self.ledger.damage(offset, f"{place}, {describe_loss(lost, len(data))}")
         if not columns.channels <= self.topics.keys():
             self.read_summary()
         yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
 
     def walk(self, data: bytes, position: int, end: int, columns: BlockColumns, offset: int) -> int:
-        """Walk the records of a stretch of a chunk; return where they end, or where one is damaged."""
+        """Walk the records of a stretch of a chunk; return its end, or the start of a damaged record."""
         unpack = MESSAGE_HEADER.unpack_from
         while position + PREFIX.size <= end:
             if data[position] == MESSAGE and position + MESSAGE_HEADER.size <= end:
@@ -230,7 +230,7 @@ class _Scan:
         return position
 
     def describe(self, opcode: int, body: bytes, offset: int) -> None:
-        """Take in a schema or a channel record."""
+        """Read a schema or channel record."""
         try:
             if opcode == SCHEMA:
                 (number,) = struct.unpack_from("<H", body)

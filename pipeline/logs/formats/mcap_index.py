@@ -15,19 +15,19 @@ RECORD = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
-FIELDS_BYTES = 22  # from channel to publish time, which the record's length counts
+FIELDS_BYTES = 22  # from channel to publish time, counted in the record's length
 ENTRY_WORDS = 2  # log time, offset in the decompressed chunk
 
 
 def find_messages(data: np.ndarray, indexes: dict[int, np.ndarray]) -> IndexedRecords | None:
-    """Find the message records that the index names truly.
+    """Find the message records of the index that are verified in the chunk.
 
     Args:
         data: The decompressed chunk, shape (n_bytes,), uint8.
         indexes: By channel, log time and offset of each message, shape (n, 2), uint64.
 
     Returns:
-        The records; None if there are none.
+        The records; None if no entry is verified.
     """
     if not indexes or len(data) < RECORD.itemsize:
         return None
@@ -47,4 +47,4 @@ def find_messages(data: np.ndarray, indexes: dict[int, np.ndarray]) -> IndexedRe
     true &= start + message_length <= len(data)
     are_all = n_within == len(offset)
     found = IndexedRecords(channel, log_time, begin, start, message_length, tuple(indexes), are_all)
-    return found.only(true)
+    return found.select(true)

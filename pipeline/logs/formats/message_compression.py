@@ -1,7 +1,7 @@
-"""Messages that were compressed one by one (`ros2 bag record --compression-mode message --compression-format zstd`).
+"""Messages compressed one by one (`ros2 bag record --compression-mode message --compression-format zstd`).
 
-They are recognised by their own bytes, so a bag that lost its metadata is read too: a message in CDR begins with a
-zero byte, a zstd frame never does.
+They are recognised by their own bytes, so a bag without metadata is read, too: a CDR message begins with a zero byte, a
+zstd frame never does.
 """
 
 from collections.abc import Iterator
@@ -19,8 +19,8 @@ BATCH_BYTES = 1 << 23  # of decompressed messages in one block
 def plain_messages(block: MessageBlock, ledger: ReadingLedger) -> Iterator[MessageBlock]:
     """Yield a block as it is, or its messages decompressed, in blocks of bounded size.
 
-    A message that cannot be decompressed is left out and counted as damage, and so is one without zstd's mark among
-    others that have it.
+    A message that cannot be decompressed is dropped and counted as damage, as is a message without zstd's mark among
+    others with it.
     """
     if block.topic.encoding != "cdr" or not _are_frames(block).any():
         yield block
@@ -62,7 +62,7 @@ def _decompressed(frame: memoryview, decompressor: zstandard.ZstdDecompressor) -
     """Decompress one message.
 
     Raises:
-        DecompressionError: It is damaged or too large.
+        DecompressionError: The message is damaged or too large.
     """
     try:
         if 0 <= zstandard.frame_content_size(frame) <= MAXIMUM_CHUNK_BYTES:

@@ -1,4 +1,4 @@
-"""Opens one file of a bag, whatever it turns out to be, and puts what fails while it is read into one line."""
+"""Open one file of a bag, plain or compressed, and turn reading errors into one line."""
 
 import errno
 import os
@@ -29,9 +29,9 @@ class OpenedFile:
 
     Attributes:
         file: The file, at its beginning.
-        path: Where it lies: its own path, or that of a decompressed copy.
+        path: Its own path, or that of a decompressed copy.
         size: Its length in bytes.
-        ledger: The bag's ledger, whose notes on damage name this file.
+        ledger: The bag's ledger; notes on damage name this file.
     """
 
     file: BufferedReader
@@ -45,12 +45,12 @@ def opened_file(path: Path, ledger: ReadingLedger) -> Iterator[OpenedFile]:
     """Open a file; a compressed one (`.zstd`, `.zst`) is decompressed into a temporary folder first.
 
     Raises:
-        InputError: It is no regular file, cannot be opened, or fails while it is read; there is no room for the
-            decompressed copy.
+        InputError: It is not a regular file, cannot be opened, fails while it is read, or its decompressed copy does
+            not fit on the disk.
     """
-    own = replace(ledger, path=path)  # shares all that the bag's ledger gathers
+    own = replace(ledger, path=path)  # shares the bag's counts and notes
     try:
-        if (reason := why_no_file(path)) is not None:
+        if (reason := why_unreadable(path)) is not None:
             raise InputError(reason)
         with path.open("rb") as file:
             if path.suffix not in COMPRESSED_SUFFIXES:
@@ -66,10 +66,10 @@ def opened_file(path: Path, ledger: ReadingLedger) -> Iterator[OpenedFile]:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}); {_remedy(error)}") from error
 
 
-def why_no_file(path: Path) -> str | None:
-    """Tell in one line why a path is no file to be read; None if it is one.
+def why_unreadable(path: Path) -> str | None:
+    """Return in one line why a path is not a readable file; None if it is.
 
-    It is asked before opening, for opening a named pipe would wait without end.
+    Check before opening: opening a named pipe would block.
     """
     kind = stat.S_IFMT(path.stat().st_mode)
     if kind == stat.S_IFREG:

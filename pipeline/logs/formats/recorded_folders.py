@@ -1,4 +1,4 @@
-"""Folders of bags that are made anew: what a stage did not write there itself is not deleted."""
+"""Folders of recorded bags: a new recording deletes only what the stage wrote itself."""
 
 import os
 import shutil
@@ -9,19 +9,19 @@ from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
 from pipeline.logs.formats.writer import partial_bag
 
-RECORDED = "recorded.txt"  # beside folders of recorded bags: what was recorded, a path a line
+RECORDED = "recorded.txt"  # lists recorded bags, a path a line; lies beside their folders
 
 
 def refuse_foreign(folders: Iterable[Path], is_own: Callable[[Path], bool], stage: str, remedy: str) -> None:
     """Raise `InputError` if a folder holds an entry that the stage did not write; hidden entries do not count.
 
-    All folders are to be looked at before any is touched.
+    All folders are checked before any is changed.
 
     Args:
-        folders: That are to be deleted; they may be missing.
+        folders: Folders to be deleted; they may be missing.
         is_own: Whether the stage wrote an entry.
-        stage: Its name, for the message.
-        remedy: What to do, for the message.
+        stage: Name of the stage, for the message.
+        remedy: Advice, for the message.
     """
     for folder in folders:
         present = [folder] if folder.exists() and not folder.is_dir() else sorted(folder.glob("[!.]*"))
@@ -31,22 +31,22 @@ def refuse_foreign(folders: Iterable[Path], is_own: Callable[[Path], bool], stag
 
 
 def list_recorded(output: Path, bags: Iterable[Path]) -> None:
-    """Note which bags below `output` a stage is about to record: `clear_recorded` deletes these alone."""
+    """List the bags below `output` that a stage is about to record; `clear_recorded` deletes only these."""
     lines = [f"{bag.relative_to(output).as_posix()}\n" for bag in bags]
     write_whole(output / RECORDED, "".join(lines).encode())
 
 
 def clear_recorded(output: Path, names: Iterable[str], stage: str, own_logs: Mapping[str, str]) -> None:
-    """Delete the bags that a stage recorded in folders of `output`, and make the folders where they are absent.
+    """Delete the bags that a stage recorded in folders of `output`, and create missing folders.
 
     Args:
-        output: Folder of the folders and of the list of what was recorded.
-        names: Of the folders.
-        stage: Its name, for the message.
-        own_logs: What the user names in place of recordings, by the settings' names.
+        output: Parent of the folders and of the list of recorded bags.
+        names: Names of the folders.
+        stage: Name of the stage, for the message.
+        own_logs: The user's logs that replace recordings, by the settings' names.
 
     Raises:
-        InputError: A folder holds something else, or what the user names.
+        InputError: A folder holds something else, or the user's logs.
     """
     folders = [output / name for name in names]
     for setting, logs in own_logs.items():
@@ -67,7 +67,7 @@ def clear_recorded(output: Path, names: Iterable[str], stage: str, own_logs: Map
         for bag in listed & set(folder.iterdir()):
             shutil.rmtree(bag)
         for bag in listed:
-            if bag.parent == folder:  # what a killed run had of it
+            if bag.parent == folder:  # the unfinished bag of a killed run
                 shutil.rmtree(partial_bag(bag), ignore_errors=True)
     path.unlink(missing_ok=True)
 

@@ -1,7 +1,7 @@
-"""Reads ROS 1 bags, version 2.0, whole or damaged (wiki.ros.org/Bags/Format/2.0).
+"""Read ROS 1 bags, version 2.0, intact or damaged (wiki.ros.org/Bags/Format/2.0).
 
-The file is read front to back, chunk by chunk, so the index at its end is not needed: bags that a crashed
-recorder left (`.bag.active`) are read as far as they go.
+The file is read front to back, chunk by chunk, so the index at its end is not needed: bags of a crashed
+recorder (`.bag.active`) are read up to their last byte.
 """
 
 import struct
@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
-from pipeline.logs.formats.indexed_chunk import gather_records, told
+from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.formats.rosbag1_index import find_messages, index_entries
 from pipeline.logs.formats.rosbag1_record import (
@@ -66,9 +66,9 @@ class _RecordScan:
         self.topics: dict[int, LoggedTopic] = {}
         self.chunk_starts: list[int] = []
         self.index_start = 0
-        self.is_closed = True  # until the bag's header says otherwise
-        self.unchunked = bytearray()  # records of a chunk that the recorder did not live to close
-        self.unchunked_start: int | None = None  # where that chunk, or the first of them, stands
+        self.is_closed = True  # unless the bag's header says otherwise
+        self.unchunked = bytearray()  # records of a chunk that the recorder did not close
+        self.unchunked_start: int | None = None  # offset of that chunk, or of the first record
 
     def blocks(self) -> Iterator[MessageBlock]:
         """Yield blocks until the file or its readable part ends."""
@@ -109,20 +109,20 @@ class _RecordScan:
             self.ledger.damage(
                 self.size, "the recorder did not close this bag; what it had not written is lost"
             )
-        elif self.index_start > self.size:  # cut just where a record ends
+        elif self.index_start > self.size:  # truncated exactly at a record's end
             self.ledger.damage(self.size, "the file ends before its index; what stood between is lost")
 
     def next_place(self, offset: int) -> int:
-        """Return where to go on behind damage: where the next chunk starts by the file's own index, or its end."""
+        """Return where to resume after damage: the next chunk's start from the file's index, or the file's end."""
         if offset == len(VERSION) < RECORDS_START < self.size:
             return RECORDS_START
         self.read_index()
         return min((start for start in self.chunk_starts if offset < start < self.size), default=self.size)
 
     def read_index(self) -> None:
-        """Take in the index at the file's end, once: where chunks start, and the connections' repeated descriptions.
+        """Read the index at the file's end, once: chunk offsets, and the connections' repeated descriptions.
 
-        It is only needed where the bag is damaged.
+        It is needed only if the bag is damaged.
         """
         position, self.index_start = self.index_start, 0
         while 0 < position < self.size:
@@ -138,7 +138,7 @@ class _RecordScan:
             position = data_start + data_length
 
     def record(self, offset: int) -> tuple[dict[str, bytes], int, int]:
-        """Read a record's header: its fields, where its data start and how long they are."""
+        """Read a record's header: its fields, and start and length of its data."""
         self.file.seek(offset)
         word = self.file.read(WORD.size)
         if len(word) < WORD.size:
@@ -178,7 +178,7 @@ class _RecordScan:
         yield from self.records(data, offset, [] if cut else self.indexes(data_start + length))
 
     def flush(self) -> Iterator[MessageBlock]:
-        """Yield the messages that stood outside of chunks."""
+        """Yield the messages outside of chunks."""
         if self.unchunked:
             data, self.unchunked = bytes(self.unchunked), bytearray()
             offset, self.unchunked_start = self.unchunked_start or 0, None
@@ -215,7 +215,7 @@ class _RecordScan:
         columns, lost = gather_records(columns, len(data), indexed, walk, self.ledger)
         if lost:
             place = f"in the chunk that starts here, {reasons[-len(lost)]}"
-            self.ledger.damage(offset, f"{place}; {told(lost, len(data))}")
+            self.ledger.damage(offset, f"{place}; {describe_loss(lost, len(data))}")
         if not columns.channels <= self.topics.keys():
             self.read_index()
         yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
@@ -229,7 +229,7 @@ class _RecordScan:
         header_of: MessageHeaderReader,
         reasons: list[str],
     ) -> int:
-        """Walk the records of a stretch of a chunk; return where they end, or where one is damaged, and say why."""
+        """Walk the records of a stretch of a chunk; return its end, or the start of a damaged record and the reason."""
         word = WORD.unpack_from
         try:
             while position < end:
@@ -257,7 +257,7 @@ class _RecordScan:
         return position
 
     def connect(self, header: dict[str, bytes], data: bytes) -> None:
-        """Take in a connection record."""
+        """Read a connection record."""
         description = {**header, **fields_of(data, needs_opcode=False)}
         if len(header.get("conn", b"")) != WORD.size or "type" not in description:
             raise RecordError("a connection's description is damaged")

@@ -15,8 +15,8 @@ from pipeline.logs.messages.raw_log import NANOSECONDS
 
 INDEX_VERSION = WORD.pack(1)
 ENTRY_WORDS = 3  # seconds, nanoseconds, offset in the decompressed chunk
-TEMPLATES_TRIED = 8  # so that one damaged record does not make the index useless
-MAXIMUM_HEADER_BYTES = 1 << 10  # of a message; it has some 40
+TEMPLATES_TRIED = 8  # more than one, in case the first record is damaged
+MAXIMUM_HEADER_BYTES = 1 << 10  # of a message record's header, which has some 40
 
 
 def index_entries(header: dict[str, bytes], data: bytes) -> tuple[int, np.ndarray] | None:
@@ -35,17 +35,16 @@ def index_entries(header: dict[str, bytes], data: bytes) -> tuple[int, np.ndarra
 
 
 def find_messages(data: bytes, indexes: list[tuple[int, np.ndarray]]) -> IndexedRecords | None:
-    """Find the message records that the index names truly.
+    """Find the message records of the index that are verified in the chunk.
 
-    Every header must have the bytes of the first one that can be read, but for connection and time, and these must be
-    those of the index.
+    Every header must equal the first readable one except in connection and time, which must equal the index's.
 
     Args:
         data: The decompressed chunk.
-        indexes: What `index_entries` read of each index record.
+        indexes: Result of `index_entries` for each index record.
 
     Returns:
-        The records; None if there are none.
+        The records; None if no entry is verified.
     """
     if not indexes:
         return None
@@ -74,11 +73,11 @@ def find_messages(data: bytes, indexes: list[tuple[int, np.ndarray]]) -> Indexed
         true &= (heads.view(np.uint8).reshape(shape) == expected.view(np.uint8).reshape(shape)).all(axis=1)
     channels = tuple({number for number, entries in indexes if len(entries)})
     found = IndexedRecords(connection, log_time, begin, start, length, channels, n_within == len(offset))
-    return found.only(true)
+    return found.select(true)
 
 
 def _layout(data: bytes, offsets: np.ndarray) -> HeaderLayout | None:
-    """Return the layout of the first header at these places that can be read."""
+    """Return the layout of the first readable header at these offsets."""
     for begin in offsets.tolist():
         head = data[begin : begin + WORD.size + MAXIMUM_HEADER_BYTES]
         if len(head) < WORD.size:
@@ -94,7 +93,7 @@ def _layout(data: bytes, offsets: np.ndarray) -> HeaderLayout | None:
 
 
 def _record_type(layout: HeaderLayout) -> np.dtype:
-    """Return the type of a message record up to its message: length of the header, header, length of the message."""
+    """Return the type of a message record before its message: header length, header, message length."""
     header_end = WORD.size + len(layout.template)
     time_at = WORD.size + layout.time_offset
     at = {

@@ -12,14 +12,14 @@ TIME = struct.Struct("<II")
 
 
 class RecordError(Exception):
-    """Bytes that are no record."""
+    """The bytes are not a record."""
 
 
 def fields_of(body: bytes, needs_opcode: bool = True) -> dict[str, bytes]:
     """Read `name=value` fields in their order.
 
     Raises:
-        RecordError: The bytes are no fields, or lack the opcode.
+        RecordError: The bytes are not fields, or lack the opcode.
     """
     fields: dict[str, bytes] = {}
     position = 0
@@ -40,12 +40,12 @@ def fields_of(body: bytes, needs_opcode: bool = True) -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class HeaderLayout:
-    """Where connection and time stand in a message's header; all its other bytes are alike in every message.
+    """Offsets of connection and time in a message's header; its other bytes are equal in every message.
 
     Attributes:
-        template: Such a header.
-        connection_offset: Where the connection's number stands in it.
-        time_offset: Where the time stands in it.
+        template: An example header.
+        connection_offset: Offset of the connection's number.
+        time_offset: Offset of the time.
     """
 
     template: bytes
@@ -73,7 +73,7 @@ def layout_of(raw: bytes, header: dict[str, bytes]) -> HeaderLayout | None:
         header: Its fields, with a connection and a time.
 
     Returns:
-        The layout; None if a field stands twice or has a name that is not ASCII.
+        The layout; None if a field occurs twice or its name is not ASCII.
     """
     position, offsets = 0, {}
     for name, value in header.items():
@@ -87,10 +87,10 @@ def layout_of(raw: bytes, header: dict[str, bytes]) -> HeaderLayout | None:
 
 
 def message_fields(raw: bytes) -> dict[str, bytes] | None:
-    """Read a message's header; None if it is of another record.
+    """Read a message's header; None for another kind of record.
 
     Raises:
-        RecordError: It is no header, or connection or time are damaged.
+        RecordError: The bytes are not a header, or connection or time are damaged.
     """
     header = fields_of(raw)
     if header["op"][0] != MESSAGE:
@@ -101,7 +101,7 @@ def message_fields(raw: bytes) -> dict[str, bytes] | None:
 
 
 class MessageHeaderReader:
-    """Reads connection and time from message headers; fast where a header is laid out as the one before."""
+    """Reads connection and time from message headers; fast if the layout equals the previous one."""
 
     def __init__(self) -> None:
         self.length = -1
@@ -112,7 +112,7 @@ class MessageHeaderReader:
         """Return connection and log time in ns, or None if the record is not a message.
 
         Raises:
-            RecordError: No header of a record stands there.
+            RecordError: The bytes are not a record's header.
         """
         if length == self.length:
             for begin, end, mark in self.marks:

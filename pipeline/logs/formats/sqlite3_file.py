@@ -1,7 +1,7 @@
-"""Reads ROS 2 bags stored in SQLite (`.db3`), whole or damaged.
+"""Read ROS 2 bags stored in SQLite (`.db3`), intact or damaged.
 
-Where a crash left a journal beside the file, both are copied to a temporary folder and SQLite rolls the copy
-back; the user's file is never written.
+If a crash left a journal beside the file, both are copied to a temporary folder and SQLite rolls the copy back. The
+user's file is never written.
 """
 
 import shutil
@@ -28,8 +28,8 @@ BATCH_ROWS = 4096
 BATCH_BYTES = 1 << 23
 ATTEMPTS_PAST_DAMAGE = 24
 BEFORE_ALL_ROWS = -1 << 62
-FAULTS = (sqlite3.Error, UnicodeDecodeError)  # the latter where SQLite's own message quotes damaged text
-# Of a message that is not wanted only the length is read, for which SQLite needs none of its further pages.
+FAULTS = (sqlite3.Error, UnicodeDecodeError)  # the latter if SQLite's own message quotes damaged text
+# For other topics only the length is read, which spares SQLite the message's further pages.
 QUERY = """
     SELECT rowid, topic_id, timestamp, CASE
         WHEN typeof(data) <> 'blob' THEN NULL
@@ -63,7 +63,7 @@ def read_sqlite3(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> 
 
 @contextmanager
 def _database(opened: OpenedFile) -> Iterator[tuple[sqlite3.Connection, bool]]:
-    """Open the file so that nothing is written beside it, and say whether a crash left a journal of it."""
+    """Open the file so that SQLite writes nothing beside it, and tell whether a crash left a journal."""
     path = opened.path
     side_files = [path.with_name(path.name + suffix) for suffix in SIDE_FILES]
     left = [side for side in side_files if side.exists() and side.stat().st_size]
@@ -83,7 +83,7 @@ def _database(opened: OpenedFile) -> Iterator[tuple[sqlite3.Connection, bool]]:
             connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAXIMUM_CHUNK_BYTES)
             connection.execute("PRAGMA trusted_schema = OFF")
             connection.execute("PRAGMA cell_size_check = ON")
-            # A file that was cut off has fewer pages than it says; else SQLite would read none of them.
+            # Without it, SQLite refuses a truncated file, which has fewer pages than its header says.
             connection.execute("PRAGMA writable_schema = ON")
             yield connection, bool(left)
 
@@ -113,7 +113,7 @@ def _topics(connection: sqlite3.Connection, path: Path) -> dict[int, LoggedTopic
 
 
 class _Messages:
-    """One pass over table messages."""
+    """One pass over the table `messages`."""
 
     def __init__(
         self,
@@ -127,11 +127,11 @@ class _Messages:
         self.opened = opened
         self.ledger = opened.ledger
         self.wanted = {number for number, topic in topics.items() if topic.name in wanted}
-        self.last = BEFORE_ALL_ROWS  # the row that was read last
-        self.n_bytes = 0  # of all messages met
+        self.last = BEFORE_ALL_ROWS  # the last row read
+        self.n_bytes = 0  # of all messages so far
 
     def blocks(self, has_journal: bool) -> Iterator[MessageBlock]:
-        """Yield blocks in the order of recording: from the pages as far as they are as expected, then row by row."""
+        """Yield blocks in the order of recording: from the pages as long as these are as expected, then row by row."""
         if not has_journal:
             with suppress(UnusualError):
                 for rows in rows_in_pages(self.opened.file, self.opened.size, self.connection, self.wanted):
@@ -142,7 +142,7 @@ class _Messages:
             yield from self.by_topic(_joined(batch))
 
     def batches(self) -> Iterator[list[Row]]:
-        """Yield rows in the order of recording; where a page is damaged, go on behind it."""
+        """Yield rows in the order of recording; continue after damaged pages."""
         query = QUERY.format(
             wanted=_listed(self.wanted),
             cut=_listed(cut_rows(self.opened.file, self.opened.size)),
@@ -177,7 +177,7 @@ class _Messages:
         yield batch
 
     def take_next(self, query: str, batch: list[Row]) -> bool:
-        """Take one row alone: Python's cursor reads a row ahead, and loses the one before a damaged row."""
+        """Fetch one row alone: Python's cursor reads a row ahead and loses the one before a damaged row."""
         with suppress(*FAULTS):
             row = self.connection.execute(query, (self.last, 1)).fetchone()
             if row is not None:
@@ -186,10 +186,10 @@ class _Messages:
         return False
 
     def take(self, row: Row, batch: list[Row]) -> None:
-        """Append a row that holds a message to the batch, or note that it holds none.
+        """Append a row to the batch, or note that its message is missing.
 
         Raises:
-            sqlite3.DatabaseError: Rows repeat, as they do where pages refer to each other in a circle.
+            sqlite3.DatabaseError: Rows repeat, as they do if pages refer to each other in a circle.
         """
         number, topic, time, content = row
         whole = isinstance(content, bytes | int) and isinstance(time, int) and isinstance(topic, int)
@@ -206,7 +206,7 @@ class _Messages:
             self.ledger.damage(None, f"row {number} of table messages holds no message; it is lost")
 
     def first_readable(self, query: str, damaged: int, beyond: int) -> int:
-        """Return the lowest row behind which SQLite reads on, between a damaged one and one that may be beyond it."""
+        """Return the lowest row after which SQLite can read again, between a damaged row and an upper bound."""
         while beyond - damaged > 1:
             middle = (damaged + beyond) // 2
             try:
@@ -217,7 +217,7 @@ class _Messages:
         return beyond
 
     def by_topic(self, rows: PageRows) -> Iterator[MessageBlock]:
-        """Count the messages of all topics and yield a block for each of the wanted ones."""
+        """Count the messages of all topics and yield a block for each wanted topic."""
         for number in sorted({*rows.topic.tolist()}):
             own = rows.topic == number
             n_own = int(own.sum())
@@ -237,7 +237,7 @@ def _listed(numbers: set[int]) -> str:
 
 
 def _joined(batch: list[Row]) -> PageRows:
-    """Put rows into the arrays that pages are decoded into."""
+    """Convert rows to the arrays of a decoded page."""
     number, topic, time_ns = (np.array([row[i] for row in batch], np.int64) for i in range(3))
     contents = [row[3] if isinstance(row[3], bytes) else b"" for row in batch]
     length = np.array([len(content) for content in contents], np.int64)

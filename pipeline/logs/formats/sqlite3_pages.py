@@ -1,9 +1,8 @@
-"""Reads a table of messages from the pages of an SQLite file, as arrays (sqlite.org/fileformat2.html).
+"""Read a table of messages from the pages of an SQLite file, as arrays (sqlite.org/fileformat2.html).
 
 Fetching row by row through SQLite takes many times as long as reading the file. So the leaf pages of table `messages`
-are decoded many at a time, as far as they hold nothing but what `ros2 bag record` writes: each cell within its page,
-the record of the known form, row numbers ascending. At the first batch of pages where that is not so, this ends, and
-SQLite reads the rest.
+are decoded in batches, as long as they hold what `ros2 bag record` writes: each cell within its page, records of the
+known form, ascending row numbers. At the first batch with anything else this module stops, and SQLite reads the rest.
 """
 
 import sqlite3
@@ -23,10 +22,10 @@ MAXIMUM_PAGE_BYTES = 1 << 16
 INTERIOR, LEAF = 5, 13
 INTERIOR_HEADER, LEAF_HEADER = 12, 8
 MAXIMUM_DEPTH = 8  # a tree of interior pages with hundreds of children each
-LEAST_CELL_BYTES = 16  # of a row: lengths, four serial types, a time
+LEAST_CELL_BYTES = 16  # bytes of a row: lengths, four serial types, a time
 BATCH_BYTES = 1 << 22
 PADDING = 64  # so that reading a few bytes behind a cell stays within the buffer
-MARGIN = 8  # and before it
+MARGIN = 8  # bytes before it
 COLUMNS = [("id", "INTEGER", 1), ("topic_id", "INTEGER", 0), ("timestamp", "INTEGER", 0), ("data", "BLOB", 0)]
 # Serial types of integers: 0 NULL, 1 to 6 integers of so many bytes, 8 and 9 the numbers 0 and 1.
 INTEGER_BYTES = np.array([0, 1, 2, 3, 4, 6, 8, 0, 0, 0], np.int64)
@@ -35,7 +34,7 @@ FIRST_BLOB_TYPE = 12  # of an empty blob; each byte adds two
 
 
 class UnusualError(Exception):
-    """Pages that hold something else than expected, or are damaged."""
+    """The pages are damaged or hold something unexpected."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class PageRows:
         number: Row numbers, shape (n,), int64.
         topic: Topic numbers, shape (n,), int64.
         time_ns: Times, shape (n,), int64.
-        start: Where each message begins in the pages, shape (n,), int64; of no use for a message that is not wanted.
+        start: Where each message begins in the pages, shape (n,), int64; invalid for topics that are not wanted.
         length: Length of each message, shape (n,), int64.
     """
 
@@ -62,16 +61,16 @@ class PageRows:
 def rows_in_pages(
     file: BufferedReader, size: int, connection: sqlite3.Connection, wanted: Collection[int]
 ) -> Iterator[PageRows]:
-    """Yield the rows of table `messages` as far as they are as expected.
+    """Yield the rows of table `messages` as long as the pages are as expected.
 
     Args:
         file: The database, without a journal.
         size: Its length in bytes.
-        connection: The same, opened by SQLite, for the schema.
+        connection: The database opened by SQLite, for the schema.
         wanted: Numbers of the topics whose messages are needed.
 
     Raises:
-        UnusualError: What follows must be read by SQLite.
+        UnusualError: SQLite must read the remaining rows.
     """
     pages = _Pages(file, size)
     last = 0
@@ -86,9 +85,9 @@ def rows_in_pages(
 
 
 def cut_rows(file: BufferedReader, size: int) -> set[int]:
-    """Return the rows that a file was cut off within.
+    """Return the rows that the file's end truncates.
 
-    SQLite completes the page that the file ends in with zeros, and would give such rows as if they were whole.
+    SQLite pads the last page with zeros, and would return such rows as if they were complete.
     """
     try:
         pages = _Pages(file, size)
@@ -117,7 +116,7 @@ def cut_rows(file: BufferedReader, size: int) -> set[int]:
 
 
 def _root(connection: sqlite3.Connection) -> int:
-    """Return the page that the table begins with."""
+    """Return the number of the table's root page."""
     try:
         columns = [
             (name, kind, key)
@@ -152,7 +151,7 @@ class _Pages:
         self.count = size // self.size
 
     def read(self, numbers: list[int]) -> np.ndarray:
-        """Read pages, one after another, with padding behind; shape (n_pages * size + PADDING,), uint8."""
+        """Read pages into one buffer, followed by padding; shape (n_pages * size + PADDING,), uint8."""
         if min(numbers) < 2 or max(numbers) > self.count:
             raise UnusualError("no such page")
         buffer = np.zeros(len(numbers) * self.size + PADDING, np.uint8)
@@ -187,7 +186,7 @@ class _Pages:
             yield batch
 
     def _depth(self, number: int) -> int:
-        """Return how many levels of interior pages there are."""
+        """Return the number of levels of interior pages."""
         for depth in range(MAXIMUM_DEPTH):
             page = self.read([number])
             if page[0] == LEAF:
@@ -225,7 +224,7 @@ def _decoded(data: np.ndarray, n_pages: int, pages: _Pages, wanted: np.ndarray) 
     """Decode the cells of leaf pages.
 
     Raises:
-        UnusualError: Not all of them are rows of the known form.
+        UnusualError: A cell is not a row of the known form.
     """
     size, usable = pages.size, pages.usable
     heads = data[: n_pages * size].reshape(n_pages, size)[:, :LEAF_HEADER].astype(np.int64)
@@ -263,7 +262,7 @@ def _decoded(data: np.ndarray, n_pages: int, pages: _Pages, wanted: np.ndarray) 
 
 
 def _local_bytes(payload_length: np.ndarray, usable: int) -> np.ndarray:
-    """Return how many bytes of each payload stand in the leaf page, with the number of the page that goes on."""
+    """Return how many bytes of each payload lie in the leaf page, including the number of the overflow page."""
     least = (usable - 12) * 32 // 255 - 23
     spilled = least + (payload_length - least) % (usable - 4)
     spilled = np.where(spilled <= usable - 35, spilled, least) + 4
@@ -290,7 +289,7 @@ def _varint(data: np.ndarray, at: np.ndarray, most: int) -> tuple[np.ndarray, np
 def _integer(data: np.ndarray, at: np.ndarray, serial_type: np.ndarray) -> np.ndarray:
     """Decode big-endian integers that are not negative."""
     n_bytes = INTEGER_BYTES[serial_type]
-    # The eight bytes that end with the integer; what stands before it is shifted out.
+    # The eight bytes that end with the integer; the leading ones are shifted out.
     eight = np.ndarray((len(data) - 7,), ">u8", buffer=data, strides=(1,))[at + n_bytes - 8].astype(np.uint64)
     shift = (64 - 8 * n_bytes).astype(np.uint64)
     value = np.where(

@@ -1,4 +1,4 @@
-"""Reads CSV and Parquet logs with the machine's column map."""
+"""Read CSV and Parquet logs with the machine's column map."""
 
 import tempfile
 from collections.abc import Iterator
@@ -17,16 +17,16 @@ from pipeline.machine.specification import MachineSpecification
 NANOSECONDS_PER = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 SAMPLES, COMMANDS = "samples", "commands"  # tables of the store
 READING_FAULTS = (polars.exceptions.PolarsError, OSError, ValueError)
-PIECE_BYTES = 1 << 22  # no line of a table is as long
-SMALLEST_SLICE = 64  # rows; of a damaged table so many are tried at once in the end
+PIECE_BYTES = 1 << 22  # longer than any line of a table
+SMALLEST_SLICE = 64  # rows; smallest slice of a damaged table that is tried
 LISTED_COLUMNS, LISTED_CHARACTERS = 24, 40
 
 
 def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStore) -> RawLog:
     """Read one table: a row per sample, with the columns that the machine's `columns` names.
 
-    A row may lack the positions or the commands (streams of different rates in one table): it then is a
-    sample of the other alone. Rows without time, or with neither, are counted and left out.
+    A row may lack the positions or the commands (streams of different rates in one table); it is then a sample of the
+    other stream alone. Rows without time, or with neither, are counted and dropped.
 
     Raises:
         InputError: The file cannot be read, or a column is missing or holds no numbers.
@@ -81,7 +81,7 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
 def _batches(
     path: Path, table_format: LogFormat, wanted: tuple[str, ...], place: str, damage: list[str]
 ) -> Iterator[polars.DataFrame]:
-    """Yield the wanted columns, some ten thousand rows at a time; what cannot be read goes into `damage`."""
+    """Yield the wanted columns, some ten thousand rows at a time; unreadable rows are noted in `damage`."""
     if table_format is LogFormat.parquet:
         table = _selected(polars.scan_parquet(path), wanted, path, place)
         n_rows = 0
@@ -102,8 +102,8 @@ def _batches(
         end = _end_of_text(path)
         if end is not None:
             damage.append(f"byte {end}: no text stands here; the rows before it were read")
-            path = _front(path, end, Path(folder))
-        # Everything as text: a stray word in a column then costs its row, not the file.
+            path = _copy_front(path, end, Path(folder))
+        # All columns as text: a stray word in a column then costs its row, not the file.
         text = polars.scan_csv(path, infer_schema=False, truncate_ragged_lines=True, encoding="utf8-lossy")
         yield from _collected(_selected(text, wanted, path, place))
 
@@ -128,7 +128,7 @@ def _collected(table: polars.LazyFrame) -> Iterator[polars.DataFrame]:
 def _readable_slices(
     table: polars.LazyFrame, begin: int, end: int, lost: list[tuple[int, int, str]]
 ) -> Iterator[polars.DataFrame]:
-    """Yield what can be read of some rows, by halves down to `SMALLEST_SLICE`."""
+    """Yield the readable part of some rows, by bisection down to `SMALLEST_SLICE`."""
     try:
         if end - begin > SECTION_ROWS:
             raise ValueError("too much at a time")
@@ -145,7 +145,7 @@ def _readable_slices(
 
 
 def _end_of_text(path: Path) -> int | None:
-    """Return where text ends in what should be text: at a zero byte, or in a line that does not end; else None."""
+    """Return where readable text ends: at a zero byte or an unterminated line; None if the file is sound."""
     position = 0
     with path.open("rb") as file:
         while piece := file.read(PIECE_BYTES):
@@ -157,8 +157,8 @@ def _end_of_text(path: Path) -> int | None:
     return None
 
 
-def _front(path: Path, end: int, folder: Path) -> Path:
-    """Copy the bytes before a place."""
+def _copy_front(path: Path, end: int, folder: Path) -> Path:
+    """Copy the bytes before an offset."""
     copy = folder / path.name
     with path.open("rb") as source, copy.open("wb") as target:
         while end > 0 and (piece := source.read(min(PIECE_BYTES, end))):
@@ -168,7 +168,7 @@ def _front(path: Path, end: int, folder: Path) -> Path:
 
 
 def _numbers(frame: polars.DataFrame, names: list[str]) -> np.ndarray:
-    """Return columns as numbers, NaN where a cell holds none, shape (n_rows, len(names))."""
+    """Return columns as numbers, NaN for other cells, shape (n_rows, len(names))."""
     parts = []
     for name in names:
         column = frame[name]
@@ -183,7 +183,7 @@ def _time_ns(column: polars.Series, nanoseconds: int) -> tuple[np.ndarray, np.nd
     number = _cast(text, polars.Float64).fill_null(float("nan")).to_numpy()
     limit = MAXIMUM_TIME_NS // nanoseconds
     valid = np.isfinite(number) & (np.abs(number) < limit)
-    # Whole units and the rest apart: seconds since 1970 with nanoseconds do not fit into a float64.
+    # Whole units and fractions apart: seconds since 1970 with nanoseconds exceed float64's precision.
     units = np.floor(np.where(valid, number, 0.0))
     rest = np.where(valid, number, 0.0) - units
     time_ns = units.astype(np.int64) * nanoseconds + np.rint(rest * nanoseconds).astype(np.int64)

@@ -1,7 +1,7 @@
-"""Writes genuine ROS 2 bags: a folder with an MCAP file and `metadata.yaml`, as `ros2 bag record` does.
+"""Write genuine ROS 2 bags: a folder with an MCAP file and `metadata.yaml`, as `ros2 bag record` does.
 
-Messages of one topic are serialised as arrays: one message is serialised by `rosbags`, and the numbers of the
-others are laid over copies of it. The same input gives the same bytes.
+Messages of one topic are serialised as arrays: `rosbags` serialises one message, and the numbers of the others are
+written into copies of it. The same input gives the same bytes.
 """
 
 import shutil
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 from pipeline.errors import InputError
 from pipeline.files.atomic import PARTIAL_SUFFIX
-from pipeline.logs.messages.columns import whole
+from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.message_definitions import parse_definition
 from pipeline.logs.messages.message_layout import layout_of, structured_view
 from pipeline.logs.messages.raw_log import NANOSECONDS, TargetPoses
@@ -55,15 +55,15 @@ def write_bag(
     target_poses: TargetPoses | None = None,
     compression: str = "zstd",
 ) -> None:
-    """Write one bag with the machine's topics; the folder appears whole or not at all.
+    """Write one bag with the machine's topics; the folder appears complete or not at all.
 
     Args:
         path: The bag's folder, which must not exist yet.
         machine: Gives topics and the kind of commands: `std_msgs/Int8MultiArray` where they are discrete,
             `std_msgs/Float32MultiArray` where they are continuous.
         joint_state_header_stamp_ns: Sample time of each joint state, shape (N,), int64.
-        joint_state_log_time_ns: When each was recorded, shape (N,), int64.
-        joint_names: Names as they stand in the messages, in any order, others than the machine's allowed.
+        joint_state_log_time_ns: Log time of each joint state, shape (N,), int64.
+        joint_names: Names in the messages, in any order; names outside the machine are allowed.
         positions: Joint positions in the order of `joint_names`, shape (N, len(joint_names)), rad or m.
         command_log_time_ns: When each command was recorded, shape (M,), int64.
         commands: Commands in the machine's joint order, shape (M, n_joint).
@@ -103,7 +103,7 @@ def write_bag(
 
 
 def partial_bag(path: Path) -> Path:
-    """Where a bag is until it is whole; a killed process may leave it."""
+    """Path of a bag until it is complete; a killed process may leave it behind."""
     return path.with_name(f".{path.name}{PARTIAL_SUFFIX}")
 
 
@@ -158,7 +158,7 @@ def _targets(store: Typestore, machine: MachineSpecification, targets: TargetPos
         orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
     )
     prototype = types[type_name](header=_header(store, targets.frame_id), pose=pose)
-    time_ns, position, quaternion = map(whole, (targets.log_time_ns, targets.position, targets.quaternion))
+    time_ns, position, quaternion = map(as_array, (targets.log_time_ns, targets.position, targets.quaternion))
     numbers = {
         "header.stamp.sec": (time_ns // NANOSECONDS)[:, None],
         "header.stamp.nanosec": (time_ns % NANOSECONDS)[:, None],
@@ -177,16 +177,14 @@ def _header(store: Typestore, frame_id: str) -> "Msg":
 def _serialise(
     store: Typestore, prototype: object, type_name: str, numbers: dict[str, np.ndarray]
 ) -> list[bytes]:
-    """Serialise the prototype and lay the numbers, each of shape (n, count), over n copies of it."""
+    """Serialise the prototype and write the numbers, each of shape (n, count), into n copies of it."""
     template = bytes(store.serialize_cdr(prototype, type_name))
     definition, _ = store.generate_msgdef(type_name, ros_version=2)
     layout = layout_of(
         template, parse_definition(type_name, definition, "ros2msg"), type_name, "cdr", numbers
     )
     n_messages = len(next(iter(numbers.values())))
-    data = bytearray(
-        template * n_messages
-    )  # NumPy copies no bytes between fields, so it gets the whole buffer
+    data = bytearray(template * n_messages)  # NumPy skips bytes between fields, so the whole buffer is copied
     table = np.frombuffer(data, dtype=structured_view(layout))
     for path, values in numbers.items():
         table[path] = values

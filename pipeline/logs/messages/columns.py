@@ -1,7 +1,7 @@
 """Columns of numbers that are gathered block by block and read section by section, in memory or on disk.
 
-Whatever is as long as a log goes through here, so that a log of ten hours takes no more memory than one of ten
-minutes. A NumPy array is a column too.
+All data of a log's length are stored here, so that a log of ten hours takes no more memory than one of ten minutes. A
+NumPy array is a column, too.
 """
 
 import shutil
@@ -27,19 +27,19 @@ class Column(Protocol):
 
 
 class ColumnStore(Protocol):
-    """Takes blocks of columns and gives back whole columns."""
+    """Stores blocks of columns and returns complete columns."""
 
     def append(self, table: str, block: Mapping[str, np.ndarray]) -> None:
         """Append rows to the columns of a table; every block of a table has the same columns."""
         ...
 
     def columns(self, table: str) -> dict[str, Column]:
-        """Return a table's columns, which take no more rows from now on; none if nothing was appended."""
+        """Return a table's columns, which are closed from now on; empty if nothing was appended."""
         ...
 
 
 class MemoryStore:
-    """Columns in memory, for logs that their user wants to hold anyway."""
+    """Columns in memory, for callers that need the whole log anyway."""
 
     def __init__(self) -> None:
         self.blocks: dict[str, list[Mapping[str, np.ndarray]]] = {}
@@ -57,7 +57,7 @@ class MemoryStore:
 
 
 class DiskStore:
-    """Columns in files of a scratch folder that goes away with the store."""
+    """Columns in files of a scratch folder, which is deleted with the store."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -65,7 +65,7 @@ class DiskStore:
         self.layouts: dict[str, dict[str, tuple[np.dtype, tuple[int, ...]]]] = {}
 
     def __enter__(self) -> Self:
-        """Make the folder anew: what a killed run left there is of no use."""
+        """Create the folder and delete the remains of a killed run."""
         shutil.rmtree(self.folder, ignore_errors=True)
         try:
             self.folder.mkdir(parents=True)
@@ -79,7 +79,7 @@ class DiskStore:
         """Close and remove everything."""
         for files in self.files.values():
             for file in files.values():
-                with suppress(OSError):  # a full disk was told of when it was met
+                with suppress(OSError):  # a full disk was reported by `append`
                     file.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
@@ -87,7 +87,7 @@ class DiskStore:
         """Append the block's bytes.
 
         Raises:
-            InputError: The disk is full, or there is no permission.
+            InputError: The disk is full, or permission is missing.
         """
         try:
             if table not in self.files:
@@ -160,6 +160,6 @@ def extent(column: Column) -> tuple[int, int]:
     return int(min(low for low, _ in parts)), int(max(high for _, high in parts))
 
 
-def whole(column: Column) -> np.ndarray:
+def as_array(column: Column) -> np.ndarray:
     """Return a column as one array."""
     return cast(np.ndarray, column[0 : len(column)])

@@ -1,4 +1,4 @@
-"""Commands from every kind of message that a machine's configuration may name (contract, section 1).
+"""Adapters for every kind of command message that a machine's configuration may name (contract, section 1).
 
 Each source is an adapter that yields the column `command`, shape (n, n_joint), in the machine's joint order.
 """
@@ -16,9 +16,9 @@ ROLE = "commands"
 
 
 def discretise(value: np.ndarray, threshold: float) -> np.ndarray:
-    """Turn stick deflections in [-1, 1] into -1, 0, 1: beyond ±threshold is full, up to it is rest.
+    """Turn stick deflections in [-1, 1] into -1, 0, 1: full command beyond ±threshold, else zero.
 
-    As the paper's joystick interpreter; the rule is that of its proto-actions (eq. proto_discretization).
+    Source: the paper's joystick interpreter, with the rule of its proto-actions (eq. proto_discretization).
     """
     return np.where(np.abs(value) > threshold, np.sign(value), 0.0)
 
@@ -76,7 +76,7 @@ class ArrayCommands:
         return ("data",)
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
-        """Values as they stand."""
+        """Return the values unchanged."""
         data = group.sequence("data")
         if data.shape[1] != self.n_joint:
             raise MismatchError(f"they hold {data.shape[1]} values, the machine has {self.n_joint} joints")

@@ -1,7 +1,7 @@
-"""Prepares IDL for `rosbags`, whose parser needs exponential time where expressions or sequences are nested.
+"""Prepare IDL for `rosbags`, whose parser needs exponential time for nested expressions or sequences.
 
-What the serialisation does not depend on (comments, includes, annotations) is taken out; what `rosidl` never writes and
-what would cost that time (operators, parentheses, deep nesting) is refused.
+Comments, includes and annotations, which do not affect the serialisation, are removed. Operators, parentheses and deep
+nesting, which `rosidl` never writes and which would cost that time, are refused.
 """
 
 import re
@@ -25,7 +25,7 @@ def prepared_idl(text: str) -> str:
     """Return a definition without comments, includes and annotations, one space between its tokens.
 
     Raises:
-        ValueError: It holds what is not read.
+        ValueError: The text holds an unsupported construct.
     """
     tokens = list(_tokens(text))
     kept: list[str] = []
@@ -34,7 +34,7 @@ def prepared_idl(text: str) -> str:
         kind, token = tokens[position]
         position += 1
         if kind == "annotation":
-            position = _behind_parentheses(tokens, position)
+            position = _after_parameters(tokens, position)
             continue
         if token in "()":
             raise ValueError("IDL with expressions in parentheses is not read")
@@ -47,7 +47,7 @@ def prepared_idl(text: str) -> str:
 
 
 def _tokens(text: str) -> Iterator[tuple[str, str]]:
-    """Yield kind and text of each token that is not left out."""
+    """Yield kind and text of each token that is kept."""
     position = 0
     while position < len(text):
         match = TOKEN.match(text, position)
@@ -61,8 +61,8 @@ def _tokens(text: str) -> Iterator[tuple[str, str]]:
             yield kind, match[0]
 
 
-def _behind_parentheses(tokens: list[tuple[str, str]], position: int) -> int:
-    """Return where the parameters of an annotation end, if it has any."""
+def _after_parameters(tokens: list[tuple[str, str]], position: int) -> int:
+    """Return the position after an annotation and its parameters."""
     depth = 0
     while position < len(tokens):
         kind, token = tokens[position]

@@ -15,10 +15,10 @@ def stamps_ns(group: FieldGroup) -> np.ndarray:
 
 
 def select_joints(names: tuple[str, ...], joint_names: tuple[str, ...]) -> list[int]:
-    """Return where each of the machine's joints stands in a message's names.
+    """Return the position of each machine joint in a message's names.
 
     Raises:
-        MismatchError: A joint is missing or stands there twice.
+        MismatchError: A joint is missing or listed twice.
     """
     missing = [joint for joint in joint_names if joint not in names]
     if missing:
@@ -56,7 +56,7 @@ class JointStateAdapter:
 
 
 class TargetPoseAdapter:
-    """`geometry_msgs/PoseStamped` → columns `position` (n, 3), `quaternion` (n, 4; wxyz); remembers the frames."""
+    """`geometry_msgs/PoseStamped` → columns `position` (n, 3), `quaternion` (n, 4; wxyz); collects the frames."""
 
     role = "target poses"
     type_name = "geometry_msgs/msg/PoseStamped"

@@ -1,7 +1,7 @@
-"""What every bag format is read into: blocks of undecoded messages of one topic, at most one chunk at a time.
+"""The common form of all bag formats: blocks of undecoded messages of one topic, at most one chunk each.
 
-A storage reader (`mcap_file`, `rosbag1_file`, `sqlite3_file`) yields blocks; what the messages mean is
-decided later and alike for all formats, and memory is bounded by the largest chunk.
+A storage reader (`mcap_file`, `rosbag1_file`, `sqlite3_file`) yields blocks. Messages are decoded later, in the same
+way for all formats, and memory is bounded by the largest chunk.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -13,9 +13,7 @@ import numpy as np
 
 from pipeline.logs.messages.raw_log import Note, NoteKind
 
-MAXIMUM_TIME_NS = (
-    1 << 62
-)  # the year 2116; what lies beyond is damage, and differences of times stay within int64
+MAXIMUM_TIME_NS = 1 << 62  # the year 2116; later times are damage, and differences of times stay within int64
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class LoggedTopic:
         name: Topic name.
         type_name: Message type in its full form, such as `sensor_msgs/msg/JointState`.
         encoding: Serialisation, `cdr` or `ros1`.
-        definition: Text of the message definition, empty where the bag carries none.
+        definition: Text of the message definition; empty if the bag lacks it.
         definition_format: `ros1msg`, `ros2msg` or `ros2idl`.
     """
 
@@ -43,7 +41,7 @@ class MessageBlock:
 
     Attributes:
         topic: Their topic.
-        log_time_ns: When each was recorded, shape (n,), int64.
+        log_time_ns: Log time of each message, shape (n,), int64.
         data: Bytes that hold the messages, shape (n_bytes,), uint8.
         start: Where each message starts in `data`, shape (n,), int64.
         length: Length of each message in bytes, shape (n,), int64.
@@ -58,7 +56,7 @@ class MessageBlock:
 
 @dataclass
 class ReadingLedger:
-    """What was met while a bag was read: topics, message counts and notes on damage."""
+    """Record of reading a bag: topics, message counts and notes on damage."""
 
     path: Path
     topics: dict[str, list[LoggedTopic]] = field(default_factory=dict)
@@ -66,7 +64,7 @@ class ReadingLedger:
     notes: list[Note] = field(default_factory=list)
 
     def add_topic(self, topic: LoggedTopic) -> None:
-        """Remember a topic; a name with several types is remembered with all of them."""
+        """Add a topic; a name with several types is kept with all of them."""
         known = self.topics.setdefault(topic.name, [])
         if topic not in known:
             known.append(topic)
@@ -77,13 +75,13 @@ class ReadingLedger:
         self.counts[topic.name] += n
 
     def damage(self, offset: int | None, lost: str, count: int = 1) -> None:
-        """Note damage at a byte offset of the file, and what was lost by it."""
+        """Note damage at a byte offset of the file, and the loss."""
         place = self.path.name if offset is None else f"{self.path.name}, byte {offset}"
         self.notes.append(Note(NoteKind.damage, f"{place}: {lost}", count))
 
 
 class BlockColumns:
-    """Gathers the messages of a chunk, channel by channel: one by one while it is walked, or many at once."""
+    """Gathers the messages of a chunk by channel, one by one or many at once."""
 
     def __init__(self, data: np.ndarray) -> None:
         self.data = data
@@ -91,7 +89,7 @@ class BlockColumns:
         self.found_at_once: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def add(self, channel: int, log_time_ns: int, start: int, length: int) -> None:
-        """Take in one message."""
+        """Add one message."""
         columns = self.found.get(channel)
         if columns is None:
             columns = self.found[channel] = ([], [], [])
@@ -100,18 +98,18 @@ class BlockColumns:
         columns[2].append(length)
 
     def add_many(self, channel: int, log_time_ns: np.ndarray, start: np.ndarray, length: np.ndarray) -> None:
-        """Take in many messages of a channel, in file order, before any other of the channel."""
+        """Add many messages of a channel in file order, before any other of the channel."""
         self.found_at_once[channel] = (log_time_ns, start, length)
 
     @property
     def channels(self) -> set[int]:
-        """Channels that messages were found of."""
+        """Channels with at least one message."""
         return {*self.found, *self.found_at_once}
 
     def blocks(
         self, topics: Mapping[int, LoggedTopic], ledger: ReadingLedger, wanted: Collection[str], offset: int
     ) -> Iterator[MessageBlock]:
-        """Count the messages of all channels and yield a block for each of the wanted topics."""
+        """Count the messages of all channels and yield a block for each wanted topic."""
         for channel in sorted(self.channels):
             log_time, start, length = self._columns(channel)
             topic = topics.get(channel)
@@ -151,7 +149,7 @@ class StorageReader(Protocol):
     def __call__(
         self, path: Path, ledger: ReadingLedger, wanted: Collection[str], /
     ) -> Iterator[MessageBlock]:
-        """Yield blocks of the wanted topics in file order; topics, counts and damage go into the ledger.
+        """Yield blocks of the wanted topics in file order; record topics, counts and damage in the ledger.
 
         Raises:
             InputError: The file cannot be opened or is not of this format.

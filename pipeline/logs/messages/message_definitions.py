@@ -1,7 +1,7 @@
-"""Message definitions: from the text that a bag carries to the fields of a type.
+"""Message definitions: from the text in a bag to the fields of a type.
 
-The text is parsed by `rosbags`; nothing of it is executed. Bags that carry none (ROS 2 sqlite3 before Iron)
-are read with the standard definitions of the ROS 2 release that `rosbags` calls its latest.
+`rosbags` parses the text; nothing is executed. Bags without definitions (ROS 2 sqlite3 before Iron) are read with the
+standard definitions of the ROS 2 release that `rosbags` calls its latest.
 """
 
 import enum
@@ -13,24 +13,22 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 
 from pipeline.logs.messages.idl_text import prepared_idl
 
-MAXIMUM_FIELDS = (
-    10_000  # of a type with empty sequences; definitions can be written that multiply without end
-)
+MAXIMUM_FIELDS = 10_000  # of a type with empty sequences; nested definitions can grow exponentially
 MAXIMUM_DEFINITION_CHARACTERS = 1 << 18  # the largest of ROS's own has some 20 thousand
 DEFINITION_FORMATS = ("ros1msg", "ros2msg", "ros2idl", "")
 IDL_SEPARATOR = "=" * 80 + "\n"
 
 
 class DefinitionError(Exception):
-    """A definition that cannot be parsed, or a type that is defined nowhere."""
+    """A definition that cannot be parsed, or an undefined type."""
 
 
 class Repetition(enum.Enum):
-    """How often a field's type stands in the message."""
+    """How often a field's type occurs in the message."""
 
     once = "once"
     array = "array"  # a fixed number of times, without a length word
-    sequence = "sequence"  # as often as its length word says
+    sequence = "sequence"  # as often as its length word states
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Field:
     Attributes:
         name: Field name.
         type_name: A primitive (`float64`, `string`) or another message type.
-        is_primitive: Which of the two.
+        is_primitive: Whether the type is primitive.
         repetition: Scalar, array or sequence.
         length: Number of elements of an array.
     """
@@ -63,7 +61,7 @@ def full_type_name(name: str) -> str:
 
 @functools.lru_cache(maxsize=64)
 def parse_definition(type_name: str, definition: str, definition_format: str) -> Definitions:
-    """Return the fields of a type and of every type that it holds.
+    """Return the fields of a type and of every nested type.
 
     Args:
         type_name: Full type name.
@@ -71,7 +69,7 @@ def parse_definition(type_name: str, definition: str, definition_format: str) ->
         definition_format: `ros1msg`, `ros2msg` or `ros2idl`.
 
     Raises:
-        DefinitionError: The text cannot be parsed, or there is no standard definition of that name.
+        DefinitionError: The text cannot be parsed, or the name has no standard definition.
     """
     if not definition:
         return standard_definitions(definition_format, type_name)
@@ -86,14 +84,14 @@ def parse_definition(type_name: str, definition: str, definition_format: str) ->
         parsed = (
             _types_of_idl(lines) if definition_format == "ros2idl" else get_types_from_msg(lines, type_name)
         )
-    except Exception as error:  # whatever the parser meets with in a text that it was not made for
+    except Exception as error:  # the parser may raise anything on foreign text
         reason = str(error).partition("\n")[0] if isinstance(error, ValueError) else type(error).__name__
         raise DefinitionError(f"definition of {type_name} cannot be parsed ({reason})") from error
     return _complete(type_name, parsed)
 
 
 def _types_of_idl(definition: str) -> dict:
-    """Parse the files that a definition in IDL is made of, each behind a separator and its type's name."""
+    """Parse the files of a definition in IDL, each after a separator and its type's name."""
     parsed: dict = {}
     for part in definition.split(IDL_SEPARATOR):
         text = part.partition("\n")[2] if part.startswith("IDL: ") else part
@@ -103,10 +101,10 @@ def _types_of_idl(definition: str) -> dict:
 
 
 def standard_definitions(definition_format: str, type_name: str) -> Definitions:
-    """Return the definitions that ROS itself ships (ROS 1 Noetic, or the latest ROS 2).
+    """Return the standard definitions of ROS (ROS 1 Noetic, or the latest ROS 2).
 
     Raises:
-        DefinitionError: ROS ships no type of that name.
+        DefinitionError: ROS lacks a type of that name.
     """
     ros1 = definition_format == "ros1msg"
     standard = _standard_store(ros1)
@@ -124,7 +122,7 @@ def _standard_store(ros1: bool) -> Definitions:
 
 
 def _complete(type_name: str, parsed: dict) -> Definitions:
-    """Add what every ROS knows (time stamps) and check that no type is missing."""
+    """Add ROS's built-in types (time stamps) and check that all types are defined."""
     definitions = {name: tuple(_field(*entry) for entry in fields) for name, (_, fields) in parsed.items()}
     for name in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
         definitions.setdefault(name, _standard_store(False)[name])
@@ -140,9 +138,9 @@ def _complete(type_name: str, parsed: dict) -> Definitions:
 
 
 def _n_fields(type_name: str, definitions: Definitions, known: dict[str, int]) -> int:
-    """Count the fields of a type with those of the types that it always holds."""
+    """Count the fields of a type, those of nested types included."""
     if type_name not in known:
-        known[type_name] = MAXIMUM_FIELDS + 1  # what a type that holds itself would have
+        known[type_name] = MAXIMUM_FIELDS + 1  # the count of a recursive type
         total = 0
         for field in definitions[type_name]:
             inside = 0

@@ -1,9 +1,8 @@
-"""Where the fields of a serialised message stand, and decoding of many messages of one layout at once.
+"""Layout of a serialised message, and decoding of many messages of one layout at once.
 
 A message's layout follows from its type and from its length words (of strings and sequences) alone. So one
-message is walked field by field, and every other message of the block with the same length and the same
-length words is decoded with array operations at the same offsets; the result is bit for bit that of walking
-each.
+message is walked field by field. Every other message of the block with the same length and length words is decoded with
+array operations at the same offsets. The result is bit for bit that of walking each message.
 
 Serialisations: ROS 2's XCDR1 (OMG Common Data Representation, formal/02-06-51, primitives aligned to their
 size from the byte after the four-byte encapsulation header) and ROS 1's packed form (wiki.ros.org/msg).
@@ -21,7 +20,7 @@ from pipeline.logs.messages.message_definitions import Definitions, Field, Repet
 ENCAPSULATION_BYTES = 4
 XCDR1_ENCAPSULATIONS = (0, 1)  # plain CDR, big-endian and little-endian
 MAXIMUM_NESTING = 32
-MAXIMUM_FIELDS = 1_000_000  # per message; definitions can be written that multiply without taking bytes
+MAXIMUM_FIELDS = 1_000_000  # per message; nested definitions can grow without taking bytes
 MAXIMUM_SHARED_LAYOUTS = 8  # per block; messages of further layouts are walked one by one
 
 NUMBER_TYPES = {
@@ -31,7 +30,7 @@ NUMBER_TYPES = {
 
 
 class LayoutError(Exception):
-    """A message that does not fit its definition, or a definition that lacks a field; the text says which."""
+    """A message does not fit its definition, or a definition lacks a field."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +44,13 @@ class Span:
 
 @dataclass
 class Layout:
-    """Where the wanted fields of a message stand.
+    """Offsets of the wanted fields of a message.
 
     Attributes:
         length: Length of the message in bytes.
         numbers: Wanted number fields by path (`header.stamp.sec`, `position`, `points[0].velocities`).
         strings: Wanted string fields by path, one (offset, length) per element.
-        length_words: Spans whose values decide the layout.
+        length_words: Spans whose values determine the layout.
     """
 
     length: int
@@ -62,12 +61,12 @@ class Layout:
 
 @dataclass(frozen=True)
 class FieldGroup:
-    """Decoded fields of those messages of a block that share a layout and the values of the wanted strings.
+    """Decoded fields of the messages of a block that share a layout and the values of the wanted strings.
 
     Attributes:
         index: Which messages of the block, shape (n,), ascending.
         numbers: By path, shape (n, count), in the message's own number type.
-        strings: By path, the elements (alike for all messages of the group).
+        strings: By path, the elements (equal for all messages of the group).
     """
 
     index: np.ndarray
@@ -109,7 +108,7 @@ class FieldGroup:
 def layout_of(
     message: bytes, definitions: Definitions, type_name: str, encoding: str, wanted: Collection[str]
 ) -> Layout:
-    """Walk one message and return where its wanted fields stand.
+    """Walk one message and return the layout of its wanted fields.
 
     Raises:
         LayoutError: The message does not fit the definition.
@@ -128,7 +127,7 @@ def decode_block(
 
     Args:
         block: The messages.
-        definitions: Their type and all types that it holds.
+        definitions: Their type and all nested types.
         wanted: Paths of number and string fields.
 
     Returns:
@@ -156,7 +155,7 @@ def decode_block(
 
 
 def structured_view(layout: Layout) -> np.dtype:
-    """Return the structured type that lays the wanted numbers of a layout over its messages."""
+    """Return the structured type that maps the wanted numbers of a layout."""
     paths = list(layout.numbers)
     spans = [layout.numbers[path] for path in paths]
     return np.dtype(
@@ -172,7 +171,7 @@ def structured_view(layout: Layout) -> np.dtype:
 def _decode_alike(
     block: MessageBlock, candidates: np.ndarray, layout: Layout, message: bytes
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Copy the candidates side by side; keep those with the first one's length words and wanted strings."""
+    """Stack the candidates; keep those with the first one's length words and wanted strings."""
     length = layout.length
     overlapping = np.ndarray(
         (len(block.data) - length + 1,), dtype=f"V{length}", buffer=block.data, strides=(1,)
@@ -220,11 +219,11 @@ class _Walker:
             ):
                 raise LayoutError("no plain CDR encapsulation")
             self.order = "<" if message[1] else ">"
-            self.layout.length_words.append(Span(0, "u2", 1))  # the byte order decides the layout too
+            self.layout.length_words.append(Span(0, "u2", 1))  # the byte order determines the layout, too
             self.origin = self.position = ENCAPSULATION_BYTES
 
     def walk(self, type_name: str, path: str, depth: int) -> None:
-        """Walk a message of a type that starts at the present position."""
+        """Walk a message of a type from the present position on."""
         if depth > MAXIMUM_NESTING:
             raise LayoutError(f"{type_name} nests deeper than {MAXIMUM_NESTING}")
         fields = self.definitions[type_name]
@@ -254,7 +253,7 @@ class _Walker:
             raise LayoutError(f"{path} is of type {entry.type_name}, which cannot be decoded")
 
     def walk_messages(self, type_name: str, path: str, count: int, repeated: bool, depth: int) -> None:
-        """Walk messages inside the message."""
+        """Walk nested messages."""
         for number in range(count):
             element = f"{path}[{number}]" if repeated else path
             before = self.position
@@ -273,13 +272,13 @@ class _Walker:
             self.layout.strings[path] = places
 
     def length_word(self) -> int:
-        """Read a length and remember that it decides the layout."""
+        """Read a length, which determines the layout."""
         offset = self.take(4, alignment=4)
         self.layout.length_words.append(Span(offset, self.order + "u4", 1))
         return struct.unpack_from(self.order + "I", self.message, offset)[0]
 
     def take(self, n_bytes: int, alignment: int = 1) -> int:
-        """Step over bytes and return where they start."""
+        """Advance over bytes and return their start."""
         if self.aligned:
             self.position += -(self.position - self.origin) % alignment
         start = self.position
@@ -290,5 +289,5 @@ class _Walker:
 
 
 def _prefix_ends(path: str) -> list[int]:
-    """Where a path may be cut to name the field itself: at its end, and before a final index (`data[3]`)."""
+    """Ends of the prefixes of a path that may name the field: the path's end, and before a final index (`data[3]`)."""
     return [len(path)] + ([path.rindex("[")] if path.endswith("]") else [])

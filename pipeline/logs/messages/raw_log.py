@@ -1,4 +1,4 @@
-"""What a log holds once it is read, whatever its format: joint samples and commands with their stamps."""
+"""A log as read from any format: joint samples and commands with their stamps."""
 
 import enum
 from dataclasses import dataclass, field
@@ -10,12 +10,12 @@ NANOSECONDS = 1_000_000_000  # per second
 
 
 class NoteKind(enum.StrEnum):
-    """What a note about a log is about."""
+    """Kind of a note about a log."""
 
     damage = "damage"  # bytes that could not be read
-    left_out = "left_out"  # messages or samples that were read and not used
-    changed = "changed"  # values that were used otherwise than they stand in the log
-    attention = "attention"  # nothing was done, but the user should know
+    left_out = "left_out"  # messages or samples that were read but not used
+    changed = "changed"  # values that differ from those in the log
+    attention = "attention"  # no action was taken, but the user should know
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class Note:
     """One line of the quality report: what was lost, left out or changed, where and how often.
 
     Attributes:
-        kind: What the note is about.
+        kind: Whether the note is about damage, a loss or a change.
         text: One line.
-        count: How many messages, samples or places the line speaks of.
+        count: Number of messages, samples or places concerned.
     """
 
     kind: NoteKind
@@ -38,7 +38,7 @@ class TargetPoses:
     """Target poses of the end effector in frame {B}.
 
     Attributes:
-        log_time_ns: When each was recorded, shape (K,), int64.
+        log_time_ns: Log time of each target, shape (K,), int64.
         position: m, shape (K, 3), float64.
         quaternion: Unit quaternion (w, x, y, z), shape (K, 4), float64.
         frame_id: The messages' frame.
@@ -54,19 +54,19 @@ class TargetPoses:
 class RawLog:
     """One log as recorded: every message in file order, nothing resampled or cleaned.
 
-    Its columns are arrays, or lie on disk and are read by slices.
+    Its columns are arrays, or files that are read by slices.
 
     Attributes:
         name: The bag's name, without folder and suffix.
         path: Where it was read.
-        joint_stamp_ns: `header.stamp` of each joint sample, shape (N,), int64; zero where the log has none.
-        joint_log_time_ns: When each joint sample was recorded, shape (N,), int64.
+        joint_stamp_ns: `header.stamp` of each joint sample, shape (N,), int64; zero if the log lacks it.
+        joint_log_time_ns: Log time of each joint sample, shape (N,), int64.
         q: Joint positions in the machine's joint order, shape (N, n_joint), float64, rad or m.
-        command_log_time_ns: When each command was recorded, shape (M,), int64.
+        command_log_time_ns: Log time of each command, shape (M,), int64.
         command: Commands in the machine's joint order, shape (M, n_joint), float64.
-        targets: Target poses, where the log has any.
+        targets: Target poses, if the log has any.
         message_counts: Messages per topic (rows per file for tables), all topics of the log.
-        notes: What was damaged, left out or odd.
+        notes: Damage, losses and irregularities.
     """
 
     name: str

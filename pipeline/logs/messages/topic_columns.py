@@ -1,4 +1,4 @@
-"""Turns the message blocks of one topic into columns of numbers."""
+"""Turn the message blocks of one topic into columns of numbers."""
 
 from collections import Counter
 from typing import Protocol
@@ -14,19 +14,19 @@ from pipeline.logs.messages.raw_log import Note, NoteKind
 
 
 class MismatchError(Exception):
-    """Messages that do not hold what is wanted of them; the text says what they lack."""
+    """Messages lack wanted content; the text says what is missing."""
 
 
 class Adapter(Protocol):
-    """Knows which fields of a topic's messages are wanted and what they become."""
+    """Selects the wanted fields of a topic's messages and converts them."""
 
-    role: str  # what the topic is to the pipeline, for messages to the user
+    role: str  # role of the topic in the pipeline, for messages to the user
 
     def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """Return the paths of the wanted fields.
 
         Raises:
-            MismatchError: The topic's type cannot hold them.
+            MismatchError: The topic's type lacks them.
         """
         ...
 
@@ -34,7 +34,7 @@ class Adapter(Protocol):
         """Return columns, each of shape (n, …), from the decoded fields of n messages.
 
         Raises:
-            MismatchError: These messages lack what is wanted.
+            MismatchError: The messages lack wanted content.
         """
         ...
 
@@ -42,7 +42,7 @@ class Adapter(Protocol):
 class TopicColumns:
     """Collects one topic's columns block by block, in file order.
 
-    Messages that do not fit are counted by reason; if none fits, `finish` refuses the log.
+    Unusable messages are counted by reason; if all are unusable, `finish` refuses the log.
     """
 
     def __init__(self, topic_name: str, adapter: Adapter, store: ColumnStore) -> None:
@@ -88,10 +88,10 @@ class TopicColumns:
             self.is_empty = False
 
     def finish(self, ledger: ReadingLedger) -> dict[str, Column]:
-        """Return all columns, and note in the ledger what was left out.
+        """Return all columns, and note the dropped messages in the ledger.
 
         Raises:
-            InputError: No message of the topic could be used, or its messages are of several types.
+            InputError: No message of the topic could be used, or its messages have several types.
         """
         types = {topic.type_name for topic in ledger.topics.get(self.topic_name, [])}
         if len(types) > 1:

@@ -1,7 +1,7 @@
 """Undeclared effects: one file per kind, each a change of a physical quantity of the plant, drawn by seed.
 
-Families are those of the contract's effect table. `other` has several kinds, none of which the table
-describes. Nothing here may be imported by anything that identifies effects.
+Families are those of the contract's effect table. `other` has several kinds that the table does not
+describe. Nothing here may be imported by anything that identifies effects.
 """
 
 from collections.abc import Callable
@@ -66,10 +66,10 @@ def draw(kind: str, seed: int, nominal: Parameters, size: float) -> PlantEffect:
         kind: one of `KINDS`.
         seed: of joint, direction and strength.
         nominal: the machine that the effect will change; its truth is measured on it.
-        size: strength, 1 for a plain effect, 0.5 for half of it.
+        size: strength; 1 is a plain effect, 0.5 half of it.
 
     Raises:
-        InputError: no such kind, or a size that is not positive.
+        InputError: the kind is unknown, or the size is not positive.
     """
     if kind not in KINDS:
         raise InputError(

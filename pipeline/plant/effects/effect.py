@@ -1,4 +1,4 @@
-"""What an effect is: a change of physical quantities of the plant, with its truth in the contract's terms."""
+"""An effect: a change of physical quantities of the plant, with its truth in the contract's terms."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

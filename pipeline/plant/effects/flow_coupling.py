@@ -14,7 +14,7 @@ LEAST_LOSS = 0.05  # a joint that loses less is not counted as affected
 
 
 def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
-    """The pump loses flow, the open centre is throttled as much, so that single motions keep their speed."""
+    """The pump loses flow and the open centre is throttled equally, so that single motions keep their speed."""
     factor = 1.0 - size * random.uniform(SMALLEST_LOSS, LARGEST_LOSS)
 
     def apply(parameters: Parameters) -> Parameters:

@@ -9,12 +9,12 @@ from pipeline.plant.machines.characterise import MIDDLE_RAD, full_speeds
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.simulator import Plant
 
-# Start of the oil, whatever the size: above 20 degrees cold oil leaks less, which makes up for what it loses in the
-# lines; it then hardly slows anything, it only delays starts.
+# The oil's start temperature does not depend on the size. Above 20 degrees, reduced leakage compensates for the losses
+# in the lines, so that cold oil only delays starts.
 COLDEST_C, WARMEST_C = 8.0, 16.0
-# Cold-sensitive lines: blocked line filters have laminar resistance. So much that the loss of speed grows evenly
-# with the cold (nominal lines feel nothing above 15 degrees, then everything) and is a few percent with warm oil. At
-# other sizes in proportion: else a small effect would be little but what stays when the oil is warm.
+# Cold-sensitive lines: blocked line filters have laminar resistance. The factor makes the loss of speed grow evenly
+# with the cold, with a few percent left in warm oil. (Nominal lines slow only below 15 degrees, and then abruptly.)
+# It is scaled with the size; otherwise a small effect would consist mainly of the part that remains in warm oil.
 LINE_FACTOR = 20.0
 FASTEST_S, SLOWEST_S = (
     1200.0,
@@ -22,7 +22,7 @@ FASTEST_S, SLOWEST_S = (
 )  # of the oil without work: speeds recover within one to four minutes of work
 WATCHED_S = 720.0  # of work, in which the oil warms itself
 STEP_S = 15.0
-SLOWEST_DECAY = 10.0  # times what was watched: a recovery that is slower still is none within a shift
+SLOWEST_DECAY = 10.0  # times the watched duration; a slower recovery would outlast a shift
 HOLD_S = 1.5
 N_TEMPERATURES = 8
 
@@ -51,10 +51,10 @@ def draw(random: np.random.Generator, nominal: Parameters, size: float) -> Plant
 
 
 def _of_speed(cold: Parameters) -> tuple[np.ndarray, float]:
-    """What is declared: the exponential nearest to the speeds' own recovery, which is faster than the oil's warming.
+    """The declared truth: the exponential nearest to the recovery of speed, which is faster than the oil's warming.
 
-    Viscosity falls so steeply with temperature that most of the loss is gone while the oil is still cold, and work
-    heats the oil.
+    Viscosity falls steeply with temperature, so most of the loss is gone while the oil is still cold. Work heats the
+    oil.
 
     Returns:
         Loss of speed at the start, (n_joint,), and the time constant of its mean over all joints, s.

@@ -1,4 +1,4 @@
-"""What a machine does, measured by simulation without process variation: speeds, rise times, sag, ringing.
+"""A machine's behaviour, simulated without process variation: speeds, rise times, sag, ringing.
 
 Used to state the truth of an effect in the terms of the contract, and by the tests.
 """
@@ -19,7 +19,7 @@ BOOM, ARM = 1, 2
 WORKING_RADII_M, WORKING_HEIGHTS_M = (1.2, 1.7, 2.2), (0.3, 0.9, 1.5)  # of the tip, spread over the workspace
 RUN_UP_RAD = 0.35  # way of a joint before it stops in a working configuration
 PASSAGE_S = 1.6  # of full command through a working configuration
-SAG_S = 4.0  # so short that the joint sags in place
+SAG_S = 4.0  # short, so that the joint hardly leaves its position
 FINE_PERIOD_S = 0.010  # control period of manoeuvres, for the sake of time resolution
 
 
@@ -90,7 +90,7 @@ def full_speed(
     hold_s: float = 2.5,
     start: np.ndarray | None = None,
 ) -> float:
-    """Mean speed under full command from 1 s to `hold_s`, up to near the limit; rad/s, positive; nan if it is there."""
+    """Mean speed under full command from 1 s to `hold_s` or near the limit; rad/s, positive; nan at the limit."""
     response = respond(parameters, joint, direction, hold_s, start, others=others)
     linkage = parameters.linkage
     margin = AHEAD_SHARE * (linkage.upper_rad[joint] - linkage.lower_rad[joint])
@@ -161,7 +161,7 @@ def mean_full_speed(parameters: Parameters, joint: int, direction: int) -> float
     for start in working_configurations(parameters):
         speed = (
             full_speed(parameters, joint, -direction) * SETTLE_S
-        )  # as far back as it comes in the time left out
+        )  # start back by the distance of the skipped time
         start[joint] = np.clip(start[joint] - direction * speed, lower, upper)
         found.append(full_speed(parameters, joint, direction, hold_s=PASSAGE_S, start=start))
     return float(np.nanmean(found))

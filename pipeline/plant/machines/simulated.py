@@ -13,7 +13,7 @@ def simulated_machine(name: str) -> Parameters:
     """Nominal quantities of the machine's plant.
 
     Raises:
-        InputError: nobody has described this machine's hydraulics.
+        InputError: this machine's hydraulics are not described.
     """
     if name not in SIMULATED:
         raise InputError(

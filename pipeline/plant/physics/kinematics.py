@@ -1,4 +1,4 @@
-"""Where the chisel's tip is: the operator's own eyes, independent of the robot description.
+"""Forward kinematics of the scripted operator, independent of the robot description.
 
 Closed form of the contract's geometry (section 1), frame {B}.
 """
@@ -19,7 +19,7 @@ def tip(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         Radius and height, (…, 2), m; pitch, (…,), rad, zero with the chisel straight down.
     """
-    if q.ndim == 1:  # the operator's every look: plain numbers are several times faster than arrays of three
+    if q.ndim == 1:  # called at every step: plain numbers are several times faster than arrays of three
         boom, arm, hammer = q[1], q[1] + q[2], q[1] + q[2] + q[3]
         angles = np.array((boom, arm, hammer))
         along, across = LINK_LENGTH_M * np.cos(angles), LINK_LENGTH_M * np.sin(angles)

@@ -23,14 +23,14 @@ class OperatorStyle:
 
     reaction_time_s: float
     anticipation_s: float  # run-out that the operator allows for when letting go
-    tolerance_rad: float  # what counts as there
+    tolerance_rad: float  # distance at which the goal counts as reached
     simultaneous: float  # mean number of joints that are moved at once
     pause_probability: float  # after arriving
     pause_mean_s: float
     single_joint_probability: float  # next goal changes one joint only
     tap_probability: float  # instead of a goal: a few short taps of one joint
     dither_probability: float  # per decision while moving: let go or grab another joint
-    correction_probability: float  # after a move: look again at the same goal
+    correction_probability: float  # after a move: correct towards the same goal
     pitch_spread_rad: float  # standard deviation of the pitch chosen at goals
 
 
@@ -98,7 +98,7 @@ EXPECTED_SPEED_RAD_S = 0.35  # what the operator expects of a joint that is bein
 ORDER_SPREAD_RAD = 0.3  # how loosely the longest way comes first
 SETTLE_S = 0.7  # how long the operator waits to see where the machine comes to rest
 BORDER_TOLERANCE = 0.01  # how much farther outside W+ the operator lets the tip go
-RUN_OUT_S = 0.35  # horizon over which the operator extrapolates the tip when keeping it inside
+RUN_OUT_S = 0.35  # horizon of the tip's extrapolation when keeping it inside
 
 
 class ScriptedOperator:
@@ -122,7 +122,7 @@ class ScriptedOperator:
         self._seen: list[np.ndarray] = []
         self._goal: np.ndarray | None = None
         self._pending = np.zeros(machine.n_joint, dtype=bool)  # still to be moved towards the goal
-        self._enabled = np.zeros(machine.n_joint, dtype=bool)  # whose stick is being held
+        self._enabled = np.zeros(machine.n_joint, dtype=bool)  # joints whose stick is held
         self._moving = np.zeros(machine.n_joint, dtype=np.int8)
         self._wait_s = 0.0
         self._elapsed_s = 0.0
@@ -197,7 +197,7 @@ class ScriptedOperator:
         self._grab(goal - q)
 
     def _goals(self, q: np.ndarray) -> list[np.ndarray]:
-        """Reachable configurations in unpainted places, those first whose way stays inside W+."""
+        """Reachable configurations in unpainted places; those whose way stays inside W+ come first."""
         inside: list[np.ndarray] = []
         through: list[np.ndarray] = []
         for place in self.canvas.choose(self._random, N_CANDIDATE):
@@ -249,7 +249,7 @@ class ScriptedOperator:
         self._enabled &= self._pending
 
     def _finish(self, left: np.ndarray) -> None:
-        """After a move: look, correct what is far off, or go on; sometimes pause."""
+        """After a move: correct joints that are far off, or go on; sometimes pause."""
         if self._random.random() < self._style.correction_probability:
             self._pending[:] = np.abs(left) > self._style.tolerance_rad
             self._wait_s = SETTLE_S
@@ -261,7 +261,7 @@ class ScriptedOperator:
             self._wait_s = self._random.exponential(self._style.pause_mean_s)
 
     def _kept_inside(self, q: np.ndarray, speed: np.ndarray, command: np.ndarray) -> np.ndarray:
-        """Let go of what would carry the tip out of W+ in height or radius, if it is about to leave."""
+        """Release joints that would move the tip out of W+ in height or radius."""
         expected = np.where(command != 0, EXPECTED_SPEED_RAD_S * command, speed)
         soon = q + expected * (self._style.reaction_time_s + RUN_OUT_S)
         now, _ = tip(q)

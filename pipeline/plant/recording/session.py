@@ -1,4 +1,4 @@
-"""Recorded sessions: the operator drives the plant, and what a log would hold is kept as arrays."""
+"""Recorded sessions: the operator drives the plant, and the content of a log is kept as arrays."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -39,14 +39,14 @@ class RecordConfig:
 
 
 def read_moment(name: str, text: str) -> datetime:
-    """A moment with its time zone.
+    """Parse a moment with its time zone.
 
     Args:
-        name: Of the setting, for the message.
+        name: Name of the setting, for the message.
         text: ISO 8601.
 
     Raises:
-        InputError: It is none, or has no time zone.
+        InputError: The text is not a date and time with a time zone.
     """
     try:
         moment = datetime.fromisoformat(text)
@@ -91,7 +91,7 @@ def record_session(
         minutes: duration of the session.
         seed: of the plant's process variation, the operator's choices and the start.
         start_time_ns: absolute time of the session's start.
-        changes: later parameters, each with the time since start, s, from which on they hold; ascending.
+        changes: later parameters, each with the time since start, s, from which they hold; ascending.
         progress: called about once per simulated second with the simulated time, s.
 
     Returns:

@@ -1,1 +1,1 @@
-"""Effects that are drawn by seed and kept sealed, and the judgement of a verdict."""
+"""Effects drawn by seed and kept sealed, and the judgement of a verdict."""

@@ -1,4 +1,4 @@
-"""Sealed files: what was switched on in the plant, kept from accidental reading until the last check."""
+"""Sealed files: the plant's switched-on effects, protected from accidental reading until the last check."""
 
 import base64
 import hashlib
@@ -19,7 +19,7 @@ WIDTH = 100  # characters per line of the sealed text
 
 
 def contents(effects: Sequence[PlantEffect]) -> list[dict]:
-    """What a seal holds of each effect: all but its code."""
+    """The sealed content of each effect: all but its code."""
     return [
         {
             "family": effect.family,
@@ -51,7 +51,7 @@ def open_seal(path: Path) -> list[dict]:
     """The effects that a seal holds, as `contents` gave them.
 
     Raises:
-        InputError: the file is absent, is no seal, or was changed since it was written.
+        InputError: the file is absent, is not a seal, or was changed since it was written.
     """
     try:
         heading, checksum, *lines = path.read_text().splitlines()

@@ -10,7 +10,7 @@ from pipeline.plant.effects import PlantEffect, change_point
 from pipeline.plant.parameters import Parameters
 
 DRAWN = "drawn"  # the kind itself is drawn
-CHANGE_POINT = "change_point"  # any kind, drawn, that sets in during the first session
+CHANGE_POINT = "change_point"  # a drawn kind that sets in during the first session
 
 
 def draw_effects(
@@ -20,13 +20,13 @@ def draw_effects(
 
     Args:
         kinds: Names in `effects.KINDS`, `drawn`, or `change_point`.
-        seed: Of kinds, joints, directions, strengths and moments.
+        seed: Seed of kinds, joints, directions, strengths and moments.
         nominal: The machine that the effects will change.
         size: Strength, 1 for plain effects.
         first_session_s: Duration of the first session, within which a change point lies.
 
     Raises:
-        InputError: No such kind, or the size is not positive.
+        InputError: A kind is unknown, or the size is not positive.
     """
     if not size > 0.0:
         raise InputError(f"effect_size is {size}; it must be positive")
@@ -52,7 +52,7 @@ def parameters_of_session(
     An effect with an onset sets in during the first session (number 0) and lasts from then on.
 
     Returns:
-        Parameters at the start; later parameters, each with the time from which on they hold, s, ascending.
+        Parameters at the start; later parameters, each with the time from which they hold, s, ascending.
     """
     parameters, changes = nominal, []
     later = sorted(

@@ -1,4 +1,4 @@
-"""Whether a verdict is right about what was switched on: a seal's truth against the contract's `closed_loop.json`."""
+"""Comparison of a verdict with the truth: a seal against the contract's `closed_loop.json`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ CHANGE_POINT, OTHER = "change_point", "other"
 OWN_VARIABLES = (
     "command",
     "direction",
-)  # an affected joint moves only when it is commanded: they may stand beside
+)  # an affected joint moves only when commanded, so these may be named in addition
 
 Content = Mapping[str, Any]
 
@@ -18,13 +18,12 @@ class VerdictJudgement:
     """How a verdict compares with the truth.
 
     Attributes:
-        verdict_right: Families and joints are right and the verdict is sure of them; where nothing was switched on,
-            nothing was found.
-        family_right: As many effects as there are, of the true families; outside the catalogue the dependence counts.
+        verdict_right: Families and joints are right and the verdict is certain; without effects, nothing was found.
+        family_right: Number and families of effects are right; outside the catalogue the dependence counts.
         joints_right: Exactly the affected joints were named.
-        among_equivalents: Every true family is named or stands among the explanations that the logs cannot tell apart.
-        truth: What was switched on, in words.
-        said: What the verdict says, in the same words.
+        among_equivalents: Every true family is named, or listed among the explanations that the logs cannot separate.
+        truth: The switched-on effects, in words.
+        said: The verdict's effects, in the same words.
     """
 
     verdict_right: bool
@@ -36,10 +35,10 @@ class VerdictJudgement:
 
 
 def judge_verdict(truth: Sequence[Content], document: Content) -> VerdictJudgement:
-    """Compare a closed loop's document with what its seal held.
+    """Compare a closed loop's document with its seal.
 
     Args:
-        truth: As `open_seal` gives it; empty: nothing was switched on.
+        truth: Result of `open_seal`; empty if nothing was switched on.
         document: The contract's `closed_loop.json` (section 4).
     """
     verdict, said = document["verdict"], list(document.get("effects") or [])
@@ -74,7 +73,7 @@ def _joints(effects: Sequence[Content]) -> set[str]:
 
 
 def _names_dependence(effect: Content, said: Sequence[Content]) -> bool:
-    """Whether one of the effects outside the catalogue names all true dependences and none that is wrong."""
+    """Whether an effect outside the catalogue names all true dependences and else only the joints' own variables."""
     true = set(effect["depends_on"])
     allowed = {f"{variable}:{joint}" for variable in OWN_VARIABLES for joint in effect["joints"]}
     allowed |= {f"direction:{joint}" for _, _, joint in (entry.partition(":") for entry in true) if joint}

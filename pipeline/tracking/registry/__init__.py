@@ -1,3 +1,3 @@
-"""Models in MLflow's registry: loadable in one line, on a machine that has nothing of this repository."""
+"""Models in MLflow's registry: loadable in one line on a computer without this repository."""
 
 MODEL_FOLDER = "model_folder"  # name of the artifact

@@ -1,4 +1,4 @@
-"""Logs a model folder to a stage's run and registers it."""
+"""Log a model folder to a stage's run and register it."""
 
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas
 
 CODE = Path(__file__).with_name("dynamics_model.py")  # MLflow runs it; importing it would import MLflow
-# What a dynamics model is made with; MLflow installs it where the model is served.
+# Packages that a dynamics model needs; MLflow installs them where the model is served.
 REQUIREMENTS = ("mlflow", "jax", "flax", "jaxkan", "numpy", "pandas", "polars", "pyarrow", "scipy")
 EXAMPLE_HORIZON = 20  # rows that the input example asks for: a second at 20 Hz
 
@@ -36,13 +36,13 @@ def publish_dynamics_model(
     `mlflow.pyfunc.load_model("models:/<registered_name>/<version>")`.
 
     Args:
-        run: The stage's run; without tracking nothing is done.
+        run: The stage's run; without tracking the call has no effect.
         folder: The model folder.
-        model: What it holds.
+        model: The model in the folder.
         registered_name: Name in the registry.
         trajectory: Rows for the input example.
-        name: Of the model in the run.
-        alias: Of the new version.
+        name: Name of the model in the run.
+        alias: Alias of the new version.
     """
     if not run.is_tracked:
         return
@@ -63,7 +63,7 @@ def publish_dynamics_model(
 def example_rows(
     model: DynamicsModel, trajectory: Trajectory, n_measured: int, horizon: int
 ) -> "pandas.DataFrame":
-    """Rows as the model takes them: `n_measured` measured ones, then `horizon` with commands alone."""
+    """Example input: `n_measured` measured rows, then `horizon` rows with commands alone."""
     import pandas  # takes a second; only tracked runs come here
 
     rows = slice(0, n_measured + horizon)

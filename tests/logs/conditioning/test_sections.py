@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pipeline.errors import InputError
 from pipeline.logs.conditioning.excitation import Excitation
 from pipeline.logs.conditioning.order_statistics import quantiles
-from pipeline.logs.messages.columns import DiskStore, MemoryStore, extent, sections, whole
+from pipeline.logs.messages.columns import DiskStore, MemoryStore, as_array, extent, sections
 from pipeline.logs.messages.raw_log import RawLog
 from pipeline.logs.quality import measure
 from pipeline.logs.trajectories import grid_log, make_trajectories, trajectory_sections
@@ -187,7 +187,7 @@ def test_stores_agree(tmp_path, lengths, n_rows):
                 [part for (part,) in sections((ours[name],), n_rows=n_rows)] or [expected]
             )
             np.testing.assert_array_equal(joined, expected)
-            np.testing.assert_array_equal(whole(ours[name]), expected)
+            np.testing.assert_array_equal(as_array(ours[name]), expected)
             np.testing.assert_array_equal(ours[name][2:5], expected[2:5])
             assert len(ours[name]) == len(expected)
         if sum(lengths):

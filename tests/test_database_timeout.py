@@ -7,7 +7,7 @@ import sqlalchemy
 from pipeline.errors import InputError
 from pipeline.study.database_timeout import CONNECT_TIMEOUT_S, engine_options
 from pipeline.study.storage import open_storage
-from pipeline.tracking.store_check import ask_database
+from pipeline.tracking.store_check import check_database
 
 OURS = {"connect_args": {"connect_timeout": CONNECT_TIMEOUT_S}}
 
@@ -51,7 +51,7 @@ def test_the_driver_is_told(query: str, timeout: object, monkeypatch: pytest.Mon
     monkeypatch.setattr(psycopg, "connect", connect)
     url = f"postgresql+psycopg://nobody@127.0.0.1:9/studies{query}"
     with pytest.raises(sqlalchemy.exc.OperationalError):
-        ask_database(url)
+        check_database(url)
     with pytest.raises(InputError, match="nobody there"):
         open_storage(url)
     assert set(told) == {timeout} and len(told) >= 2
