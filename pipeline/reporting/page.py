@@ -8,7 +8,7 @@ from importlib import resources
 import jinja2
 from markupsafe import Markup
 
-from pipeline.reporting.table import Table, raised
+from pipeline.reporting.table import Table, with_superscripts
 
 PNG, SVG, WEBP = "image/png", "image/svg+xml", "image/webp"
 
@@ -30,7 +30,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Points:
-    """A list of sentences under a heading; `folded` until the reader opens it."""
+    """A list of sentences under a heading; `folded` ones are closed at first."""
 
     title: str
     sentences: Sequence[str]
@@ -41,7 +41,7 @@ class Points:
 class Section:
     """A chapter of the page: a question, its answer in a sentence, the evidence.
 
-    With `gallery` its pictures stand side by side; `folded_tables` are closed until the reader opens them.
+    With `gallery` its pictures lie side by side; `folded_tables` are closed at first.
     """
 
     title: str
@@ -56,7 +56,7 @@ class Section:
 
 @dataclass(frozen=True)
 class KeyFigure:
-    """A number that a reader sees first."""
+    """A headline figure."""
 
     value: str
     label: str
@@ -73,21 +73,21 @@ def render_page(
 
     Args:
         title: Heading of the page.
-        verdict: What was done and whether to trust it, in one or two sentences.
-        key_figures: The handful of numbers to see first.
+        verdict: What was done and how far to trust it, in one or two sentences.
+        key_figures: The headline figures.
         sections: The chapters, in reading order.
-        provenance: Name and value of what the figures were made from (commit, data hashes, configuration, runs).
+        provenance: Names and values: commit, data hashes, configuration, runs.
     """
     template = resources.files("pipeline.reporting").joinpath("page.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["raised"] = _raised
+    environment.filters["with_superscripts"] = _with_superscripts
     return environment.from_string(template).render(
         title=title, verdict=verdict, key_figures=key_figures, sections=sections, provenance=provenance
     )
 
 
-def _raised(text: str) -> Markup:
-    """Symbols such as r^X as HTML; what is HTML already stays."""
-    return text if isinstance(text, Markup) else Markup(raised(text))
+def _with_superscripts(text: str) -> Markup:
+    """Symbols such as r^X as HTML; HTML is left unchanged."""
+    return text if isinstance(text, Markup) else Markup(with_superscripts(text))

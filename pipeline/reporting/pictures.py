@@ -40,7 +40,7 @@ INDEX = "pictures.json"
 
 @dataclass(frozen=True)
 class Pictures:
-    """What the page shows of the controllers.
+    """Pictures of the controllers.
 
     Attributes:
         films: by controller.
@@ -62,16 +62,16 @@ def draw_pictures(
     frames_per_second: int,
     deployments: Sequence[Deployment] = (),
 ) -> Pictures:
-    """Draw everything; of each controller the first seed has its film and paths.
+    """Draw all pictures; films and paths are of each controller's first seed.
 
     Args:
         machine: the machine; it has a robot description.
         machine_directory: where `conf/machine` lies.
-        controllers: evaluated ones.
+        controllers: evaluated controllers.
         episode: number of the episode that the films show.
-        n_paths: so many episodes, from the first on, have their paths drawn.
-        frames_per_second: of the films; a divisor of the machine's rate.
-        deployments: what became of the controllers in the graph and on the plant.
+        n_paths: number of episodes, from the first on, whose paths are drawn.
+        frames_per_second: frame rate of the films; a divisor of the machine's rate.
+        deployments: results of the controllers in the graph and on the plant.
     """
     if not controllers:
         return Pictures({}, None, {})
@@ -137,7 +137,7 @@ def learning_curve(group: Sequence[ControllerResult], metric: str) -> LearningCu
 def paths(
     machine: MachineSpecification, arm: Arm, groups: Mapping[str, Sequence[ControllerResult]], n_paths: int
 ) -> Figure:
-    """Ways of the end effector in the first episodes."""
+    """Paths of the end effector in the first episodes."""
     ways = {}
     for group in groups.values():
         episodes = load_episodes(group[0].evaluation / "episodes.npz").first(n_paths)
@@ -163,7 +163,7 @@ def film(
     """One evaluated episode.
 
     Raises:
-        InputError: the evaluation has no such episode.
+        InputError: the evaluation lacks this episode.
         RenderingUnavailableError: this computer cannot render.
     """
     n_episodes = int(controller.metrics["n_episodes"])
@@ -203,7 +203,7 @@ def save_pictures(directory: Path, pictures: Pictures) -> None:
 
 
 def load_pictures(directory: Path) -> Pictures:
-    """Read what `save_pictures` wrote.
+    """Read the output of `save_pictures`.
 
     Raises:
         InputError: a file is missing or damaged.

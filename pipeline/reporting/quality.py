@@ -48,10 +48,9 @@ def quality_page(
     """Lay out the quality report.
 
     Args:
-        machine: The machine.
-        arm: Its kinematics, for pictures of the workspace; None where it has no description.
-        summary: What became of the logs.
-        tuples_directory: Where their tuples are.
+        arm: Its kinematics, for pictures of the workspace; None without a description.
+        summary: Outcome of the ingestion.
+        tuples_directory: Folder of the tuples.
     """
     sections = [_log_section(machine, arm, report, tuples_directory) for report in summary.reports]
     if summary.failures:

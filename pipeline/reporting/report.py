@@ -1,4 +1,4 @@
-"""The report put together: its page, its tables, and the figures that sum up a pipeline run."""
+"""The complete report: its page, its tables, and a summary of the pipeline run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,11 +29,11 @@ from pipeline.reporting.tables.evaluation import brax_evaluation_table, comparis
 
 @dataclass(frozen=True)
 class Report:
-    """What `build_report` gives.
+    """Result of `build_report`.
 
     Attributes:
-        page: HTML, self-contained but for the link to the closed loop's own report.
-        tables: by name.
+        page: HTML, self-contained except for the link to the closed loop's report.
+        tables: tables by name.
         summary: figures of the whole pipeline, by `<stage>.<cell>.<name>`; nested as the stages wrote them.
     """
 
@@ -56,15 +56,14 @@ def build_report(
     """Lay out the chapters.
 
     Args:
-        machine: the machine.
         arm: its kinematics, where it is described.
-        trajectories: what was learnt from.
-        results: what the stages left.
-        pictures: of the controllers.
+        trajectories: the training data.
+        results: outputs of the stages.
+        pictures: pictures of the controllers.
         origin: whose machine it is, `paper.SIMULATED` or `paper.OWN`.
         profile: name of the profile.
-        output: folder of the page, from which links start.
-        provenance: name and value of what the figures were made from.
+        output: folder of the page; links are relative to it.
+        provenance: names and values, such as commit and data hashes.
     """
     data = data_section(machine, arm, trajectories)
     closed_loop = closed_loop_section(machine, results.closed_loop, output)
@@ -121,7 +120,7 @@ def _summary(results: PipelineResults) -> dict[str, object]:
         summary[f"{group[0].algorithm}.{group[0].kind}"] = evaluated(group)
     for deployment in results.deployments:
         for transfer, drives in (("sim2sim", deployment.sim2sim), ("sim2real", deployment.sim2real)):
-            if drives:  # the last of them is what the transfer leads to
+            if drives:  # the last place is the final one of the transfer
                 metrics = {key: drives[-1].metrics[key] for key in DEPLOYMENT_COLUMNS}
                 summary[f"{transfer}.{deployment.name}"] = metrics
     summary["close_loop.error"] = results.closed_loop.document.get("error", {})

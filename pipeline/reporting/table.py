@@ -1,4 +1,4 @@
-"""A table once, printed as Markdown, LaTeX, HTML or JSON."""
+"""A table with output as Markdown, LaTeX, HTML or JSON."""
 
 import html
 import json
@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-# What LaTeX prints in place of what it would read as markup, or has no letter for; the longest match counts.
+# LaTeX for characters that are markup or missing in its fonts; the longest match counts.
 _LATEX = {
     "%": r"\%",
     "_": r"\_",
@@ -37,7 +37,7 @@ _LATEX = {
     "r^W": r"$r_t^{\mathcal{W}}$",
 }
 _LATEX_TOKEN = re.compile("|".join(re.escape(token) for token in sorted(_LATEX, key=len, reverse=True)))
-_MINUS = re.compile(r"(?<![\w)])-(?=\d)")  # of a negative number, no hyphen
+_MINUS = re.compile(r"(?<![\w)])-(?=\d)")  # sign of a negative number, not a hyphen
 _SUPERSCRIPT = re.compile(r"\^(\w)")
 
 
@@ -46,11 +46,11 @@ class Table:
     """A titled table of already formatted cells.
 
     Attributes:
-        title: One line that says what the figures are and over how many trials.
+        title: One line: the figures and their number of trials.
         columns: Column headings.
         rows: Cells, each row as long as `columns`.
         notes: Footnotes.
-        merged: In the first so many columns a cell that repeats the one above is printed once; JSON repeats it.
+        merged: Number of leading columns in which repeated cells are printed once; JSON repeats them.
         rules: Indices of the rows below a horizontal rule.
     """
 
@@ -76,7 +76,7 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def latex(self) -> str:
-        """The table as a LaTeX `table`, as the paper prints its own; it needs the packages booktabs and bm."""
+        """The table as a LaTeX `table` in the paper's form; it needs the packages booktabs and bm."""
         body = []
         for index, row in enumerate(self._printed_rows()):
             body += [r"\midrule"] if index in self.rules else []
@@ -124,7 +124,7 @@ class Table:
         return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
 
     def _printed_rows(self) -> list[list[str]]:
-        """Rows without the repetitions that `merged` leaves out; a rule begins anew."""
+        """Rows with repeated cells of the `merged` columns blanked; repetition restarts after a rule."""
         printed = []
         above: Sequence[str] = ()
         for index, row in enumerate(self.rows):
@@ -138,7 +138,7 @@ class Table:
 
 
 def mean_and_deviation(values: Sequence[float], digits: int = 2) -> str:
-    """`mean ± standard deviation` over independent seeds, as the paper prints it; one value stands alone."""
+    """`mean ± standard deviation` over independent seeds, in the paper's form; one value has no deviation."""
     mean = sum(values) / len(values)
     if len(values) == 1:
         return f"{mean:.{digits}f}"
@@ -146,8 +146,8 @@ def mean_and_deviation(values: Sequence[float], digits: int = 2) -> str:
     return f"{mean:.{digits}f} ± {deviation:.{digits}f}"
 
 
-def raised(text: str) -> str:
-    """Text as HTML, with what follows `^` raised."""
+def with_superscripts(text: str) -> str:
+    """Text as HTML, with the character after `^` as a superscript."""
     return _SUPERSCRIPT.sub(r"<sup>\1</sup>", html.escape(text))
 
 
@@ -161,9 +161,9 @@ def _without_bold(cell: str) -> str:
 
 
 def _html(cell: str) -> str:
-    """A cell as HTML; a mean stays beside its deviation."""
+    """A cell as HTML; mean and deviation stay on one line."""
     bold = _without_bold(cell)
-    text = raised(bold).replace(" ± ", "&nbsp;±&nbsp;")
+    text = with_superscripts(bold).replace(" ± ", "&nbsp;±&nbsp;")
     return text if bold == cell else f"<b>{text}</b>"
 
 

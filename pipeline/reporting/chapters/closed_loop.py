@@ -1,4 +1,4 @@
-"""The index page's chapter on the closed loop: the verdict, errors before and after, and what the seal said."""
+"""The index page's chapter on the closed loop: verdict, errors before and after, and the seal's truth."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -28,12 +28,11 @@ class MachineUnits:
 
 
 def closed_loop_section(machine: MachineSpecification, result: ClosedLoopResult, output: Path) -> Section:
-    """What the measured logs showed that the model lacks, and whether that is so.
+    """Build the chapter: the verdict on the measured logs, errors, and the comparison with the seal.
 
     Args:
-        machine: The machine.
-        result: What `close_loop` and `unseal` left.
-        output: Folder of the page, from which the link to the loop's own report starts.
+        result: Outputs of `close_loop` and `unseal`.
+        output: Folder of the page; the link to the loop's report is relative to it.
     """
     document = result.document
     if "verdict" not in document:
@@ -51,7 +50,7 @@ def closed_loop_section(machine: MachineSpecification, result: ClosedLoopResult,
 
 
 def closed_loop_table(machine: MachineSpecification, result: ClosedLoopResult) -> Table | None:
-    """Four-second errors before and after per joint, beside the baselines; None where the loop was not closed."""
+    """Four-second errors before and after per joint, beside the baselines; None if the loop was not closed."""
     document = result.document
     if "verdict" not in document:
         return None
@@ -81,7 +80,7 @@ def closed_loop_table(machine: MachineSpecification, result: ClosedLoopResult) -
 
 
 def seal_sentence(judgement: Mapping[str, Any]) -> str:
-    """What the seal said, in two sentences."""
+    """The seal's truth and the verdict's grade, in two sentences."""
     if "note" in judgement:
         return f"No seal was opened: {judgement['note']}."
     truth = "; ".join(judgement["truth"]) or "nothing"

@@ -1,4 +1,4 @@
-"""The report's chapters on the controllers: how well they reach, and what that looks like."""
+"""The report's chapters on the controllers: evaluation results and films."""
 
 import statistics
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ LOOKS = "What it looks like"
 
 
 def film_section(films: Mapping[str, Figure], unavailable: str | None) -> Section:
-    """A film per controller, or why there is none."""
+    """A film per controller, or the reason why films are missing."""
     if not films:
         return Section(LOOKS, f"No picture: {unavailable}" if unavailable else "No controller was evaluated.")
     return Section(
@@ -31,7 +31,7 @@ def film_section(films: Mapping[str, Figure], unavailable: str | None) -> Sectio
 def controller_section(
     controllers: Sequence[ControllerResult], figures: Mapping[str, Figure], origin: str
 ) -> Section:
-    """How well the controllers reach, beside the paper's."""
+    """Evaluation results of the controllers beside the paper's."""
     sentences = differences(controllers, origin)
     points = []
     if sentences:
@@ -61,7 +61,7 @@ def mean_of(group: Sequence[ControllerResult], metric: str) -> float:
 
 
 def evaluated(group: Sequence[ControllerResult]) -> dict[str, float]:
-    """Numbers of `metrics.json` averaged over seeds, for the pipeline's run."""
+    """Metrics of `metrics.json`, averaged over seeds, for the pipeline's MLflow run."""
     return {
         key: mean_of(group, key) for key, value in group[0].metrics.items() if isinstance(value, int | float)
     }

@@ -1,4 +1,4 @@
-"""The report's chapter on the recordings that everything was learnt from."""
+"""The report's chapter on the recordings used for training."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from pipeline.reporting.table import Table
 def data_section(
     machine: MachineSpecification, arm: Arm | None, trajectories: Sequence[Trajectory]
 ) -> Section:
-    """What was learnt from: the recordings, and where in the workspace they were."""
+    """The recordings used for training, and their coverage of the workspace."""
     rows = [
         [
             trajectory.name,

@@ -1,4 +1,4 @@
-"""The report's chapter on deployment: the controllers where they would run, with delays, and on the plant."""
+"""The report's chapter on deployment: the controllers in the graph with delays, and on the plant."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -14,15 +14,15 @@ from pipeline.reporting.results.deployments import Deployment, Drive
 from pipeline.reporting.table import Table
 from pipeline.reporting.tables.deployment import (
     delays_table,
-    drops,
     sim2real_table,
     sim2sim_table,
+    success_rate_changes,
     until_goal_table,
 )
 
 TITLE = "Deployment"
 SIM2SIM_RATES, SIM2REAL_RATES = "sim2sim_success_rates", "sim2real_success_rates"
-FIGURES = (SIM2SIM_RATES, SIM2REAL_RATES)  # names, among all pictures
+FIGURES = (SIM2SIM_RATES, SIM2REAL_RATES)  # names of the chapter's pictures
 
 
 def deployment_section(
@@ -31,7 +31,7 @@ def deployment_section(
     figures: Mapping[str, Figure],
     origin: str,
 ) -> Section:
-    """What becomes of the success rates once delays and another machine come in."""
+    """Change of success rates through delays and through transfer to the plant."""
     tables = deployment_tables(machine, deployments, origin)
     delays = tables.pop("delays", None)
     return Section(
@@ -40,7 +40,7 @@ def deployment_section(
         [figures[name] for name in FIGURES if name in figures],
         list(tables.values()),
         paragraphs=_paragraphs(machine, deployments),
-        points=[Points("What the transfer costs", drops(deployments))],
+        points=[Points("What the transfer costs", success_rate_changes(deployments))],
         folded_tables=[delays] if delays is not None else [],
     )
 
@@ -48,7 +48,7 @@ def deployment_section(
 def deployment_tables(
     machine: MachineSpecification, deployments: Sequence[Deployment], origin: str
 ) -> dict[str, Table]:
-    """All tables of the chapter that there are, by name."""
+    """The chapter's available tables, by name."""
     tables = {
         "sim2sim": sim2sim_table(deployments, origin),
         "sim2real": sim2real_table(deployments, origin),

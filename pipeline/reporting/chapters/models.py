@@ -1,4 +1,4 @@
-"""The report's chapters on the models: how well they predict, and what a control engineer would try first."""
+"""The report's chapters on the models: prediction errors, and comparison with standard references."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,7 +11,7 @@ from pipeline.reporting.table import Table
 
 
 def model_section(machine: MachineSpecification, models: Sequence[ModelResult], origin: str) -> Section:
-    """How well the identified models predict, beside a linear ARX."""
+    """Prediction errors of the identified models beside a linear ARX."""
     tables = [selected_models_table(models, origin)] + [error_table(machine, model) for model in models]
     first = models[0].open_loop
     predicted = {KIND_NAMES[model.kind]: model.open_loop["predicted"] for model in models}
@@ -38,7 +38,7 @@ def model_section(machine: MachineSpecification, models: Sequence[ModelResult], 
 
 
 def judgement_section(judgement: JudgementResult) -> Section:
-    """A model beside the references that a control engineer would try first."""
+    """A model beside the standard references."""
     figures = [
         Figure(
             "Error over the horizon",
@@ -73,7 +73,7 @@ def judgement_section(judgement: JudgementResult) -> Section:
 
 
 def selected_models_table(models: Sequence[ModelResult], origin: str) -> Table:
-    """The paper's table of selected dynamics models, ours beside its."""
+    """The paper's table of selected dynamics models, with ours beside it."""
     rows = []
     for model in models:
         published = SELECTED_MODELS[model.kind]
@@ -119,7 +119,7 @@ def worst_joint(machine: MachineSpecification, errors: Mapping[str, float]) -> t
 
 
 def judged_on(model: ModelResult) -> str:
-    """On which rows the model's errors were measured."""
+    """The rows on which the model's errors were measured, in words."""
     if model.lineage["judged_on"] == "held_out":
         return "on a recording that neither training nor selection saw"
     return "on validation rows, which early stopping saw"

@@ -1,4 +1,4 @@
-"""The top of the report: what was done, and whether to trust it, in two minutes."""
+"""The top of the report: what was done, and how far to trust it."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ COARSE, FINE = ("sr_012_008", "0.12 m and 0.08 rad"), ("sr_002_002", "0.02 m and
 
 
 def key_figures(machine: MachineSpecification, results: PipelineResults) -> list[KeyFigure]:
-    """The handful of numbers to see first: of the first controller of each way to decide, and of the model."""
+    """The headline figures: success rate of the best policy and planner, and the model's error."""
     figures = []
     for group in leading_controllers(results.controllers):
         for metric, within in (COARSE, FINE):
@@ -46,7 +46,7 @@ def leading_controllers(controllers: Sequence[ControllerResult]) -> list[list[Co
 
 
 def verdict(results: PipelineResults, profile: str) -> str:
-    """What was done and whether to trust it, in two sentences."""
+    """What was done and how far to trust it, in two sentences."""
     if profile == "smoke":
         return "A smoke run: everything ran on tiny data for seconds. None of its figures means anything."
     n_models = len(results.models)
@@ -73,11 +73,10 @@ def overview_section(
     closed_loop: Section,
     origin: str,
 ) -> Section:
-    """What was done step by step, and what speaks for and against trusting it.
+    """What was done step by step, and evidence for and against trusting it.
 
     Args:
-        machine: the machine.
-        results: what the stages left.
+        results: outputs of the stages.
         data: the chapter on the recordings.
         closed_loop: the chapter on the changed machine.
         origin: `SIMULATED` or `OWN`.
@@ -144,7 +143,7 @@ def _trust(
 
 
 def _plain(section: Section) -> list[str]:
-    """Its sentences without the link."""
+    """The section's sentences without the link."""
     return [paragraph for paragraph in section.paragraphs if not isinstance(paragraph, Markup)]
 
 

@@ -1,4 +1,4 @@
-"""The paper's table of the reward ablation: as it prints its own, ours beside its, and a page of both."""
+"""The reward ablation: our table in the paper's form, a comparison with the paper's, and a page of both."""
 
 import statistics
 from collections.abc import Mapping, Sequence
@@ -22,8 +22,8 @@ from pipeline.reporting.tables.counts import steps_text
 from pipeline.reporting.tables.differences import Circumstances, difference_sentences
 from pipeline.reporting.tables.evaluation import LEGEND, NONE, PATH_LENGTH, printed_figures
 
-Rows = Mapping[tuple[RewardTerm, ...], Sequence[CellResult]]  # finished seeds by the terms that were summed
-PAPER_KIND = "mlp_dqdot"  # the model that the paper's ablation is on
+Rows = Mapping[tuple[RewardTerm, ...], Sequence[CellResult]]  # finished seeds by the summed terms
+PAPER_KIND = "mlp_dqdot"  # model kind of the paper's ablation
 RETURNS = "Returns are of the reward that the row was trained with."
 FINE = "sr_002_002"
 
@@ -39,7 +39,7 @@ def reward_symbols(terms: Sequence[str]) -> str:
 
 
 def published_rows(kind: str) -> Mapping[str, Mapping[str, Published]]:
-    """The paper's rows by the marks of their terms; it has none of other model kinds than `PAPER_KIND`."""
+    """The paper's rows by the marks of their terms; empty for model kinds other than `PAPER_KIND`."""
     return REWARD_ABLATION if kind == PAPER_KIND else {}
 
 
@@ -47,9 +47,9 @@ def ablation_table(rows: Rows, kind: str, origin: str) -> Table:
     """The paper's table with our figures; rows without a finished seed are empty.
 
     Args:
-        rows: What is finished.
+        rows: Finished seeds.
         kind: `<parameterization>_<target>` of the dynamics model.
-        origin: Of the logs that the model is from.
+        origin: Origin of the model's logs, `SIMULATED` or `OWN`.
     """
     columns = ["Reward function", *METRIC_COLUMNS.values()]
     printed = [[reward_symbols(terms), *_figures(cells)] for terms, cells in rows.items()]
@@ -63,7 +63,7 @@ def ablation_table(rows: Rows, kind: str, origin: str) -> Table:
 
 
 def ablation_beside_paper(rows: Rows, kind: str, origin: str) -> Table:
-    """Ours above the paper's, row by row, with the counts that they are over."""
+    """Our rows above the paper's, with numbers of seeds and episodes."""
     printed = []
     for terms, cells in rows.items():
         label = reward_symbols(terms)
@@ -95,7 +95,7 @@ def ablation_differences(rows: Rows, kind: str, origin: str) -> list[str]:
 
 
 def precision_sentence(rows: Rows) -> str:
-    """Whether r^ε is what makes high precision, as the paper finds."""
+    """Whether r^ε yields high precision, as the paper finds."""
     rates: dict[bool, list[float]] = {True: [], False: []}
     for terms, cells in rows.items():
         rates[RewardTerm.precision in terms] += [cell.metrics[FINE] for cell in cells]
@@ -110,7 +110,7 @@ def precision_sentence(rows: Rows) -> str:
 
 
 def ablation_page(rows: Rows, kind: str, origin: str, provenance: Sequence[tuple[str, str]]) -> str:
-    """A page of its own: the ablation is outside `make repro`."""
+    """A separate page, as the ablation is outside `make repro`."""
     sentences = ablation_differences(rows, kind, origin)
     section = Section(
         "Terms of the reward left out",

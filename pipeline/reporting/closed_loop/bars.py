@@ -12,7 +12,7 @@ from pipeline.reporting.figures.style import INK, REGION
 CHARACTER, VALUES = 6.3, 40  # px: a character of a label, and room for values right of the bars
 TOP, ROW, BAR = 26, 20, 11
 
-HALO = 'paint-order="stroke" stroke="#fff" stroke-width="3"'  # so that the dashed line does not cross out a value
+HALO = 'paint-order="stroke" stroke="#fff" stroke-width="3"'  # keeps values legible on the dashed line
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,10 @@ class Bar:
     """One bar, in the unit in which it is shown.
 
     Attributes:
-        label: What it is.
-        value: Its length; NaN leaves it out.
-        colour: Of the bar.
-        interval: 95 %, drawn as a whisker; None: not known.
+        label: Text left of the bar.
+        value: Length; NaN omits the bar.
+        colour: CSS colour.
+        interval: 95 % interval, drawn as a whisker; None if unknown.
     """
 
     label: str
@@ -39,10 +39,10 @@ def bar_panel(
 
     Args:
         title: Heading of the panel.
-        unit: Of all values.
+        unit: Unit of all values.
         bars: From top to bottom.
-        reference: Where to draw the line, in the same unit; NaN: nowhere.
-        width: Of the panel, px.
+        reference: Position of the dashed line, in the same unit; NaN omits it.
+        width: Width of the panel, px.
 
     Returns:
         An `<svg>` element.

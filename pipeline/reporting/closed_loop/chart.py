@@ -1,7 +1,7 @@
-"""A small chart as inline SVG: a panel of a grid of panels that wraps on narrow pages.
+"""A small chart as inline SVG: one panel of a grid that wraps on narrow pages.
 
-Written by hand instead of by Matplotlib, because a report holds dozens of panels: each takes a millisecond and a few
-kilobytes, its text stays text, and panels find their own place on a telephone.
+A report holds dozens of panels, so they are written directly instead of with Matplotlib. Each takes a millisecond and a
+few kilobytes, its text stays text, and panels wrap on a small screen.
 """
 
 import html
@@ -16,14 +16,14 @@ WIDTH, WIDE, HEIGHT = (
     260,
     380,
     170,
-)  # px; text is as large as the page's where four, or two, stand side by side
+)  # px; text has the page's size with four, or two, panels in a row
 LEFT, RIGHT, TOP, BOTTOM = 38, 8, 24, 34  # margins, px
 GRID = "#e3e8ed"
-_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # of a decade: distances that read well between ticks
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # tick distances within a decade
 
 
 class Panel:
-    """Axes that marks are drawn on; positions are in the axes' own units."""
+    """Axes with marks; positions are in the axes' units."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class Panel:
         hollow: bool = False,
         half_widths: np.ndarray | None = None,
     ) -> None:
-        """Dots, with vertical error bars where half widths are given."""
+        """Dots, with vertical error bars if half widths are given."""
         for i, (a, b) in enumerate(zip(x, y, strict=True)):
             if not (math.isfinite(a) and math.isfinite(b)):
                 continue
@@ -92,7 +92,7 @@ class Panel:
             )
 
     def svg(self) -> str:
-        """The panel, to be put into the page as it is."""
+        """The panel as an `<svg>` element."""
         parts = [_text(4, 14, self.title, weight=600)]
         for tick in ticks(*self.y_range, 4):
             y = self._y(tick)
@@ -137,7 +137,7 @@ def ticks(low: float, high: float, wanted: int) -> list[float]:
 
 
 def span(values: Sequence[np.ndarray | float], margin: float = 0.08) -> tuple[float, float]:
-    """Range of all finite values with a margin; (0, 1) where there is none."""
+    """Range of all finite values with a margin; (0, 1) without finite values."""
     flat = np.concatenate([np.ravel(np.asarray(value, float)) for value in values]) if values else np.zeros(0)
     flat = flat[np.isfinite(flat)]
     if not len(flat):

@@ -1,4 +1,4 @@
-"""What a machine does that its model does not, as a clause per family of effects."""
+"""How a machine differs from its model, as a clause per family of effects."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ from pipeline.reporting.closed_loop.words import (
     other_joints,
 )
 
-AS_FAST = 0.005  # a speed ratio this close to one is not called faster or slower
+SAME_SPEED = 0.005  # a speed ratio this close to one is not called faster or slower
 
 
 class Subject:
@@ -30,7 +30,7 @@ class Subject:
         return base if self.plural else {"have": "has"}.get(base, f"{base}s")
 
     def value(self, name: str) -> float:
-        """A parameter's value; NaN where the document lacks it."""
+        """A parameter's value; NaN if the document lacks it."""
         parameter = (self.effect.get("parameters") or {}).get(name)
         return number(parameter.get("value")) if isinstance(parameter, Mapping) else math.nan
 
@@ -43,7 +43,7 @@ class Subject:
 
 
 def clause(effect: Document) -> str:
-    """What the machine does that the model does not, as a main clause without its full stop."""
+    """How the machine differs from the model, as a main clause without its full stop."""
     joints = list(effect.get("joints") or [])
     family = str(effect["family"])
     if family == "change_point":
@@ -62,7 +62,7 @@ def clause(effect: Document) -> str:
 def _faster(ratio: float) -> str:
     if not math.isfinite(ratio):
         return "at another speed"
-    if abs(ratio - 1) < AS_FAST:
+    if abs(ratio - 1) < SAME_SPEED:
         return "as fast"
     return f"{percent(abs(ratio - 1))} {'slower' if ratio < 1 else 'faster'}"
 
@@ -71,9 +71,7 @@ def _gain(s: Subject) -> str:
     direction = {1.0: "positive", -1.0: "negative"}.get(s.value("direction"))
     where = f" when {s.it} {s.verb('move')} in the {direction} direction" if direction else ""
     ratio = s.value("speed_ratio")
-    return (
-        f"{s.verb('move')} {_faster(ratio)} {'as' if abs(ratio - 1) < AS_FAST else 'than'} the model{where}"
-    )
+    return f"{s.verb('move')} {_faster(ratio)} {'as' if abs(ratio - 1) < SAME_SPEED else 'than'} the model{where}"
 
 
 def _load(s: Subject) -> str:

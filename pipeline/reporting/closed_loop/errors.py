@@ -1,4 +1,4 @@
-"""Held-out errors before and after beside the baselines: who is best, and in which words that is said."""
+"""Held-out errors before and after correction beside the baselines, and sentences on which is best."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ TIE = 1.005  # errors closer than that are equally good
 
 @dataclass(frozen=True)
 class ErrorCell:
-    """An error as it is shown, its 95 % interval, and whether no other of its row is smaller."""
+    """A formatted error, its 95 % interval, and whether it is the smallest of its row."""
 
     text: str
     interval: str = ""
@@ -40,7 +40,7 @@ class ErrorRow:
 
 
 def levels_of(document: Document, evidence: ReportData) -> list[LevelErrors]:
-    """Levels with windows to judge; the four-second one from the document where the evidence lacks it."""
+    """Levels with test windows; the four-second level comes from the document if the report data lack it."""
     levels = [level for level in evidence.levels if level.n_windows > 0]
     if any(level.steps == 80 for level in levels) or not document.get("error"):
         return levels
@@ -66,7 +66,7 @@ def level_name(steps: int) -> str:
 
 
 def columns_of(document: Document, evidence: ReportData) -> dict[str, str]:
-    """Heading by column: what is there to compare; `after` only where something was corrected."""
+    """Heading by column; `after` only if a correction was made."""
     levels = levels_of(document, evidence)
     known = {
         name for level in levels for name, values in level.baselines.items() if np.isfinite(values).any()
@@ -95,10 +95,10 @@ def error_rows(document: Document, evidence: ReportData) -> list[ErrorRow]:
 
 
 def winner_sentences(document: Document, evidence: ReportData) -> list[str]:
-    """Who predicts best: on the affected joints, or, where there is no effect, on all of them.
+    """Which predictor is best on the affected joints, or on all joints without an effect.
 
-    A sentence for every level and joint at which another is better than the corrected model. Where nothing was
-    corrected, only those are named that are better than the model beyond its uncertainty.
+    One sentence for every level and joint at which another predictor beats the corrected model. Without a correction,
+    only predictors that beat the model beyond its uncertainty are named.
     """
     own = "after" if is_corrected(document) else "before"
     joints = affected_joints(document) or evidence.joints

@@ -14,7 +14,7 @@ from pipeline.reporting.closed_loop.words import short_family_name
 from pipeline.reporting.figures.style import REGION, SERIES
 
 AFTER, BEFORE, FINETUNED, WRONG, _, BLACKBOX = SERIES
-# Pale: lines are read over them.
+# Pale, as lines are drawn over them.
 PURPOSE_COLOURS = {
     Purpose.fit: ("#eef1f4", "used to fit"),
     Purpose.select: ("#e3eefb", "used to choose"),
@@ -27,11 +27,11 @@ BASELINES = {
 }
 COUNTED = {"axis": "", "motion": ", along the motion", "change": ", along the change"}  # by names of `Along`
 TRACK_POINTS = 200  # a panel is some 260 px wide
-CONFIDENCE = 1.96  # standard errors to either side of 95 %
+Z_95 = 1.96  # 97.5 % quantile of the standard normal distribution
 
 
 def residual_bars(evidence: ReportData, corrected: bool) -> list[str]:
-    """Per joint: residual velocity before and, if corrected, after; on nominal logs also as a dashed line."""
+    """Bars per joint: residual velocity before and, if corrected, after; on nominal logs also as a dashed line."""
     panels = []
     for j, (joint, unit) in enumerate(zip(evidence.joints, evidence.units, strict=True)):
         factor, name = readable_unit(f"{unit}/s")
@@ -44,7 +44,7 @@ def residual_bars(evidence: ReportData, corrected: bool) -> list[str]:
 
 
 def track_rows(evidence: ReportData, most: int, corrected: bool) -> list[tuple[str, list[str]]]:
-    """Per log, `most` at most, its name and a panel per joint: the residual velocity along it, equally scaled."""
+    """Name and one panel per joint of at most `most` logs: residual velocity over time, on equal scales."""
     tops = []
     for j in range(len(evidence.joints)):
         shown = [values[:, j] for track in evidence.tracks for values in (track.before, track.after)]
@@ -82,9 +82,9 @@ def _track_panel(evidence: ReportData, track: ResidualTrack, j: int, top: float,
 
 
 def signature_panels(evidence: ReportData) -> list[str]:
-    """Per effect and joint: mean residual velocity over the variable that the effect depends on.
+    """Panel per effect and joint: mean residual velocity over the variable that the effect depends on.
 
-    What corrects nothing has no line and leaves all of it.
+    Effects without a correction have no fitted line.
     """
     panels = []
     for signature in evidence.signatures:
@@ -94,7 +94,7 @@ def signature_panels(evidence: ReportData) -> list[str]:
             factor * np.asarray(values, float)
             for values in (signature.before, signature.standard_error, signature.fitted, signature.after)
         )
-        reach = CONFIDENCE * np.nan_to_num(error)
+        reach = Z_95 * np.nan_to_num(error)
         panel = Panel(
             f"{short_family_name(signature.family)} ({signature.joint})",
             span([x], 0.04),
@@ -107,7 +107,7 @@ def signature_panels(evidence: ReportData) -> list[str]:
         panel.level(0.0)
         if corrects(signature):
             panel.line(x, fitted, AFTER, width=2.0)
-        panel.dots(x, before, BEFORE, half_widths=CONFIDENCE * error)
+        panel.dots(x, before, BEFORE, half_widths=Z_95 * error)
         if corrects(signature):
             panel.dots(x, after, AFTER, hollow=True)
         panels.append(panel.svg())
@@ -115,12 +115,12 @@ def signature_panels(evidence: ReportData) -> list[str]:
 
 
 def corrects(signature: Signature) -> bool:
-    """Whether the effect changes what the model predicts: what cannot be foreseen does not."""
+    """Whether the effect changes the model's prediction; an unpredictable effect does not."""
     return bool(np.any(signature.fitted))
 
 
 def error_bars(evidence: ReportData, level: LevelErrors, corrected: bool) -> list[str]:
-    """Per joint: errors before, if corrected after, and of the baselines; on nominal logs as a dashed line."""
+    """Bars per joint: errors before, after correction, and of the baselines; on nominal logs as a dashed line."""
     panels = []
     for j, (joint, unit) in enumerate(zip(evidence.joints, evidence.units, strict=True)):
         factor, name = readable_unit(unit)
@@ -144,7 +144,7 @@ def _interval(factor: float, bounds: np.ndarray, j: int) -> tuple[float, float] 
 
 
 def _edges(middles: np.ndarray) -> np.ndarray:
-    """Borders of blocks from their middles, shape (n + 1,)."""
+    """Edges of blocks from their centres, shape (n + 1,)."""
     if len(middles) == 0:
         return np.array([0.0, 1.0])
     half = float(np.median(np.diff(middles))) / 2 if len(middles) > 1 else 0.5
@@ -152,7 +152,7 @@ def _edges(middles: np.ndarray) -> np.ndarray:
 
 
 def _thinned(t_s: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Root mean squares of neighbours, so that a long log does not make a heavy page."""
+    """Root mean squares of neighbouring samples, which bound the page's size."""
     stride = max(1, -(-len(values) // TRACK_POINTS))
     if stride == 1:
         return t_s, values

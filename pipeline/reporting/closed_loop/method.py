@@ -1,4 +1,4 @@
-"""What a closed loop's report says around its figures: the numbers seen first, and what they were made from."""
+"""Text around the figures of a closed loop's report: headline figures and provenance."""
 
 import math
 
@@ -21,11 +21,11 @@ from pipeline.reporting.closed_loop.verdict import (
 )
 from pipeline.reporting.closed_loop.words import Document, listed
 
-ABOVE_FLOOR = 1.1  # times the noise floor: less is not worth a word
+ABOVE_FLOOR = 1.1  # times the noise floor; smaller excess is not reported
 
 
 def key_figures(document: Document, evidence: ReportData) -> list[tuple[str, str]]:
-    """Value and label of the handful of numbers to see first."""
+    """Value and label of the headline figures."""
     verdict = str(document["verdict"])
     word = VERDICT_WORDS.get(verdict, verdict)
     several = verdict == "named" and len(document["effects"]) > 1
@@ -45,7 +45,7 @@ def key_figures(document: Document, evidence: ReportData) -> list[tuple[str, str
         shown.append((share, "of the squared error removed by the first effect alone"))
     if effects and math.isfinite(number(effects[0].get("p_value"))):
         shown.append((probability(number(effects[0]["p_value"])), "chance of such a sign without any effect"))
-    ratios = _beside_floor(evidence.before, evidence)
+    ratios = _multiples_of_floor(evidence.before, evidence)
     if not effects and np.isfinite(ratios).any():
         worst = int(np.nanargmax(ratios))
         shown.append(
@@ -61,8 +61,11 @@ def key_figures(document: Document, evidence: ReportData) -> list[tuple[str, str
 
 
 def residual_answer(evidence: ReportData, corrected: bool) -> str:
-    """Which joints the model leaves unexplained, and by how much, before and after."""
-    before, after = _beside_floor(evidence.before, evidence), _beside_floor(evidence.after, evidence)
+    """Unexplained residual per joint in multiples of the noise floor, before and after."""
+    before, after = (
+        _multiples_of_floor(evidence.before, evidence),
+        _multiples_of_floor(evidence.after, evidence),
+    )
     known = [j for j in range(len(evidence.joints)) if math.isfinite(before[j])]
     above = sorted((j for j in known if before[j] > ABOVE_FLOOR), key=lambda j: -before[j])
     if not known:
@@ -77,7 +80,7 @@ def residual_answer(evidence: ReportData, corrected: bool) -> str:
 
 
 def memory_sentence(evidence: ReportData) -> str:
-    """How long the residual stays alike, per joint; empty where that is not known."""
+    """Correlation time of the residual per joint; empty if unknown."""
     parts = [
         f"{joint} {significant(float(time_s), 2)} s"
         for joint, time_s in zip(evidence.joints, evidence.autocorrelation_s, strict=True)
@@ -92,7 +95,7 @@ def memory_sentence(evidence: ReportData) -> str:
 
 
 def provenance(document: Document, machine_name: str, nominal: str, measured: str) -> list[tuple[str, str]]:
-    """Name and value of what the figures were made from."""
+    """Provenance of the figures as names and values."""
     held_out = document.get("held_out") or {}
     return [
         ("Machine", machine_name),
@@ -104,7 +107,7 @@ def provenance(document: Document, machine_name: str, nominal: str, measured: st
     ]
 
 
-def _beside_floor(residual: np.ndarray, evidence: ReportData) -> np.ndarray:
-    """Multiples of the noise floor, shape (n_joint,); NaN where there is none."""
+def _multiples_of_floor(residual: np.ndarray, evidence: ReportData) -> np.ndarray:
+    """Multiples of the noise floor, shape (n_joint,); NaN without a noise floor."""
     floor = np.where(np.asarray(evidence.floor) > 0, evidence.floor, np.nan)
     return np.asarray(residual, float) / floor

@@ -1,4 +1,4 @@
-"""Numbers of a closed loop as a reader wants them: in mrad or mm, with as many digits as they are known to."""
+"""Formatting of a closed loop's numbers: in mrad or mm, with significant digits only."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,22 +12,22 @@ _WITHOUT_NAME = ("1", "sign")
 
 
 def number(value: Any) -> float:
-    """A number of a JSON document; NaN for `null`, for what is missing and for what is no number."""
+    """A number of a JSON document; NaN if it is `null`, missing or not a number."""
     return float(value) if isinstance(value, int | float) else math.nan
 
 
 def readable_unit(unit: str) -> tuple[float, str]:
-    """Factor and name of the unit in which a quantity is shown; the name is empty for plain numbers."""
+    """Factor and name of the displayed unit; the name is empty for plain numbers."""
     return _READABLE.get(unit, (1.0, "" if unit in _WITHOUT_NAME else unit))
 
 
 def with_unit(text: str, unit: str) -> str:
-    """`41` and `rad` to `41 mrad`: the text holds a number that is already in the readable unit."""
+    """`41` and `rad` to `41 mrad`; the number must already be in the displayed unit."""
     return " ".join((text, readable_unit(unit)[1])).strip()
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """With so many significant digits, but whole numbers in full: 0.751, 41.2, 1234."""
+    """Format with significant digits, but whole numbers in full: 0.751, 41.2, 1234."""
     if not math.isfinite(value):
         return MISSING
     if value == 0:
@@ -37,7 +37,7 @@ def significant(value: float, digits: int = 3) -> str:
 
 
 def percent(share: float) -> str:
-    """A share as a whole percentage; below one, with a digit behind the point."""
+    """A share as a whole percentage; below 1 %, with one decimal."""
     if not math.isfinite(share):
         return MISSING
     return f"{_fixed(100 * share, 0 if abs(share) >= 0.0095 or share == 0 else 1)} %"
@@ -54,7 +54,7 @@ def probability(p_value: float) -> str:
 def estimate(parameter: Mapping[str, Any]) -> tuple[str, tuple[str, str] | None, str]:
     """Value, 95 % interval and unit's name of a parameter of `closed_loop.json`.
 
-    Digits are those that the interval's width leaves known, or three where there is no interval.
+    The interval's width sets the number of digits; without an interval there are three.
     """
     factor, unit = readable_unit(str(parameter.get("unit", "1")))
     value = factor * number(parameter.get("value"))
@@ -71,7 +71,7 @@ def estimate(parameter: Mapping[str, Any]) -> tuple[str, tuple[str, str] | None,
 
 
 def _plain(value: float) -> str:
-    """Three significant digits without the zeros at the end."""
+    """Three significant digits without trailing zeros."""
     text = significant(value)
     return text.rstrip("0").rstrip(".") if "." in text else text
 

@@ -1,4 +1,4 @@
-"""The report of a closed loop: one self-contained page that a control engineer would forward."""
+"""The report of a closed loop: one self-contained page for control engineers."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ from pipeline.reporting.closed_loop.method import key_figures, memory_sentence, 
 from pipeline.reporting.closed_loop.search import alternatives, effect_cards, ranking, ranking_answer
 from pipeline.reporting.closed_loop.verdict import is_corrected, verdict_sentence
 
-TRACKS_DRAWN, TRACKS_OPEN = 24, 4  # logs that are drawn, and that are seen without unfolding
+TRACKS_DRAWN, TRACKS_OPEN = 24, 4  # logs that are drawn, and logs that are open at first
 FOUR_SECONDS = 80  # steps
 _NO_SIGNATURE = {
     "none": "no effect was found.",
@@ -36,15 +36,15 @@ _NO_SIGNATURE = {
 def write_closed_loop_report(
     path: Path, document: dict[str, Any], evidence: ReportData, machine_name: str, nominal: str, measured: str
 ) -> None:
-    """Write the report as one HTML file that needs no other.
+    """Write the report as one self-contained HTML file.
 
     Args:
-        path: Where to; the folder is made if need be.
+        path: The file; a missing folder is created.
         document: `closed_loop.json` (contract, section 4).
-        evidence: What the figures are drawn from.
+        evidence: Data of the figures.
         machine_name: Name of the machine.
-        nominal: Where the nominal logs are from, in the user's words.
-        measured: Likewise the measured logs.
+        nominal: The nominal logs, as the user named them.
+        measured: The measured logs, likewise.
 
     Raises:
         InputError: The file cannot be written.
@@ -56,7 +56,7 @@ def write_closed_loop_report(
 def closed_loop_page(
     document: Mapping[str, Any], evidence: ReportData, machine_name: str, nominal: str, measured: str
 ) -> str:
-    """Lay out the page; arguments as of `write_closed_loop_report`."""
+    """Lay out the page; see `write_closed_loop_report` for the arguments."""
     corrected = is_corrected(document)
     levels = levels_of(document, evidence)
     long_level = next((level for level in levels if level.steps == FOUR_SECONDS), None)
@@ -107,12 +107,12 @@ def closed_loop_page(
 
 
 def _marked(panels: Sequence[str]) -> list[Markup]:
-    """SVG that escapes the names in it itself."""
+    """Panels as markup; they escape names themselves."""
     return [Markup(panel) for panel in panels]
 
 
 def _unbroken(sentence: str) -> str:
-    """A number stays on one line with its sign and unit."""
+    """Keep numbers on one line with sign and unit."""
     no_break = "\u00a0"
     sentence = re.sub(r"(?<=\d) (?=%|s\b|m?rad|m?m\b|Hz)", no_break, sentence)
     return sentence.replace("p = ", f"p{no_break}={no_break}")

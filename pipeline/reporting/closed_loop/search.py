@@ -1,4 +1,4 @@
-"""What a closed loop's search tried: ranking, alternatives, and the effects that it found."""
+"""The search of a closed loop: ranking of hypotheses, alternatives, and selected effects."""
 
 import math
 from collections.abc import Mapping
@@ -16,14 +16,14 @@ from pipeline.reporting.closed_loop.words import (
     parameter_name,
 )
 
-SEEN, LISTED = 10, 60  # hypotheses without unfolding, and in all
-WIDEST_PX = 90  # of a bar
-FOUND = "found"  # outcome of a hypothesis that went into the model
+N_OPEN, N_LISTED = 10, 60  # hypotheses that are open at first, and in all
+WIDEST_PX = 90  # width of the longest bar
+FOUND = "found"  # outcome of a selected hypothesis
 
 
 @dataclass(frozen=True)
 class RankingLine:
-    """One hypothesis as it is shown; `width` is its bar's, px."""
+    """One displayed hypothesis; `width` is that of its bar, px."""
 
     place: int
     name: str
@@ -44,7 +44,7 @@ class EffectCard:
 
 
 def ranking(evidence: ReportData) -> list[list[RankingLine]]:
-    """Hypotheses by falling share: those seen at once, then those to unfold."""
+    """Hypotheses by decreasing share: those open at first, then those folded."""
     known = [line.share for line in evidence.ranking if math.isfinite(line.share)]
     largest = max([share for share in known if share > 0], default=1.0)
     lines = [
@@ -57,9 +57,9 @@ def ranking(evidence: ReportData) -> list[list[RankingLine]]:
             one.outcome == FOUND,
             round(WIDEST_PX * max(0.0, one.share) / largest) if math.isfinite(one.share) else 0,
         )
-        for place, one in enumerate(evidence.ranking[:LISTED])
+        for place, one in enumerate(evidence.ranking[:N_LISTED])
     ]
-    return [part for part in (lines[:SEEN], lines[SEEN:]) if part]
+    return [part for part in (lines[:N_OPEN], lines[N_OPEN:]) if part]
 
 
 def hypothesis_name(one: RankedEffect) -> str:
@@ -69,7 +69,7 @@ def hypothesis_name(one: RankedEffect) -> str:
 
 
 def ranking_answer(document: Document, evidence: ReportData) -> str:
-    """How clear the decision was."""
+    """A sentence on how clear the decision was."""
     tried = len(evidence.ranking)
     twins = equivalents(document)
     effects = document.get("effects") or []
@@ -92,7 +92,7 @@ def ranking_answer(document: Document, evidence: ReportData) -> str:
 
 
 def alternatives(document: Document) -> list[tuple[str, str, str]]:
-    """Name, error removed and why not, of what was fitted in full."""
+    """Name, removed error and reason for rejection of each fully fitted alternative."""
     rows = []
     for one in document.get("alternatives") or []:
         reason = str(one.get("why_not") or MISSING)
@@ -103,7 +103,7 @@ def alternatives(document: Document) -> list[tuple[str, str, str]]:
 
 
 def effect_cards(document: Document) -> list[EffectCard]:
-    """Parameters with intervals and units, and what else is known of each effect."""
+    """Cards of the selected effects: parameters with intervals and units, and further facts."""
     return [
         EffectCard(effect_label(effect), _parameters(effect), _facts(effect))
         for effect in document.get("effects") or []

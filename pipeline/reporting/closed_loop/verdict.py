@@ -1,4 +1,4 @@
-"""The verdict of a closed loop in one plain sentence, for each verdict of the contract (section 4)."""
+"""The verdict of a closed loop in one sentence, for each verdict of the contract (section 4)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ VERDICT_WORDS = {
 
 
 class JointUnits(Protocol):
-    """Joints with the units of their positions; the evidence of a closed loop has them."""
+    """Joints with the units of their positions, such as a closed loop's report data."""
 
     @property
     def joints(self) -> Sequence[str]:
@@ -46,11 +46,11 @@ def verdict_sentence(document: Document, evidence: JointUnits) -> str:
     """The finding in one sentence: effect, joints, size, certainty, held-out error before and after."""
     verdict, effects = document["verdict"], list(document.get("effects") or [])
     if verdict == "none":
-        text = f"the measured logs show nothing that the model lacks{_beside_nominal(document, evidence)}"
+        text = f"the measured logs show nothing that the model lacks{_nominal_comparison(document, evidence)}"
     elif verdict == "unexcited" or not effects:
         text = (
             "these logs cannot tell whether the machine differs from its model, because they do not hold enough "
-            f"motion of the kind that would show it{_beside_nominal(document, evidence)}"
+            f"motion of the kind that would show it{_nominal_comparison(document, evidence)}"
         )
     elif verdict == "ambiguous":
         twins = [clause(twin) + _size(twin, certainty=False) for twin in equivalents(document)]
@@ -78,7 +78,7 @@ def verdict_sentence(document: Document, evidence: JointUnits) -> str:
 
 
 def equivalents(document: Document) -> list[Mapping[str, Any]]:
-    """Alternatives that these logs cannot tell from the first effect."""
+    """Alternatives that these logs cannot distinguish from the first effect."""
     return [other for other in document.get("alternatives") or [] if other.get("equivalent")]
 
 
@@ -88,7 +88,7 @@ def affected_joints(document: Document) -> list[str]:
 
 
 def is_corrected(document: Document) -> bool:
-    """Whether what was found changes what the model predicts: an effect may be named that no model can foresee."""
+    """Whether the found effects change the model's prediction; an effect may be unpredictable."""
     errors = (document.get("error") or {}).values()
     return bool(document.get("effects")) and any(
         error.get("before") != error.get("after") for error in errors
@@ -96,13 +96,13 @@ def is_corrected(document: Document) -> bool:
 
 
 def held_out_error(document: Document, when: str, joint: str) -> float:
-    """The four-second error `before` or `after`, rad or m; NaN where it is not known."""
+    """The four-second error `before` or `after`, rad or m; NaN if unknown."""
     errors = document.get("error", {}).get(HORIZON, {}).get(when) or {}
     return number(errors.get(joint))
 
 
 def certainty_in_words(effect: Document) -> str:
-    """Whether another effect explains the logs as well, and the chance of so strong a sign without the effect."""
+    """Whether another effect explains the logs equally well, and the p-value of the effect."""
     words = "no other effect explains it as well" if effect.get("certain") else "not certain"
     chance = number(effect.get("p_value"))
     return f"{words}, {probability(chance)}" if math.isfinite(chance) else words
@@ -151,8 +151,8 @@ def _outcome(document: Document, evidence: JointUnits, effects: Sequence[Documen
     return f"; {added}, the 4 s error on held-out logs {how} {listed(changes)}"
 
 
-def _beside_nominal(document: Document, evidence: JointUnits) -> str:
-    """The joint whose error is largest beside the model's own on held-out nominal logs."""
+def _nominal_comparison(document: Document, evidence: JointUnits) -> str:
+    """Clause on the joint with the largest error relative to that on held-out nominal logs."""
     floor = document.get("baselines", {}).get("nominal_floor", {}).get(HORIZON) or {}
     ratios = {
         joint: held_out_error(document, "before", joint) / number(floor[joint])

@@ -1,4 +1,4 @@
-"""Effects, joints and dependences of `closed_loop.json` in plain words."""
+"""Effects, joints and dependences of `closed_loop.json` in words."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -52,7 +52,7 @@ _SHORT_NAMES = {
     "saturation_negative": "mean saturation of negative commands",
     "saturation_positive": "of positive ones",
 }
-_SIZES = {  # what a sentence states; own parameters stand in the table
+_SIZES = {  # parameters of sentences; the table lists the others
     "gain": ("speed_ratio",),
     "delay": ("added_delay",),
     "lag": ("added_time_constant",),
@@ -68,7 +68,7 @@ _SIZES = {  # what a sentence states; own parameters stand in the table
     "timing": ("latency",),
     "oscillation": ("frequency", "damping_ratio"),
 }
-_SIGNS = ("direction", "side")  # said in words by the sentence itself
+_SIGNS = ("direction", "side")  # the sentence states these in words
 _VARIABLES = {
     "command": ("the command", "the command of {joint}"),
     "command_history": ("earlier commands", "earlier commands of {joint}"),
@@ -102,7 +102,7 @@ def joints_in_words(joints: Sequence[str]) -> str:
 
 
 def family_name(family: str) -> str:
-    """The family's everyday name; `other:<variable>` says on what it depends."""
+    """The family's everyday name; `other:<variable>` names the dependence."""
     if family in _FORM_NAMES:
         return f"{_FORM_NAMES[family]} (outside the catalogue)"
     kind, _, variable = family.partition(":")
@@ -111,21 +111,21 @@ def family_name(family: str) -> str:
 
 
 def short_family_name(family: str) -> str:
-    """The same where there is little room: of a dependence the variable alone."""
+    """A shorter `family_name`: of a dependence, the variable alone."""
     variable = family.partition(":")[2]
     in_short = f"depends on {dependence(variable)}" if variable else family_name(family)
     return _FORM_NAMES.get(family, in_short)
 
 
 def parameter_name(name: str) -> str:
-    """The parameter's name in words, with the joint where it is of one of several: `parameter:joint`."""
+    """The parameter's name in words, with the joint for `parameter:joint`."""
     parameter, _, joint = name.partition(":")
     words = PARAMETER_NAMES.get(parameter, parameter.replace("_", " "))
     return f"{words}, {joint}" if joint else words
 
 
 def dependence(entry: str) -> str:
-    """A `variable` or `variable:joint` of `depends_on` in words."""
+    """An entry `variable` or `variable:joint` of `depends_on` in words."""
     variable, _, joint = entry.partition(":")
     alone, of_joint = _VARIABLES.get(
         variable, (variable.replace("_", " "), f"{variable.replace('_', ' ')} of {{joint}}")
@@ -134,12 +134,12 @@ def dependence(entry: str) -> str:
 
 
 def dependences(effect: Document) -> str:
-    """All of `depends_on` in words."""
+    """All entries of `depends_on` in words."""
     return listed([dependence(entry) for entry in effect.get("depends_on") or []] or ["unknown"])
 
 
 def other_joints(effect: Document) -> list[str]:
-    """Joints whose variables the effect depends on beside its own."""
+    """Other joints whose variables the effect depends on."""
     named = [entry.partition(":")[2] for entry in effect.get("depends_on") or []]
     return [name for name in dict.fromkeys(named) if name and name not in effect.get("joints", [])]
 

@@ -23,7 +23,7 @@ JOINT_HEIGHT_IN, COMMAND_RATIO = 1.45, 0.28  # a joint's panel, and its commands
 BAND_OPACITY = 0.18
 MATRIX_COLUMNS = 2
 MATRIX_CELL_IN = (0.27, 0.22)
-DARK_CELL = 0.55  # success rates below are dark cells: their numbers are written in white
+DARK_CELL = 0.55  # below this success rate, numbers are white on dark cells
 
 
 def open_loop_figure(

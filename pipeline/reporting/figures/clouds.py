@@ -6,7 +6,7 @@ import numpy as np
 from pipeline.machine.kinematics import Arm
 from pipeline.reporting.figures.workspace import Cloud
 
-MAXIMUM_POINTS = 10_000  # more are not to be told apart in a picture
+MAXIMUM_POINTS = 10_000  # more cannot be distinguished in a picture
 
 
 def cloud_of(arm: Arm, q: np.ndarray) -> Cloud:

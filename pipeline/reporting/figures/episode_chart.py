@@ -16,9 +16,9 @@ from pipeline.reporting.figures.style import INK, REGION, SERIES, StyledFigure
 DOTS_PER_INCH = 100
 HEIGHT_RATIOS = (1.1, 1.1, 1.0)
 FONT_SIZE = 7.5
-LOWEST = 1e-3  # m, rad: smaller errors are drawn there; the axes are logarithmic
+LOWEST = 1e-3  # m, rad: lower end of the logarithmic axes; smaller errors are drawn there
 HALF_ROW = 0.4  # height of a full command in its joint's row of height 1
-VEIL = 0.78  # share of white over what is yet to come
+VEIL = 0.78  # share of white over the future part
 CURSOR_COLOUR = (27, 39, 51)
 
 
@@ -39,7 +39,7 @@ class EpisodeCourse(NamedTuple):
 
 
 class EpisodeChart:
-    """The whole course drawn once; `at` veils what comes after a moment."""
+    """The chart of a whole episode, drawn once; `at` fades the part after a given time."""
 
     def __init__(self, course: EpisodeCourse, joint_names: Sequence[str], width: int, height: int) -> None:
         """Draw the course.
@@ -69,7 +69,7 @@ class EpisodeChart:
         picture = self._picture.copy()
         share = min(t_s / self._duration_s, 1.0)
         cursor = round(self._left + share * (self._right - self._left))
-        to_come = picture[self._rows, cursor : round(self._right) + 1]  # a view: what follows writes into it
+        to_come = picture[self._rows, cursor : round(self._right) + 1]  # a view, written to below
         to_come[:] = (VEIL * 255.0 + (1.0 - VEIL) * to_come.astype(np.float32)).astype(np.uint8)
         picture[self._rows, cursor] = CURSOR_COLOUR
         return picture
@@ -105,7 +105,7 @@ def _draw_commands(axes: Axes, course: EpisodeCourse, joint_names: Sequence[str]
 def _rasterise(
     figure: Figure, panels: Sequence[Axes], width: int, height: int
 ) -> tuple[np.ndarray, list[Bbox]]:
-    """Pixels, and the extents of the panels in them, counted from the lower left."""
+    """Pixels, and the extents of the panels, from the lower left."""
     figure.set_dpi(DOTS_PER_INCH)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

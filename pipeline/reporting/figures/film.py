@@ -1,4 +1,4 @@
-"""A film of one evaluated episode: the arm on its way, and beneath it errors and commands as they come."""
+"""A film of one evaluated episode: the moving arm above, errors and commands below."""
 
 import tempfile
 from pathlib import Path
@@ -24,11 +24,11 @@ INK, PAPER = (27, 39, 51), (255, 255, 255, 205)
 
 
 class Film(NamedTuple):
-    """Pictures of an episode, and what to say of it.
+    """Pictures of an episode, and its outcome in words.
 
     Attributes:
         pictures: uint8, shape (height, width, 3) each.
-        outcome: when it reached its target, or how near it came.
+        outcome: time of reaching the target, or the smallest distance.
     """
 
     pictures: list[np.ndarray]
@@ -49,11 +49,11 @@ def episode_film(
     Args:
         machine: The machine; it has a robot description.
         machine_directory: Where `conf/machine` lies.
-        title: Written on every picture.
-        traces: Of an evaluation.
-        episodes: Its starts and targets.
-        episode: Number of the one to show.
-        frames_per_second: Of the film; a divisor of the machine's rate.
+        title: Text on every picture.
+        traces: Traces of an evaluation.
+        episodes: Starts and targets of the evaluation.
+        episode: Number of the episode.
+        frames_per_second: Frame rate; a divisor of the machine's rate.
 
     Raises:
         RenderingUnavailableError: This computer cannot render.
@@ -89,7 +89,7 @@ def episode_film(
 
 
 def shown_ticks(reached: np.ndarray, rate_hz: float) -> int:
-    """How many ticks of an episode are shown; `reached` is boolean per tick, shape (T,)."""
+    """Number of displayed ticks of an episode; `reached` is boolean per tick, shape (T,)."""
     longest = min(round(MAXIMUM_SECONDS * rate_hz), len(reached))
     if not reached.any():
         return longest
@@ -97,7 +97,7 @@ def shown_ticks(reached: np.ndarray, rate_hz: float) -> int:
 
 
 def outcome(traces: Traces, episode: int, dt_s: float) -> str:
-    """When the episode reached its target, or how near it came, for a caption."""
+    """Time of reaching the target, or the smallest distance, for a caption."""
     position, pitch = PATH_END_PRECISION
     reached = success(traces, position, pitch)[episode]
     within = f"within {position:g} m and {pitch:g} rad"

@@ -13,23 +13,23 @@ from pipeline.reporting.figures.style import MEASURED, SERIES, SERIES_DASHES, St
 WIDTH_IN = 8.0
 JOINT_HEIGHT_IN = 1.5
 GROWTH_ROW_HEIGHT_IN, GROWTH_COLUMNS = 2.7, 2
-GROWTH_POINTS = 150  # horizons that are drawn, evenly spaced on the logarithmic axis
+GROWTH_POINTS = 150  # drawn horizons, evenly spaced on the logarithmic axis
 COMMAND_BANDS = {1: ("#fbd9b5", "command > 0"), -1: ("#cfe3f5", "command < 0")}  # pale, behind the curves
 BAND_OPACITY = 0.15
-REACH = 0.6  # of the measured span, shown above and below at most: predictions that go further are cut off
-MARGIN = 0.05  # of the shown span, left free above and below
+REACH = 0.6  # of the measured span, above and below; predictions beyond are clipped
+MARGIN = 0.05  # of the axis span, left free above and below
 LEGEND_COLUMNS = 4
 
 
 def open_loop_prediction_figure(
     predictions: Mapping[str, OpenLoopPrediction], joint_names: Sequence[str], units: Sequence[str]
 ) -> bytes:
-    """Long open-loop predictions beside what was measured, joint by joint (paper, Fig. "Open-loop predictions").
+    """Long open-loop predictions beside measurements, joint by joint (paper, Fig. "Open-loop predictions").
 
     The measured position is a solid line, predictions are dashed; behind them a band shows the command's sign.
 
     Args:
-        predictions: By model, all of the same rows.
+        predictions: Predictions by model, all of the same rows.
         joint_names: n_joint names.
         units: Their units.
 
@@ -70,8 +70,8 @@ def error_growth_band_figure(
     """Error over the horizon with bootstrap bands, joint by joint; both axes logarithmic.
 
     Args:
-        growth: By predictor, models and references.
-        references: Which of them are references; they are dashed.
+        growth: Errors by predictor, models and references.
+        references: Names of the references; they are dashed.
         dt_s: Time step.
         joint_names: n_joint names.
         units: Their units.
@@ -144,7 +144,7 @@ def _shown_range(measured: np.ndarray, predicted: Sequence[np.ndarray]) -> tuple
 
 
 def _dashed(index: int) -> dict[str, object]:
-    dashes = SERIES_DASHES[1:]  # solid is what was measured
+    dashes = SERIES_DASHES[1:]  # measurements are solid
     return {"color": SERIES[index % len(SERIES)], "linestyle": dashes[index % len(dashes)]}
 
 

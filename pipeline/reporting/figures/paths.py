@@ -15,12 +15,12 @@ from pipeline.reporting.figures.workspace import draw_section, draw_sector
 REACHED, MISSED = SERIES[0], SERIES[1]
 PANEL_WIDTH_IN, PLAN_HEIGHT_IN, SIDE_HEIGHT_IN = 2.7, 2.9, 2.4
 LEGEND_WIDTH_IN = 5.6
-COLUMNS = 4  # panels side by side; more controllers go below
+COLUMNS = 4  # panels per row
 LINE_WIDTH, START_SIZE, TARGET_SIZE = 1.1, 3.5, 6.5
 
 
 class Paths(NamedTuple):
-    """Ways of the tip in n episodes.
+    """Paths of the tip in n episodes.
 
     Attributes:
         positions: from the start to the tick that reached the target, or to the end, in {B}, m, (T_i + 1, 3) each.
@@ -34,10 +34,10 @@ class Paths(NamedTuple):
 
 
 def paths_of(traces: Traces, targets: np.ndarray) -> Paths:
-    """The ways of the first episodes, as long as EEF-PL measures them.
+    """Paths of the first episodes, up to the tick at which EEF-PL ends.
 
     Args:
-        traces: of an evaluation.
+        traces: traces of an evaluation.
         targets: positions of the first n episodes' targets in {B}, m, shape (n, 3).
     """
     reached = success(traces, *PATH_END_PRECISION)[: len(targets)]
@@ -49,10 +49,10 @@ def paths_of(traces: Traces, targets: np.ndarray) -> Paths:
 
 
 def path_figure(paths: Mapping[str, Paths], workspace: WorkspaceSpecification) -> bytes:
-    """Paths by controller: above as seen from above, below as height over the distance from the swing axis.
+    """Paths by controller: plan view on top, height over the distance from the swing axis below.
 
     Args:
-        paths: by controller, of the same episodes.
+        paths: paths by controller, of the same episodes.
         workspace: W+, drawn as an outline.
 
     Returns:

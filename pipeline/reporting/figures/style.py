@@ -1,8 +1,8 @@
-"""The look that all figures share, and their way into bytes.
+"""The common style of all figures, and their export to bytes.
 
-Colours are those of Okabe and Ito (Color Universal Design, 2008), told apart under the common colour-vision
-deficiencies; quantities are shown in perceptually uniform colour maps. Bytes depend on nothing but the data
-(no dates, no random identifiers), so that unchanged results leave unchanged files.
+Colours are those of Okabe and Ito (Color Universal Design, 2008), which differ under the common colour-vision
+deficiencies; quantities have perceptually uniform colour maps. Bytes depend on the data alone (no dates, no random
+identifiers), so that unchanged results leave unchanged files.
 """
 
 import io
@@ -14,9 +14,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 INK = "#1b2733"
-MEASURED = INK  # what was measured, wherever it stands beside predictions
+MEASURED = INK  # measurements beside predictions
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito, without yellow
-SERIES_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 2)))  # so that colour is not needed
+SERIES_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 2)))  # readable without colour
 SEQUENTIAL_MAP = "viridis"
 DIVERGING_MAP = "managua"
 REGION = "#8a97a3"  # limits and workspaces
@@ -48,9 +48,9 @@ _SETTINGS: dict[Any, Any] = {
 
 
 class StyledFigure:
-    """A Matplotlib figure in the house's style, outside pyplot's global state.
+    """A Matplotlib figure in the common style, outside pyplot's global state.
 
-    Used as a context: the style holds inside it.
+    It is a context manager: the style holds inside it.
     """
 
     def __init__(self, width_in: float, height_in: float) -> None:

@@ -1,4 +1,4 @@
-"""Pictures of where the chisel tip was: the paper's figures of data collection and of sampled poses."""
+"""Pictures of chisel-tip positions: the paper's figures of data collection and of sampled poses."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -29,7 +29,7 @@ class Cloud(NamedTuple):
 def cloud_figure(clouds: Mapping[str, Cloud], workspace: WorkspaceSpecification) -> bytes:
     """End-effector positions coloured by pitch, from above and from the side; a column per recording.
 
-    The side view shows height over the distance from the swing axis, i.e. it turns every arm plane into one.
+    The side view shows height over the distance from the swing axis.
     The outline is W+ (paper, figures "End effector trajectories ..." and "Sampled end-effector poses ...").
 
     Args:

@@ -1,1 +1,1 @@
-"""What the stages left in the artifacts folder, read back."""
+"""Readers of the stages' outputs in the artifacts folder."""

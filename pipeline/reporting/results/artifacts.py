@@ -1,4 +1,4 @@
-"""What the stages left in the artifacts folder, read back for tables and figures."""
+"""Reader of the stages' outputs in the artifacts folder, for tables and figures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -40,18 +40,16 @@ class JudgementResult:
 
 @dataclass(frozen=True)
 class ClosedLoopResult:
-    """The closed loop and what its seal said: content of `artifacts/close_loop`."""
+    """The closed loop and the judgement by its seal: content of `artifacts/close_loop`."""
 
-    document: dict[
-        str, Any
-    ]  # contract, section 4; or a `note` where there was nothing to close the loop with
-    judgement: dict[str, Any]  # of the stage unseal; or a `note` where there is no seal
-    page: Path  # the loop's own report
+    document: dict[str, Any]  # contract, section 4; or a `note` if measured logs are missing
+    judgement: dict[str, Any]  # of the stage unseal; or a `note` without a seal
+    page: Path  # the loop's report
 
 
 @dataclass(frozen=True)
 class PipelineResults:
-    """Everything that the report shows."""
+    """All content of the report."""
 
     quality: dict[str, Any]
     models: list[ModelResult]
@@ -64,12 +62,12 @@ class PipelineResults:
 def read_results(
     artifacts: Path, kinds: Sequence[str], controllers: Mapping[str, Sequence[int]]
 ) -> PipelineResults:
-    """Read what the stages wrote.
+    """Read the stages' outputs.
 
     Args:
-        artifacts: The folder that they write into.
+        artifacts: Folder of the stages' outputs.
         kinds: Model kinds, `<parameterization>_<target>`.
-        controllers: Names and seeds of the controllers that must be there.
+        controllers: Names and seeds of the required controllers.
 
     Raises:
         InputError: a file of a stage is missing or damaged.

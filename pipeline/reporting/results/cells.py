@@ -1,4 +1,4 @@
-"""The cells of the graph, `params.yaml`: which logs, models and seeds there are."""
+"""The cells of the DVC graph, `params.yaml`: logs, models and seeds."""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +7,7 @@ import yaml
 
 from pipeline.errors import InputError
 
-# Keys whose product is the models; that of `icem_<key>` those that iCEM plans on.
+# The product of these keys gives the models; that of `icem_<key>` gives iCEM's models.
 IDENTIFIED = ("models", "targets")
 
 
@@ -16,10 +16,10 @@ def read_cells(path: Path, *keys: str) -> dict[str, Any]:
 
     Args:
         path: The file.
-        keys: What it must state.
+        keys: Required keys.
 
     Raises:
-        InputError: There is no such file, it is not YAML, or does not state one of the keys.
+        InputError: The file is missing, is not YAML, or lacks one of the keys.
     """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -36,10 +36,10 @@ def read_cells(path: Path, *keys: str) -> dict[str, Any]:
 
 
 def read_controller_cells(path: Path, *keys: str) -> dict[str, Any]:
-    """Read what `params.yaml` says of the controllers, for `controllers.controllers_of`; and of other keys.
+    """Read the keys of the controllers, for `controllers.controllers_of`, and other keys.
 
     Raises:
-        InputError: As of `read_cells`; or iCEM's keys are missing, or it is to plan on a model that is not identified.
+        InputError: See `read_cells`; or iCEM's keys are missing, or name a model that is not identified.
     """
     content = read_cells(path, *IDENTIFIED, "seeds", *keys)
     for key in (*IDENTIFIED, "seeds"):

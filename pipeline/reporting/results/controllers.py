@@ -1,4 +1,4 @@
-"""Evaluated controllers as the stages left them: `artifacts/evaluate_brax/<algorithm>_<model kind>/seed_<n>`."""
+"""Reader of evaluated controllers: `artifacts/evaluate_brax/<algorithm>_<model kind>/seed_<n>`."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from pipeline.errors import InputError
 from pipeline.reporting.results.files import existing, read_json
 from pipeline.reporting.results.paper import ALGORITHM_NAMES, BRAX_EVALUATION, KIND_NAMES
 
-TRAINED = "ppo"  # the algorithm that has a training, in artifacts/ppo; the others plan
+TRAINED = "ppo"  # the algorithm that is trained, in artifacts/ppo; the others plan
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,11 @@ class ControllerResult:
     Attributes:
         algorithm: a key of `ALGORITHM_NAMES`.
         kind: model kind, a key of `KIND_NAMES`.
-        seed: of its training or its planning.
+        seed: seed of its training or planning.
         metrics: over the evaluation episodes.
         success_rates: over the paper's grid of thresholds, shape (17, 8).
         evaluation: folder of traces and episodes.
-        curve: points of its training; none of a planner.
+        curve: points of its training; empty for a planner.
         meta: `meta.json` of its policy, or section `planning` of a planner's `metrics.json`.
     """
 
@@ -41,12 +41,12 @@ class ControllerResult:
 
     @property
     def name(self) -> str:
-        """Its folder's name; the seeds of one controller share it."""
+        """Name of the folder, which the seeds of one controller share."""
         return f"{self.algorithm}_{self.kind}"
 
     @property
     def title(self) -> str:
-        """As the paper writes it, `PPO MLP Δq̇`."""
+        """Name in the paper's form, `PPO MLP Δq̇`."""
         return controller_title(self.name)
 
 
@@ -60,7 +60,7 @@ def split_name(name: str) -> tuple[str, str]:
     """Algorithm and model kind of a folder's name.
 
     Raises:
-        InputError: it is no controller's.
+        InputError: the folder is not a controller's.
     """
     for kind in KIND_NAMES:
         algorithm = name.removesuffix(f"_{kind}")
@@ -73,7 +73,7 @@ def split_name(name: str) -> tuple[str, str]:
 
 
 def by_controller(controllers: Sequence[ControllerResult]) -> dict[str, list[ControllerResult]]:
-    """Name to controllers by seed; the paper's rows first and in its order."""
+    """Controllers by name, sorted by seed; the paper's controllers come first, in its order."""
     names = {controller.name for controller in controllers}
     ordered = [name for name in BRAX_EVALUATION if name in names] + sorted(names - set(BRAX_EVALUATION))
     return {
@@ -86,8 +86,8 @@ def controllers_of(cells: Mapping[str, Any]) -> dict[str, list[int]]:
     """Names and seeds of the controllers that `dvc repro` makes.
 
     Args:
-        cells: what `cells.read_controller_cells` gives of `params.yaml`: models, targets, seeds, and where iCEM is run
-            icem_variants, icem_models, icem_targets, icem_seeds.
+        cells: result of `cells.read_controller_cells`: models, targets, seeds, and for iCEM icem_variants, icem_models,
+            icem_targets, icem_seeds.
     """
     trained = {
         f"{TRAINED}_{kind}": list(cells["seeds"]) for kind in _kinds(cells["models"], cells["targets"])
@@ -104,12 +104,12 @@ def _kinds(models: Sequence[str], targets: Sequence[str]) -> list[str]:
 
 
 def read_controllers(artifacts: Path, required: Mapping[str, Sequence[int]]) -> list[ControllerResult]:
-    """Read every evaluation that there is.
+    """Read every evaluation in the artifacts folder.
 
     Args:
-        artifacts: the folder that the stages write into.
-        required: names and seeds that must be there; no other seed of these is read, it would be of an earlier run. Of
-            other names, metrics without traces are what an earlier run left under git.
+        artifacts: folder of the stages' outputs.
+        required: required names and seeds. Other seeds of these names come from an earlier run and are ignored. For
+            other names, metrics without traces are ignored, as git keeps them from an earlier run.
 
     Raises:
         InputError: a file is missing or damaged.

@@ -1,4 +1,4 @@
-"""Deployments as the stages left them: `artifacts/sim2sim`, `artifacts/sim2real`, `artifacts/evaluate_logs`."""
+"""Reader of deployments: `artifacts/sim2sim`, `artifacts/sim2real`, `artifacts/evaluate_logs`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from pipeline.reporting.results.paper import DEPLOYED
 
 
 class Where(StrEnum):
-    """Where a controller drove; the values are headings of the tables."""
+    """Places in which a controller drives; the values are headings of the tables."""
 
     brax = "Brax"
-    graph = "Graph"  # the asynchronous graph in simulated time, where the paper has Gazebo
-    plant = "Plant"  # the simulated machine through the same graph, where the paper has the real one
+    graph = "Graph"  # the asynchronous graph in simulated time; the paper uses Gazebo
+    plant = "Plant"  # the simulated machine through the same graph; the paper uses the real one
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,10 @@ class Drive:
 
     Attributes:
         name: of the controller, `<algorithm>_<model kind>`.
-        where: it drove.
+        where: place of the trials.
         metrics: over the trials; names as in `metrics.json`.
         success_rates: over the paper's grid of thresholds, (17, 8).
-        n_trials: how many.
+        n_trials: number of trials.
     """
 
     name: str
@@ -43,16 +43,16 @@ class Drive:
 
 @dataclass(frozen=True)
 class Deployment:
-    """What one controller did.
+    """All trials of one controller.
 
     Attributes:
         name: of the controller.
-        sim2sim: Brax (where it was evaluated) and the graph, over the same episodes.
-        sim2real: the graph and the plant, over the same first targets; empty where it did not drive the plant.
-        until_goal: content of `goals.json` of the run whose trials end on the goal; None without one.
-        model_error: 4-second error of its model on the plant's bag by joint, rad or m; empty without one.
-        delays: that were seen in the plant's bag (`evaluate_logs`); empty without one.
-        safety: what safety did in it (`evaluate_logs`).
+        sim2sim: Brax (if evaluated there) and the graph, over the same episodes.
+        sim2real: the graph and the plant, over the same first targets; empty if it did not drive the plant.
+        until_goal: content of `goals.json` of the run whose trials end at the goal; None without such a run.
+        model_error: 4-second error of its model on the plant's bag by joint, rad or m; empty without a bag.
+        delays: delays measured in the plant's bag (`evaluate_logs`); empty without a bag.
+        safety: interventions of the safety measures in the bag (`evaluate_logs`).
     """
 
     name: str
@@ -67,7 +67,7 @@ class Deployment:
 def files_of(
     artifacts: Path, controllers: Sequence[ControllerResult], deployments: Sequence[Deployment]
 ) -> list[Path]:
-    """What evaluations and deployments are read from, as their stages wrote it; what is not there is left out."""
+    """Existing files from which evaluations and deployments are read."""
     evaluated = [controller.evaluation / "traces.npz" for controller in controllers]
     deployed = [
         path
@@ -81,13 +81,13 @@ def files_of(
 
 
 def read_deployments(artifacts: Path, controllers: Sequence[ControllerResult]) -> list[Deployment]:
-    """Read every deployment that there is, in the order of the paper's tables; others after them.
+    """Read every deployment; those of the paper's tables come first, in its order.
 
-    Metrics without traces are what an earlier run left under git: the graph no longer makes them.
+    Metrics without traces are ignored: git keeps them from an earlier run, and the graph no longer makes them.
 
     Args:
-        artifacts: the folder that the stages write into.
-        controllers: evaluated in Brax; the lowest seed of each is the one that is deployed.
+        artifacts: folder of the stages' outputs.
+        controllers: controllers evaluated in Brax; the lowest seed of each is deployed.
 
     Raises:
         InputError: a file is missing or damaged.
@@ -115,7 +115,7 @@ def _deployment(artifacts: Path, name: str, evaluated: ControllerResult | None) 
             sim2sim.insert(0, _drive(name, Where.brax, first_trials(brax, n_episodes)))
     path = artifacts / "evaluate_logs" / name / "time_out.json"
     content = read_json(path) if path.exists() else {}
-    if "reaching" not in content:  # not driven; or a note, where there is no plant of the machine
+    if "reaching" not in content:  # not driven, or a note that the machine lacks a plant
         return Deployment(name, sim2sim, (), None, {}, {}, {})
     reaching, goals = content["reaching"], artifacts / "sim2real" / name / "goal" / "goals.json"
     matrix = np.array(reaching["success_rates"]["matrix"])

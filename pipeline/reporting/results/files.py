@@ -1,4 +1,4 @@
-"""Files that stages left, or one line that says which stage has to run."""
+"""Readers of the stages' files, with errors that name the stage to run."""
 
 import json
 from pathlib import Path
@@ -8,10 +8,10 @@ from pipeline.errors import InputError
 
 
 def existing(path: Path) -> Path:
-    """The path.
+    """Return the path if it exists.
 
     Raises:
-        InputError: There is no such file.
+        InputError: The file is missing.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file; run the stage that writes it first (dvc repro)")
@@ -22,7 +22,7 @@ def read_json(path: Path) -> dict[str, Any]:
     """Content of a JSON file.
 
     Raises:
-        InputError: There is no such file, or it is no JSON.
+        InputError: The file is missing or not JSON.
     """
     try:
         return json.loads(existing(path).read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The paper's published figures, to stand beside ours.
+"""The paper's published figures, for comparison with ours.
 
 Tables "Evaluation results obtained in the Brax-based training environment", "Performance of the PPO MLP policy when
 trained using different reward functions", "Selected parameterizations and training hyperparameters for the dynamic
@@ -18,24 +18,24 @@ METRIC_COLUMNS = {
     "oow": "OOW",
     "ooz": "OOZ",
     "min_z_m": "Min. z [m]",
-    "path_length_m": "EEF-PL [m]",  # of the reward ablation alone
+    "path_length_m": "EEF-PL [m]",  # only in the reward ablation
 }
 PAPER_SEEDS, PAPER_EPISODES = 5, 500
-# Whose machine our figures are of, beside the paper's.
+# Difference between our machine and the paper's.
 SIMULATED = "the paper's is a real Bobcat E10, ours a simulated one with assumed geometry"
 OWN = "the paper's is a Bobcat E10, ours another"
 
 
-RECORDED = "data/raw/sessions"  # where the stage record puts its logs
+RECORDED = "data/raw/sessions"  # logs of the stage `record`
 
 
 def origin_of(logs: str) -> str:
-    """Whose machine the logs in this folder are of: SIMULATED or OWN."""
+    """Origin of the logs in a folder: SIMULATED or OWN."""
     return SIMULATED if logs == RECORDED else OWN
 
 
 def machine_note(origin: str) -> str:
-    """A table's note on whose machine it is; `origin` is SIMULATED or OWN."""
+    """A table's note on the machines; `origin` is SIMULATED or OWN."""
     return f"The machines differ: {origin}."
 
 
@@ -55,7 +55,7 @@ def _read(printed: str) -> dict[str, dict[str, Published]]:
     for line in printed.strip().splitlines():
         name, *numbers = line.replace("±", " ").split()
         figures = map(Published, map(float, numbers[::2]), map(float, numbers[1::2]))
-        rows[name] = dict(zip(METRIC_COLUMNS, figures, strict=False))  # the evaluation has no EEF-PL
+        rows[name] = dict(zip(METRIC_COLUMNS, figures, strict=False))  # the evaluation lacks EEF-PL
     return rows
 
 
@@ -73,12 +73,12 @@ BRAX_EVALUATION = _read(
 )
 # Training steps after which the paper evaluates a policy on each model kind.
 PPO_EVALUATED_STEPS = {kind: 800_000_000 if kind == "kan_dqdot" else 270_000_000 for kind in KIND_NAMES}
-# Of iCEM: samples, optimisation steps, entries of a sequence.
+# iCEM's samples, optimisation steps, entries of a sequence.
 ICEM_BUDGET = (500, 12, 20)
 
-# The paper's superscripts of the terms in `reward.terms`, in the order of Eq. reward_function.
+# The paper's superscripts for `reward.terms`, in the order of Eq. reward_function.
 REWARD_SUPERSCRIPTS = {"pose": "X", "configuration": "q", "precision": "ε", "action": "a", "workspace": "W"}
-# Of PPO on MLP Δq̇, by the superscripts of the summed terms.
+# PPO on MLP Δq̇, by the superscripts of the summed terms.
 REWARD_ABLATION = _read(
     """
     X         -201.65 ±  98.81  0.30 ± 0.33  0.44 ± 0.38  0.22 ± 0.04  0.12 ± 0.03  -0.20 ± 0.12  4.50 ± 1.04
@@ -110,7 +110,7 @@ def _read_deployment(printed: str) -> dict[str, dict[str, float]]:
     return {name: dict(zip(DEPLOYMENT_COLUMNS, map(float, figures), strict=True)) for name, *figures in rows}
 
 
-# Where the paper's controllers drove -> controller -> figures. One seed each; 500 episodes, 100 successive targets.
+# Place -> controller -> figures. One seed each; 500 episodes, 100 successive targets.
 SIM2SIM = {
     "Brax": _read_deployment(
         """

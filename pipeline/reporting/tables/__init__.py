@@ -1,1 +1,1 @@
-"""The paper's tables, ours beside its."""
+"""The paper's tables with our results."""

@@ -1,4 +1,4 @@
-"""The closed loop at the level of control: policies of three models, tried on the machine that has the effect."""
+"""The closed loop at control level: policies of three models, tested on the machine with the effect."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,10 +24,10 @@ COLUMNS = {
 
 
 def load_runs(folder: Path, models: Sequence[str], seeds: Sequence[int]) -> dict[str, list[dict[str, Any]]]:
-    """What `evaluate_logs` wrote of each model's policies, `folder/<model>/seed_<seed>/evaluation.json`.
+    """Results of `evaluate_logs` for each model's policies, `folder/<model>/seed_<seed>/evaluation.json`.
 
     Raises:
-        InputError: A file is missing, or holds no reaching metrics.
+        InputError: A file is missing, or lacks reaching metrics.
     """
     runs: dict[str, list[dict[str, Any]]] = {}
     for model in models:
@@ -46,8 +46,8 @@ def control_level_table(runs: Mapping[str, Sequence[Mapping[str, Any]]], effect:
     """Mean ± standard deviation over seeds.
 
     Args:
-        runs: By model, one per seed; see `load_runs`.
-        effect: What is changed in the machine, in words.
+        runs: Results by model, one per seed; see `load_runs`.
+        effect: The change of the machine, in words.
     """
     rows = [
         [MODELS.get(model, model), str(len(of_model)), *(_figure(of_model, key) for key in COLUMNS)]

@@ -1,4 +1,4 @@
-"""What stands behind a controller's figures: seeds, episodes, training or planning budget; ours and the paper's."""
+"""Sample sizes of a controller's figures: seeds, episodes, training or planning budget; ours and the paper's."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -10,13 +10,13 @@ MILLION = 1_000_000
 
 
 class PlanningBudget(NamedTuple):
-    """Of a planner; fields as `metrics.json` names them.
+    """Planning budget; fields as in `metrics.json`.
 
     Attributes:
         samples: sequences drawn in the first optimisation step of a decision.
         iterations: optimisation steps per decision.
         horizon_entries: entries of a sequence.
-        ticks_per_entry: that an entry is held for; the paper does not say.
+        ticks_per_entry: ticks for which an entry is held; unknown for the paper.
     """
 
     samples: int
@@ -30,7 +30,7 @@ class PlanningBudget(NamedTuple):
 
     @property
     def cell(self) -> str:
-        """For a column: `500 × 12 × 20`."""
+        """Short form for a column: `500 × 12 × 20`."""
         held = f" of {self.ticks_per_entry} ticks" if self.ticks_per_entry is not None else ""
         return f"{self.samples} × {self.iterations} × {self.horizon_entries}{held}"
 
@@ -53,7 +53,7 @@ def steps_text(steps: float) -> str:
 
 
 def budget_cell(group: Sequence[ControllerResult]) -> str:
-    """Training steps or planning budget of our controllers for a column, one entry where the seeds agree."""
+    """Training steps or planning budget of our controllers for a column, one entry if the seeds agree."""
     return " / ".join(
         dict.fromkeys(
             steps_text(controller.meta["steps"])
@@ -81,17 +81,17 @@ def seeds_text(group: Sequence[ControllerResult]) -> str:
 
 
 def episodes_text(group: Sequence[ControllerResult]) -> str:
-    """Episodes per seed, one entry where the seeds agree."""
+    """Episodes per seed, one entry if the seeds agree."""
     return " / ".join(dict.fromkeys(str(episodes(controller)) for controller in group))
 
 
 def episodes(controller: ControllerResult) -> int:
-    """Episodes of its evaluation."""
+    """Number of evaluation episodes."""
     return int(controller.metrics["n_episodes"])
 
 
 def smaller_budget(group: Sequence[ControllerResult]) -> str:
-    """By how much our budget falls short of the paper's, as a clause; empty where it does not."""
+    """Shortfall of our budget against the paper's, as a clause; empty without a shortfall."""
     first = group[0]
     clauses = []
     if first.algorithm == TRAINED:
@@ -107,7 +107,7 @@ def smaller_budget(group: Sequence[ControllerResult]) -> str:
 
 
 def planning_budget(planning: Mapping[str, int]) -> PlanningBudget:
-    """From the section `planning` of a planner's `metrics.json`."""
+    """Read the section `planning` of a planner's `metrics.json`."""
     return PlanningBudget(*(planning[key] for key in PlanningBudget._fields))
 
 

@@ -1,4 +1,4 @@
-"""The paper's tables of Sim2Sim and Sim2Real, ours beside its, and what the bags of a deployment tell."""
+"""The paper's tables of Sim2Sim and Sim2Real with our results, and measurements from a deployment's bags."""
 
 import statistics
 from collections.abc import Mapping, Sequence
@@ -55,7 +55,7 @@ def sim2sim_table(deployments: Sequence[Deployment], origin: str) -> Table:
 
 
 def sim2real_table(deployments: Sequence[Deployment], origin: str) -> Table | None:
-    """The graph beside the plant, over the same targets; None where nobody drove the plant."""
+    """The graph beside the plant, over the same targets; None without trials on the plant."""
     drives = [drive for deployment in deployments for drive in deployment.sim2real]
     if not drives:
         return None
@@ -65,7 +65,7 @@ def sim2real_table(deployments: Sequence[Deployment], origin: str) -> Table | No
 
 
 def until_goal_table(machine: MachineSpecification, deployments: Sequence[Deployment]) -> Table | None:
-    """Trials that end on the goal: how many do, after how long; None where there are none."""
+    """Trials that end at the goal: number and duration; None without such trials."""
     rows = []
     for deployment in deployments:
         if deployment.until_goal is None:
@@ -92,7 +92,7 @@ def until_goal_table(machine: MachineSpecification, deployments: Sequence[Deploy
 
 
 def delays_table(deployments: Sequence[Deployment]) -> Table | None:
-    """Delays in the plant's bags, ms; None where there are none."""
+    """Delays in the plant's bags, ms; None without bags."""
     rows = [
         [
             *_labels(deployment.name),
@@ -111,13 +111,13 @@ def delays_table(deployments: Sequence[Deployment]) -> Table | None:
     return Table("Delays seen on the plant", columns, rows, notes, merged=2)
 
 
-def drops(deployments: Sequence[Deployment]) -> list[str]:
-    """A sentence per controller and step of transfer: what becomes of its success rates, and of the paper's."""
+def success_rate_changes(deployments: Sequence[Deployment]) -> list[str]:
+    """A sentence per controller and step of transfer: change of its success rates, and of the paper's."""
     sentences = []
     for deployment in deployments:
         for drives, published in ((deployment.sim2sim, SIM2SIM), (deployment.sim2real, SIM2REAL)):
             if len(drives) == 2:
-                sentences.append(_drop(drives[0], drives[1], published))
+                sentences.append(_change(drives[0], drives[1], published))
     return sentences
 
 
@@ -152,7 +152,7 @@ def transfers(deployments: Sequence[Deployment]) -> list[str]:
     return sentences
 
 
-def _drop(before: Drive, after: Drive, published: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
+def _change(before: Drive, after: Drive, published: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
     ours, papers = [], []
     for metric in ("sr_002_002", "sr_012_008"):
         ours.append(

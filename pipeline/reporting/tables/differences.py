@@ -1,4 +1,4 @@
-"""Where our figures differ from the paper's: by how much, and why that may be."""
+"""Large differences between our figures and the paper's, with possible reasons."""
 
 import statistics
 from collections.abc import Mapping, Sequence
@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from pipeline.reporting.results.paper import METRIC_COLUMNS, Published
 
-# A difference is worth a sentence if it exceeds both: so many standard deviations of the two combined, and what makes
-# a difference in practice: 20 reward units of 500 ticks, one episode in twenty, 5 cm of depth, 20 cm of way.
+# A difference is reported if it exceeds both thresholds: combined standard deviations, and a practical size (20 reward
+# units of 500 ticks, one episode in twenty, 5 cm of depth, 20 cm of path).
 DEVIATIONS = 2.0
 NOTABLE = {
     "average_return": 20.0,
@@ -23,15 +23,15 @@ PRECISION = (
     "sr_002_002",
     "sr_004_004",
     "path_length_m",
-)  # what practice and planning improve
+)  # metrics that training and planning improve
 
 
 class Circumstances(NamedTuple):
-    """What differs between our controller and the paper's, as clauses.
+    """Differences between our controller and the paper's, as clauses.
 
     Attributes:
-        budget: less training, planning or fewer episodes; empty where ours is no smaller.
-        machine: whose machine it is.
+        budget: less training, planning or fewer episodes; empty if ours is not smaller.
+        machine: difference between the machines.
     """
 
     budget: str
@@ -47,10 +47,10 @@ def difference_sentences(
     """A sentence per large difference.
 
     Args:
-        title: of the controller.
-        ours: by metric, a value per seed.
-        published: by metric.
-        circumstances: what may explain it.
+        title: title of the controller.
+        ours: a value per seed, by metric.
+        published: the paper's figures, by metric.
+        circumstances: possible explanations.
     """
     sentences = []
     for metric, figure in published.items():
@@ -67,7 +67,7 @@ def difference_sentences(
 
 
 def is_large(metric: str, values: Sequence[float], published: Published) -> bool:
-    """Whether the difference of means exceeds the scatter over seeds and what is notable in practice."""
+    """Whether the difference of means exceeds the scatter over seeds and the practical threshold."""
     deviation = statistics.stdev(values) if len(values) > 1 else 0.0
     combined = (deviation**2 + published.deviation**2) ** 0.5
     difference = abs(statistics.fmean(values) - published.mean)
@@ -75,7 +75,7 @@ def is_large(metric: str, values: Sequence[float], published: Published) -> bool
 
 
 def _reason(metric: str, mean: float, published: Published, circumstances: Circumstances) -> str:
-    # A way is longer where the arm searches and shorter where it hardly moves; all else falls with less practice.
+    # A path is longer if the arm searches and shorter if it hardly moves; other metrics worsen with less training.
     explained = metric == "path_length_m" or mean < published.mean
     if metric in PRECISION and circumstances.budget and explained:
         return f"That may be the budget: {circumstances.budget}; or the machine: {circumstances.machine}."

@@ -1,4 +1,4 @@
-"""The paper's table of evaluation results in the Brax environment: as it prints its own, and ours beside its."""
+"""The paper's table of evaluation results in the Brax environment: in the paper's form, and as a comparison."""
 
 from collections.abc import Mapping, Sequence
 
@@ -29,7 +29,10 @@ from pipeline.reporting.tables.counts import (
 from pipeline.reporting.tables.differences import Circumstances, difference_sentences
 
 EVALUATION_METRICS = tuple(METRIC_COLUMNS)[:6]
-BESIDE = {"sr_012_008": "SR(0.12, 0.08)", "path_length_m": METRIC_COLUMNS["path_length_m"]}  # ours alone
+OWN_METRICS = {
+    "sr_012_008": "SR(0.12, 0.08)",
+    "path_length_m": METRIC_COLUMNS["path_length_m"],
+}  # absent in the paper
 NONE = "–"
 LEGEND = (
     "Mean ± standard deviation over seeds. SR(p, α): share of episodes within p m and α rad of the target at one tick "
@@ -44,7 +47,7 @@ END_STOPS = "Joint limits act as end stops in our environment; the paper is sile
 
 
 def brax_evaluation_table(controllers: Sequence[ControllerResult], origin: str) -> Table:
-    """The paper's table, its rows and columns, our figures; rows that were not run are empty."""
+    """The paper's rows and columns with our figures; rows that were not run are empty."""
     groups = by_controller(controllers)
     rows = [
         [*_labels(name), *_figures(groups.get(name, []), EVALUATION_METRICS)]
@@ -62,19 +65,19 @@ def brax_evaluation_table(controllers: Sequence[ControllerResult], origin: str) 
 
 
 def comparison_table(controllers: Sequence[ControllerResult], origin: str) -> Table:
-    """Ours above the paper's, controller by controller, with the counts that they are over."""
+    """Our rows above the paper's by controller, with numbers of seeds and episodes."""
     groups = by_controller(controllers)
     rows = []
     for name, group in groups.items():
-        ours = _figures(group, (*EVALUATION_METRICS, *BESIDE))
+        ours = _figures(group, (*EVALUATION_METRICS, *OWN_METRICS))
         counts = [str(len(group)), episodes_text(group), budget_cell(group)]
         rows.append([*_labels(name), "ours", *ours, *counts])
         if name in BRAX_EVALUATION:
             published = [str(figure) for figure in BRAX_EVALUATION[name].values()]
             counts = [str(PAPER_SEEDS), str(PAPER_EPISODES), paper_budget_cell(*split_name(name))]
-            rows.append([*_labels(name), "paper", *published, *[NONE] * len(BESIDE), *counts])
+            rows.append([*_labels(name), "paper", *published, *[NONE] * len(OWN_METRICS), *counts])
     columns = ["Algo.", "Dyn. model", "Whose", *(METRIC_COLUMNS[metric] for metric in EVALUATION_METRICS)]
-    columns += [*BESIDE.values(), "Seeds", "Episodes", "Budget"]
+    columns += [*OWN_METRICS.values(), "Seeds", "Episodes", "Budget"]
     notes = [LEGEND, PATH_LENGTH, BUDGET_LEGEND, VARIANTS, END_STOPS, machine_note(origin)]
     rules = [index for index, row in enumerate(rows) if index and row[2] == "ours"]
     return Table("Evaluation in the Brax environment, beside the paper's", columns, rows, notes, 2, rules)
@@ -93,7 +96,7 @@ def differences(controllers: Sequence[ControllerResult], origin: str) -> list[st
 
 
 def printed_figures(values: Mapping[str, Sequence[float]]) -> list[str]:
-    """Cells of a row from values per seed, by metric; a dash where there is no seed."""
+    """Cells of a row from values per seed, by metric; a dash without seeds."""
     return [mean_and_deviation(of_seeds) if of_seeds else NONE for of_seeds in values.values()]
 
 
@@ -111,7 +114,7 @@ def _figures(group: Sequence[ControllerResult], metrics: Sequence[str]) -> list[
 
 
 def _rules(rows: Sequence[Sequence[str]]) -> list[int]:
-    """Between policies and planners, where the paper has its rule."""
+    """Index of the rule between policies and planners, as in the paper."""
     trained = [row[0] == ALGORITHM_NAMES["ppo"] for row in rows]
     return [index for index in range(1, len(rows)) if trained[index] != trained[index - 1]]
 

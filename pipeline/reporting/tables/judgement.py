@@ -1,4 +1,4 @@
-"""Tables of the judgement: every figure of every model and reference, the best marked, and who wins in words."""
+"""Tables of the judgement: errors of every model and reference, the best marked, and a summary sentence."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ JUDGED_ON = {
     VALIDATION: "On the validation rows, which early stopping saw: nothing was held out.",
 }
 GROWTH_HORIZONS_S = (0.05, 0.5, 1.0, 2.0, 4.0, 10.0, 20.0, 50.0)
-EXTRAPOLATION_LABELS = {  # what is measured, and in which unit; shares and ratios have none
+EXTRAPOLATION_LABELS = {  # quantity and unit; shares and ratios are dimensionless
     "left_limits": ("leaves its limits under constant command, share", ""),
     "beyond_median": ("beyond its limits, median", "{unit}"),
     "beyond_largest": ("beyond its limits, largest", "{unit}"),
@@ -47,11 +47,11 @@ class ReferenceComparison:
     """Figures of several predictors, smaller is better.
 
     Attributes:
-        title: What was measured.
+        title: Title of the table.
         rows: (quantity, joint, unit) and the value by predictor.
-        references: Which predictors are references.
+        references: Names of the references.
         notes: Footnotes.
-        indifferent_below: Quantities of which values below this are as good as one another.
+        indifferent_below: By quantity, value below which all predictors count as equal.
     """
 
     title: str
@@ -61,7 +61,7 @@ class ReferenceComparison:
     indifferent_below: Mapping[str, float] = field(default_factory=dict)
 
     def won_by_references(self) -> list[tuple[str, str, list[str]]]:
-        """Quantity, joint and the best references (several if they tie) where these are better than every model."""
+        """Quantity, joint and best references (several if they tie), where these beat every model."""
         won = []
         for (quantity, joint, _), values in self.rows:
             best = self._best(quantity, values)
@@ -70,7 +70,7 @@ class ReferenceComparison:
         return won
 
     def lost_to_references(self) -> dict[str, int]:
-        """By model, on how many figures some reference is better than it."""
+        """Number of figures on which a reference beats the model, by model."""
         lost: dict[str, int] = {}
         for (quantity, _, _), values in self.rows:
             ranks = self._ranks(quantity, values)
@@ -81,7 +81,7 @@ class ReferenceComparison:
         return lost
 
     def sentence(self) -> str:
-        """Says plainly whether references win, on what and which."""
+        """A sentence on whether references win, which ones, and on which figures."""
         won, lost = self.won_by_references(), self.lost_to_references()
         n_figures = len(self.rows)
         if won:
@@ -104,7 +104,7 @@ class ReferenceComparison:
         return text
 
     def table(self) -> Table:
-        """One row per figure, one column per predictor; the best is bold, a reference's win is said so."""
+        """One row per figure, one column per predictor; the best is bold, a winning reference is named."""
         names = list(self.rows[0][1])
         rows = []
         for (quantity, joint, unit), values in self.rows:
@@ -176,7 +176,7 @@ def growth_comparison(
     machine: MachineSpecification,
     confidence: float,
 ) -> ReferenceComparison:
-    """Error after several horizons; the bands stand in the CSV and the figure."""
+    """Error after several horizons; the CSV and the figure show the bands."""
     any_ = next(iter(judgements.values())).growth
     steps = [round(horizon_s / machine.dt_s) for horizon_s in GROWTH_HORIZONS_S]
     steps = [step for step in dict.fromkeys(steps) if 1 <= step <= len(any_.rmse)]
@@ -271,7 +271,7 @@ def grey_box_table(predictor: GreyBoxPredictor, machine: MachineSpecification) -
 
 
 def display_name(name: str) -> str:
-    """The name that tables and figures show."""
+    """Name in tables and figures."""
     return REFERENCE_NAMES.get(name) or KIND_NAMES.get(name, name)
 
 

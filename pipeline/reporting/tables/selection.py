@@ -1,4 +1,4 @@
-"""The paper's table of selected dynamics models: ours, and the published ones beside them."""
+"""The paper's table of selected dynamics models, with ours above the published ones."""
 
 import csv
 import dataclasses
@@ -30,16 +30,16 @@ _COLUMNS = [
 
 @dataclass(frozen=True)
 class SelectedModels:
-    """What was selected for one model kind.
+    """Selection of one model kind.
 
     Attributes:
         kind: `<parameterization>_<target>`.
         winner: The selected trial.
-        reason: Why it is preferred to the best.
+        reason: Why it is preferred to the trial with the smallest error.
         shortlist: The trials within the margin.
         times: Measured step times by trial.
-        published_n_parameters: Size of what the paper selected, here.
-        published_time: Its step time, here.
+        published_n_parameters: Number of parameters of the paper's model, as built here.
+        published_time: Step time of the paper's model, measured here.
     """
 
     kind: str
@@ -52,7 +52,7 @@ class SelectedModels:
 
 
 def published_training(kind: str) -> TrainingConfig:
-    """Hyper-parameters that the paper selected; its table states no epochs."""
+    """Hyper-parameters that the paper selected; its table lacks the epochs."""
     name, lags, horizon, learning_rate, batch_size, _ = SELECTED_MODELS[kind]
     hidden = [int(units) for units in name.partition("(")[2].rstrip(")").split(",")]
     return TrainingConfig(hidden, lags, horizon, learning_rate, batch_size, maximum_epochs=1)
@@ -61,7 +61,7 @@ def published_training(kind: str) -> TrainingConfig:
 def selection_table(
     selections: Sequence[SelectedModels], rule: SelectionRule, profile: str, device: str
 ) -> Table:
-    """The paper's table of selected models: a row with ours, then one with the published."""
+    """The paper's table of selected models: a row of ours, then one of the published."""
     rows = []
     for selection in selections:
         winner, published = selection.winner, published_training(selection.kind)
@@ -107,7 +107,7 @@ def table_csv(table: Table) -> str:
 
 
 def record(selection: SelectedModels) -> dict[str, Any]:
-    """A selection as plain data, with every trial that was within the margin."""
+    """A selection as plain data, with every trial within the margin."""
     return {
         "kind": selection.kind,
         "reason": selection.reason,
