@@ -1,8 +1,8 @@
-"""f_θ with effects around it: a dynamics model like any other, for environments, planners, graphs and logs.
+"""The augmented model: f_θ with effects around it, usable like any dynamics model.
 
-f_θ lives in the nominal machine's world: its window holds the commands that reach the actuators and the velocities
-(or positions) that the nominal machine would have had. Around it, the measured world holds what a log or a policy
-sees. With all effects at neutral both worlds are one, and every step equals the frozen model's.
+f_θ works in the coordinates of the nominal machine: its window holds the commands that reach the actuators and the
+velocities (or positions) that the nominal machine would have had. Logs and policies see measured coordinates. With all
+effects at neutral, both are the same, and every step equals the frozen model's.
 """
 
 from typing import NamedTuple
@@ -17,12 +17,12 @@ from pipeline.dynamics.model.network import Parameters
 from pipeline.effects.chain import Chain, ChainState, ChainValues
 from pipeline.effects.effect import Place, Signals
 
-# A policy is learned for a machine that has worked for a while: effects of warming up have faded.
+# Policies are trained for a warm machine, on which effects of warming up have faded.
 WARM_S = 1800.0
 
 
 class AugmentedParameters(NamedTuple):
-    """What the augmented model can be differentiated by.
+    """Differentiable parameters of the augmented model.
 
     Attributes:
         network: θ of the frozen model.
@@ -34,14 +34,13 @@ class AugmentedParameters(NamedTuple):
 
 
 class AugmentedHistory(NamedTuple):
-    """What is known before the command a_t; any leading batch axes. The first three fields are as in `History`.
+    """History before the command a_t; any leading batch axes. The first three fields are as in `History`.
 
     Attributes:
         motion: (..., k+1, n_joint) as measured.
         commands: (..., k+1, n_joint) as given.
         q: (..., n_joint) as measured.
-        nominal: f_θ's window in the nominal machine's world; its `q` is the true configuration, or that of the drive
-            where play lets it lie ahead.
+        nominal: f_θ's window in nominal coordinates; its `q` is the true configuration, or with play that of the drive.
         chain: States of the effects.
         time_s: (...,) since the start of the log.
     """
@@ -55,7 +54,7 @@ class AugmentedHistory(NamedTuple):
 
 
 class AugmentedModel:
-    """Pure functions of (parameters, history, command), as `DynamicsModel`."""
+    """Pure functions of (parameters, history, command), as in `DynamicsModel`."""
 
     def __init__(self, frozen: DynamicsModel, chain: Chain) -> None:
         self.frozen = frozen
@@ -75,7 +74,7 @@ class AugmentedModel:
         return self.frozen.normalise_position(q)
 
     def features(self, history: AugmentedHistory) -> jax.Array:
-        """The policy's x̃_t, from what is measured."""
+        """The policy's x̃_t, from measured values."""
         return self.frozen.features(History(history.motion, history.commands, history.q))
 
     def step(
@@ -91,7 +90,7 @@ class AugmentedModel:
         state, v = self.chain.velocity(values, state, u, Signals(command, before.q, history.time_s))
         ahead = self.chain.ahead(values, state)
         shift = dt_s * (v - u) + (ahead - self.chain.ahead(values, history.chain))
-        # The window of a Δq model holds positions: it is moved as a whole, so that the nominal machine's steps stay.
+        # The window of a Δq model holds positions. A shift of the whole window keeps the nominal machine's steps.
         motion = after.motion + shift[..., None, :] if is_dq else after.motion
         drive = after.q + shift
         true = drive - ahead
@@ -111,7 +110,7 @@ class AugmentedModel:
     ) -> AugmentedHistory:
         """End stops: a joint beyond a limit (n_joint,), rad or m, is at it, with zero velocity.
 
-        Stops are where they are, whatever the encoders read: they act on the true configuration, or on the drive.
+        Stops do not depend on encoder readings: they act on the true configuration, or on the drive.
         """
         nominal = self.frozen.stopped(parameters.network, history.nominal, lower, upper)
         is_free = nominal.q == history.nominal.q
@@ -138,5 +137,5 @@ class AugmentedModel:
 
     @property
     def has_sensor(self) -> bool:
-        """Whether an effect changes what is measured of the configuration."""
+        """Whether an effect changes the measured configuration."""
         return any(effect.place is Place.sensor for effect in self.chain.effects.values())

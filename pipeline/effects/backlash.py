@@ -50,20 +50,20 @@ class Backlash(VelocityEffect):
         return self._zeros(batch)
 
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """What the gap takes up is lost."""
+        """Motion inside the gap is lost."""
         half = 0.5 * values["width"]
         moved = jnp.clip(state + self.setting.dt_s * u, -half, half)
         return moved, u - (moved - state) / self.setting.dt_s
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """While the link moves, the drive lies against the flank ahead; inside the gap its motion is not seen."""
+        """While the link moves, the drive touches the leading flank; its motion inside the gap is not observable."""
         threshold = MOVING_SHARE * self.setting.speed_scale
         half = 0.5 * values["width"]
         return jnp.where(v > threshold, half, jnp.where(v < -threshold, -half, state)), v
 
     def ahead(self, values: Values, state: State) -> jax.Array:
-        """The drive's place in the gap: it meets the stops half a width before the link's readings did."""
+        """The drive's position in the gap: it reaches a stop half a width before the link's readings."""
         return state
 
 
-MOVING_SHARE = 0.05  # of full speed: faster than this the link follows the drive
+MOVING_SHARE = 0.05  # of full speed; above it the link follows the drive

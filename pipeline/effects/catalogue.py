@@ -1,4 +1,4 @@
-"""All families that have a wrapper. A new effect is one file, one line here, and its test."""
+"""All families with a wrapper. A new effect is one file, one line here, and its test."""
 
 from collections.abc import Sequence
 
@@ -39,7 +39,7 @@ CATALOGUE: dict[str, type[Effect]] = {
     )
 }
 
-# Effects with an equation of their own of which the contract has no family: reported as `other`.
+# Effects with their own equation but without a family in the contract: reported as `other`.
 BEYOND_THE_CONTRACT: dict[str, type[Effect]] = {DeadBand.card.family: DeadBand}
 
 WITH_AN_EQUATION: dict[str, type[Effect]] = {**CATALOGUE, **BEYOND_THE_CONTRACT}
@@ -52,7 +52,7 @@ def families(excluded: Sequence[str] = ()) -> list[str]:
 
 
 def known_for(command_kind: CommandKind) -> dict[str, type[Effect]]:
-    """The effects that commands of this kind can show."""
+    """Effects that are identifiable from commands of this kind."""
     is_discrete = command_kind is CommandKind.discrete
     return {
         family: effect

@@ -1,4 +1,4 @@
-"""Several effects at once, in the order of their places; pure functions of values and states."""
+"""A chain of effects in the order of their places; pure functions of values and states."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -63,7 +63,7 @@ class Chain:
     def nominal_velocity(
         self, values: ChainValues, state: ChainState, v: jax.Array, signals: Signals
     ) -> tuple[ChainState, jax.Array]:
-        """One step the other way round, of a measured velocity."""
+        """One inverse step: a measured velocity to the nominal machine's, (..., n_joint)."""
         state = dict(state)
         for family, effect in reversed(self._velocity.items()):
             state[family], v = effect.invert(values[family], state[family], v, signals)
@@ -82,7 +82,7 @@ class Chain:
     ) -> tuple[jax.Array, jax.Array]:
         """`velocity` and `ahead` along a whole log from rest: (T, ..., n_joint), or a zero for the latter.
 
-        Effect by effect, which comes to the same.
+        Computed effect by effect, which is equivalent.
         """
         ahead = jnp.asarray(0.0)
         for family, effect in self._velocity.items():
@@ -121,16 +121,16 @@ def _moved(
 
 
 def along(step: Callable[..., tuple[Any, Any]], state: Any, *rows: Any) -> Any:
-    """Run a step along the rows' first axis; at once, where it keeps no state."""
+    """Run a step along the rows' first axis; vectorised if the step is stateless."""
     if not jax.tree.leaves(state):
         return step(state, *rows)[1]
     return jax.lax.scan(lambda state, row: step(state, *row), state, rows)[1]
 
 
 def set_in(values: ChainValues, neutral: NeutralValues, share: Mapping[str, jax.Array]) -> ChainValues:
-    """Values of effects that have set in by `share`, (..., n_joint) in [0, 1], of their size.
+    """Values of effects scaled by `share`, (..., n_joint) in [0, 1], the part that has set in.
 
-    Families that `share` does not name act in full.
+    Families missing in `share` act in full.
     """
     return {
         family: {
@@ -145,5 +145,5 @@ def set_in(values: ChainValues, neutral: NeutralValues, share: Mapping[str, jax.
 
 
 def _expanded(share: jax.Array, n_axes: int) -> jax.Array:
-    """(..., n_joint) to the axes of a value, of which the joint's is the first."""
+    """Expand (..., n_joint) to the axes of a value, whose first axis is the joint's."""
     return share.reshape(*share.shape, *([1] * (n_axes - 1)))

@@ -1,4 +1,4 @@
-"""Commands delayed by a time that need not be a multiple of the step, differentiable in it."""
+"""Delay of commands by any time, also a fraction of a step; differentiable in the delay."""
 
 import jax
 import jax.numpy as jnp
@@ -24,8 +24,8 @@ def delayed(buffer: jax.Array, command: jax.Array, delay_steps: jax.Array) -> tu
     """
     known = jnp.concatenate([command[..., None, :], buffer], axis=-2)
     steps = jnp.arange(LONGEST_STEPS + 1)[:, None]
-    # No clip and no hat functions, whose derivatives at a whole number of steps, zero among them, would be wrong:
-    # this way it is that towards longer delays. At a whole number exactly one weight is one.
+    # Clipping or hat functions would have wrong derivatives at a whole number of steps, including zero. This form has
+    # the derivative towards longer delays. At a whole number exactly one weight is one.
     late = jnp.where(
         delay_steps > LONGEST_STEPS, 1.0 * LONGEST_STEPS, jnp.where(delay_steps < 0.0, 0.0, delay_steps)
     )

@@ -1,7 +1,7 @@
-"""`other:dead_band`: proportional commands below a threshold move nothing, those beyond another one no faster.
+"""`other:dead_band`: a dead band and a saturation of proportional commands.
 
-The contract has no family for it, as discrete commands cannot show it: it is reported as `other`, a dependence on the
-joint's own command.
+The contract lacks a family for it, as discrete commands do not excite it. It is reported as `other`, a dependence on
+the joint's own command.
 """
 
 from itertools import product
@@ -25,12 +25,12 @@ from pipeline.effects.effect import (
 GRID = (0.0, 0.15, 0.3, 0.45, 0.6)
 WIDEST = 0.9
 UNSATURATED, SATURATED, LOWEST = 1.0, (0.5, 0.75), 0.3
-STEEPEST = 0.25  # that is tried, of the commands between rest and full speed
-NARROWEST = 0.05  # of the commands between rest and full speed
+STEEPEST = 0.25  # narrowest range between dead band and saturation on the grid
+NARROWEST = 0.05  # lower bound of that range in the model
 
 
 class DeadBand(CommandEffect):
-    """A dead band and a saturation per direction, beyond what the nominal machine has; full commands stay full."""
+    """A dead band and a saturation per direction, in addition to the nominal machine's; full commands stay full."""
 
     needs_proportional_commands: ClassVar[bool] = True
     reaches_other_joints: ClassVar[bool] = True
@@ -63,14 +63,14 @@ class DeadBand(CommandEffect):
     )
 
     def grid(self) -> list[dict[str, float]]:
-        """All pairs of bands but that of none at all; with a saturation, those that are alike in both directions."""
+        """All pairs of bands except zero in both directions; with a saturation, equal bands in both directions."""
         unsaturated = [(*bands, UNSATURATED, UNSATURATED) for bands in product(GRID, GRID) if any(bands)]
         saturated = [(d, d, s, s) for d, s in product(GRID, SATURATED) if s - d >= STEEPEST]
         names = [parameter.name for parameter in self.card.parameters]
         return [dict(zip(names, point, strict=True)) for point in (*unsaturated, *saturated)]
 
     def apply(self, values: Values, state: State, command: jax.Array) -> tuple[State, jax.Array]:
-        """What is left of the commands beyond the band."""
+        """The commands beyond the band, rescaled and limited."""
         band, full = (
             jnp.where(command < 0.0, values[f"{name}_negative"], values[f"{name}_positive"])
             for name in ("dead_band", "saturation")

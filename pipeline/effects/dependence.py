@@ -1,8 +1,8 @@
-"""`other`: speed that depends on a variable which none of the named families describes.
+"""`other`: speed that depends on a variable in a way that the named families do not describe.
 
-One class per variable of the contract's list, all of them the same wrapper: the ratio is one plus a sum of basis
-functions of the variable, with coefficients per joint, direction of motion and source. They compete with the named
-families, name no cause, and are what an unnamed correction is made of.
+One class per variable of the contract's list, all with the same wrapper: the ratio is one plus a sum of basis functions
+of the variable, with coefficients per joint, direction of motion and source. They compete with the named families, do
+not name a cause, and form the unnamed corrections.
 """
 
 from abc import abstractmethod
@@ -34,11 +34,9 @@ class Dependence(RatioEffect):
 
     variable: ClassVar[str]
     n_basis: ClassVar[int]
-    per_source: ClassVar[bool] = False  # whether other joints' variables count, else the joint's own
-    common: ClassVar[bool] = False  # whether the variable is the machine's, not a joint's
-    reference: ClassVar[int | None] = (
-        None  # basis function of where the ratio is one, unless a gain was found beside
-    )
+    per_source: ClassVar[bool] = False  # whether the variables are other joints'
+    common: ClassVar[bool] = False  # whether the variable belongs to the machine
+    reference: ClassVar[int | None] = None  # reference basis function, where the ratio is one without a gain
 
     def neutral(self) -> dict[str, np.ndarray]:
         """All coefficients zero: (n_joint, 2, n_source, n_basis)."""
@@ -46,11 +44,11 @@ class Dependence(RatioEffect):
         return {"coefficients": np.zeros((n, N_DIRECTION, n if self.per_source else 1, self.n_basis))}
 
     def grid(self) -> list[dict[str, float]]:
-        """Nothing to search: linear throughout."""
+        """Empty: the model is linear in all parameters."""
         return [{}]
 
     def variants(self) -> list[Variant]:
-        """Built by the search, source by source and direction by direction."""
+        """Empty: the search builds variants by source and direction."""
         return []
 
     @abstractmethod
@@ -97,10 +95,10 @@ def _card(
 
 
 class OnCommand(Dependence):
-    """On whether another joint is commanded one way or the other while this one is.
+    """Dependence on another joint's command direction while this joint is commanded.
 
-    A joint whose command has ended runs out as fast as it was going: what others are commanded from then on takes
-    nothing from a closed valve.
+    After its command ends, a joint runs out at its last speed: later commands of other joints do not act through a
+    closed valve.
     """
 
     variable, n_basis, per_source = "command", 2, True
@@ -112,7 +110,7 @@ class OnCommand(Dependence):
     )
 
     def initial(self, batch: tuple[int, ...]) -> State:
-        """The change that the joint was last driven with."""
+        """The relative change at the joint's last driven step."""
         return self._zeros(batch)
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
@@ -122,7 +120,7 @@ class OnCommand(Dependence):
         )
 
     def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """One plus the dependence, which is kept while the joint runs out."""
+        """One plus the dependence, which is held while the joint runs out."""
         _, basis = self.basis(state, u, signals)
         is_driven = jnp.abs(signals.command) >= SMALLEST_COMMAND
         state = jnp.where(is_driven, self.change(values, basis, u), state)
@@ -130,7 +128,7 @@ class OnCommand(Dependence):
 
 
 class OnPosition(Dependence):
-    """On a joint's position, piecewise linear."""
+    """Piecewise linear dependence on a joint's position."""
 
     variable, n_basis, per_source, reference = "position", 7, True, 6
     card = _card(
@@ -140,10 +138,10 @@ class OnPosition(Dependence):
         Abscissa.position,
     )
     spacing = 1.0 / 3.0
-    knots = (-1.0, -2 * spacing, -spacing, spacing, 2 * spacing, 1.0, 0.0)  # together they are one everywhere
+    knots = (-1.0, -2 * spacing, -spacing, spacing, 2 * spacing, 1.0, 0.0)  # the hat functions sum to one
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """Hats as wide as the knots are apart."""
+        """Hat functions with the width of the knot spacing."""
         middle = 0.5 * (self.setting.upper + self.setting.lower)
         place = (signals.q - middle) / (0.5 * (self.setting.upper - self.setting.lower))
         place = jnp.clip(place, -1.0, 1.0)
@@ -153,7 +151,7 @@ class OnPosition(Dependence):
 
 
 class OnHoldTime(Dependence):
-    """On how long the present command has been held."""
+    """Dependence on the hold time of the present command."""
 
     variable, n_basis = "hold_time", 3
     card = _card(
@@ -177,7 +175,7 @@ class OnHoldTime(Dependence):
 
 
 class OnWarmth(Dependence):
-    """On how long commands that way have been held lately: what warms up under a command, and cools without it."""
+    """Dependence on the recent hold time per direction, as of a coil that warms up under a command."""
 
     variable, n_basis = "hold_time", 2
     card = _card(
@@ -190,7 +188,7 @@ class OnWarmth(Dependence):
     times_s = (1.5, 6.0)
 
     def initial(self, batch: tuple[int, ...]) -> State:
-        """Cold both ways."""
+        """Cold in both directions."""
         return jnp.zeros((*batch, self.setting.n_joint, N_DIRECTION, len(self.times_s)))
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
@@ -202,7 +200,7 @@ class OnWarmth(Dependence):
 
 
 class OnRestTime(Dependence):
-    """On how long the joint had rested before the present motion."""
+    """Dependence on the joint's rest before the present motion."""
 
     variable, n_basis = "rest_time", 2
     card = _card(
@@ -226,7 +224,7 @@ class OnRestTime(Dependence):
 
 
 class OnReversal(Dependence):
-    """On the time since the joint's command last changed its sign."""
+    """Dependence on the time since the last sign change of the joint's command."""
 
     variable, n_basis = "reversal", 2
     card = _card(
@@ -250,7 +248,7 @@ class OnReversal(Dependence):
 
 
 class OnVelocity(Dependence):
-    """On the speed itself."""
+    """Dependence on the speed itself."""
 
     variable, n_basis = "velocity", 2
     passes = 8
@@ -268,7 +266,7 @@ class OnVelocity(Dependence):
 
 
 class OnActivity(Dependence):
-    """On how much all joints moved over the recent past."""
+    """Dependence on the recent motion of all joints."""
 
     variable, n_basis, common = "activity", 4, True
     passes = 3
@@ -278,12 +276,12 @@ class OnActivity(Dependence):
         "all joints slow down after busy spells",
         Abscissa.velocity,
         Scope.machine,
-        complexity=5.2,  # of what one joint alone shows, its own variables say as much more simply
+        complexity=5.2,  # for a single joint, its own variables are a simpler explanation
     )
     times_s = (4.0, 10.0, 25.0, 60.0)
 
     def initial(self, batch: tuple[int, ...]) -> State:
-        """No activity so far."""
+        """Zero activity."""
         return jnp.zeros((*batch, len(self.times_s)))
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
@@ -295,7 +293,7 @@ class OnActivity(Dependence):
 
 
 class OnTravel(Dependence):
-    """On the way that the joint has gone since the start of the log."""
+    """Dependence on the joint's travel since the start of the log."""
 
     variable, n_basis = "travel", 1
     passes = 3
@@ -308,11 +306,11 @@ class OnTravel(Dependence):
     ranges = 10.0
 
     def initial(self, batch: tuple[int, ...]) -> State:
-        """No way so far."""
+        """Zero travel."""
         return self._zeros(batch)
 
     def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """Saturating, so that it stays bounded."""
+        """Saturating and therefore bounded."""
         state = state + jnp.abs(u) * self.setting.dt_s
         span = self.ranges * (self.setting.upper - self.setting.lower)
         return state, (1.0 - jnp.exp(-state / span))[..., None]

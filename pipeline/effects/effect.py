@@ -1,4 +1,4 @@
-"""What an effect is: a card that a control engineer can read, and a differentiable wrapper around any f_θ.
+"""The interface of effects: a descriptive card, and a differentiable wrapper around any f_θ.
 
 The augmented model (`augmented_model.py`) is a chain. Commands pass the command effects, the frozen f_θ turns them into
 the velocity u that the nominal machine would have, velocity effects turn u into the machine's velocity v, and a
@@ -6,7 +6,7 @@ sensor effect maps the true configuration to the measured one:
 
     a → [command effects] → f_θ → u → [speed → response → drift → play] → v → ∫ → q → [sensor] → measured q
 
-Each link has state of its own, works on any leading batch axes and equals the identity at its neutral parameters.
+Each link has its own state, works on any leading batch axes and is the identity at its neutral parameters.
 Velocity effects also have an inverse: measured velocities are mapped back to those of the nominal machine, on which
 f_θ was learned, before they enter its window.
 """
@@ -22,20 +22,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-# A card's lengths are those of a joint with at least this range, rad (none of the machines that they were chosen on
-# has less); on one with less, as a cylinder's stroke in metres, they are smaller in proportion.
+# A card's lengths hold for a joint with at least this range, rad. For a smaller range, such as a cylinder's stroke in
+# metres, they are scaled in proportion.
 CARDS_RANGE = 1.5
 
 Values = Mapping[str, jax.Array]
 State = Any
 Freed = tuple[
     tuple[str, int | tuple[int, ...] | None], ...
-]  # parameters, with their source, that move together
+]  # parameters, with their source, that are varied together
 Variant = tuple[Freed, ...]
 
 
 class Place(enum.IntEnum):
-    """Where in the chain an effect acts; effects of equal place act in the order of their families' names."""
+    """Position of an effect in the chain; effects of equal position act in the order of their families' names."""
 
     command_size = 0  # before delays, which interpolate between commands
     command = 1
@@ -50,26 +50,26 @@ class Scope(enum.StrEnum):
     """Which joints an effect of the family can act on."""
 
     joint = "joint"  # any joint by itself
-    machine = "machine"  # several joints at once, with parameters in common
+    machine = "machine"  # several joints at once, with common parameters
 
 
 class Abscissa(enum.Enum):
-    """What the residual is drawn over, for a reader to see an effect."""
+    """Abscissa of the drawing that shows an effect in the residual."""
 
     position = enum.auto()  # of the joint, or of the joint that it depends on
     time = enum.auto()  # since the log's start
     other_commands = enum.auto()  # how many joints are commanded besides this one
     command = enum.auto()  # of the joint, or of the joint that it depends on
     since_command = enum.auto()  # time since the joint's command last changed
-    velocity = enum.auto()  # that the model predicts
+    velocity = enum.auto()  # predicted by the model
 
 
 class Along(enum.Enum):
-    """Which way the residual is counted there, so that starts and stops, or both directions, do not cancel."""
+    """Sign convention of the drawn residual, so that starts and stops, or both directions, do not cancel."""
 
-    axis = enum.auto()  # as the joint's velocity is
-    motion = enum.auto()  # along the motion that the model predicts: negative is slower than it
-    change = enum.auto()  # along the last change of the joint's command: negative is later than the model
+    axis = enum.auto()  # sign of the joint's axis
+    motion = enum.auto()  # along the predicted motion: negative is slower
+    change = enum.auto()  # along the last change of the joint's command: negative is later
 
 
 @dataclass(frozen=True)
@@ -77,15 +77,14 @@ class Parameter:
     """One parameter of an effect, an array with one value per joint.
 
     Attributes:
-        name: As in the contract (section 4) where it has one.
+        name: Name in the contract (section 4), if it has one.
         unit: `1`, `s`, `Hz`, `sign`, `length` (rad or m) or `speed` (rad/s or m/s).
         neutral: The value at which the effect is the identity.
-        lower: Smallest plausible value; a length's is of a joint of the cards' range (`Effect.sizes`).
+        lower: Smallest plausible value; lengths are for a joint of the cards' range (`Effect.sizes`).
         upper: Largest plausible value, likewise.
-        grid: Values that the search tries, likewise; none: the model is linear in it, least squares finds it.
+        grid: Values that the search tries, likewise; empty if the model is linear in the parameter (least squares).
         per_source: Whether the value is a row with one entry per joint (sources).
-        natural_bounds: Whether nothing lies beyond the bounds (no speed at all), so that a value there is none that
-            hides another cause.
+        natural_bounds: Whether the bounds are physical (zero speed), so that a value there does not hint at another cause.
     """
 
     name: str
@@ -100,23 +99,23 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Card:
-    """What there is to know about a family of effects.
+    """Description of a family of effects.
 
     Attributes:
-        family: As in the contract.
-        equation: In the terms of this package.
-        source: Publication or section that the equation is from.
-        signature: What it leaves in the residual.
+        family: Name in the contract.
+        equation: Equation in this package's notation.
+        source: Publication of the equation.
+        signature: Trace of the effect in the residual.
         confounded_with: Families that can look alike.
-        excitation: The manoeuvre that shows it.
+        excitation: Manoeuvre that makes it identifiable.
         depends_on: Variables (contract, section 4) that the residual depends on; `{joint}` is filled in.
         scope: Which joints it can act on.
-        complexity: How much it can fit, from 1 (a gain) to 5 (any dependence on a variable): of what explains the logs
-            equally well, the simplest is taken.
-        drawn_over: What its signature is drawn over.
-        counted_along: Which way the residual is counted in that drawing.
-        parameters: Of the wrapper.
-        can_set_in: Whether a moment at which it sets in is looked for.
+        complexity: Flexibility, from 1 (a gain) to 5 (any dependence on a variable). Among equally good explanations,
+            the simplest is selected.
+        drawn_over: Abscissa of its signature's drawing.
+        counted_along: Sign convention of the residual in that drawing.
+        parameters: Parameters of the wrapper.
+        can_set_in: Whether the search looks for an onset.
     """
 
     family: str
@@ -136,10 +135,10 @@ class Card:
 
 @dataclass(frozen=True)
 class Setting:
-    """What effects know of the machine.
+    """Properties of the machine that effects use.
 
     Attributes:
-        dt_s: Length of one time step.
+        dt_s: Time step.
         lower: (n_joint,) lower joint limits, rad or m.
         upper: (n_joint,) upper joint limits.
         speed_scale: (n_joint,) a joint's usual full speed, rad/s or m/s.
@@ -157,7 +156,7 @@ class Setting:
 
 
 class Signals(NamedTuple):
-    """What an effect sees at one time step; leading batch axes (...).
+    """Signals that an effect reads at one time step; leading batch axes (...).
 
     Attributes:
         command: (..., n_joint), a_t.
@@ -174,10 +173,10 @@ class Effect(ABC):
     """A family's wrapper. Arrays of parameters have shape (n_joint,), or (n_joint, n_joint) per source.
 
     Attributes:
-        needs_proportional_commands: Whether it is the identity on commands in {-1, 0, 1}.
-        reaches_other_joints: Whether, acting on one joint, it changes others' speeds by more than next to nothing.
-        of_the_machine: Parameters on the grid whose value is one for all joints that have the effect.
-        parsimony: Share of what a variant explains, by which one with more parameters has to explain more.
+        needs_proportional_commands: Whether the effect is the identity on commands in {-1, 0, 1}.
+        reaches_other_joints: Whether, acting on one joint, it noticeably changes other joints' speeds.
+        of_the_machine: Grid parameters with one common value for all affected joints.
+        parsimony: Relative gain in explained residual that a variant with more parameters must reach.
     """
 
     card: ClassVar[Card]
@@ -199,9 +198,9 @@ class Effect(ABC):
         }
 
     def grid(self) -> list[dict[str, float]]:
-        """Points that the search tries of the parameters that the model is not linear in: all combinations.
+        """Grid points of the nonlinear parameters: all combinations of their values.
 
-        Lengths are those of a joint of the cards' range.
+        Lengths are for a joint of the cards' range.
         """
         tried = [parameter for parameter in self.card.parameters if parameter.grid]
         names = [parameter.name for parameter in tried]
@@ -211,14 +210,14 @@ class Effect(ABC):
         ]
 
     def sizes(self, name: str) -> np.ndarray:
-        """(n_joint,) what the grid and the bounds of a parameter are multiplied by on each joint."""
+        """(n_joint,) factor of a parameter's grid and bounds on each joint."""
         units = {parameter.name: parameter.unit for parameter in self.card.parameters}
         if units[name] != "length":
             return np.ones(self.setting.n_joint)
         return np.minimum((self.setting.upper - self.setting.lower) / CARDS_RANGE, 1.0)
 
     def variants(self) -> list[Variant]:
-        """Ways to free the parameters that the model is linear in: by default all of them, each by itself."""
+        """Ways to free the linear parameters: by default all of them, each by itself."""
         sources: list[Freed] = []
         for parameter in self.card.parameters:
             if not parameter.grid:
@@ -227,15 +226,15 @@ class Effect(ABC):
         return [tuple(sources)]
 
     def freed_later(self) -> Variant:
-        """Parameters that belong to the effect but do not make it known: fitted only once it has been found."""
+        """Linear parameters that do not identify the effect; fitted only after its selection."""
         return ()
 
     def fitted_later(self) -> dict[str, float]:
-        """As `freed_later`, of parameters that the effect is not linear in: where their fit begins."""
+        """Nonlinear parameters that are fitted only after selection, with the start of their fit."""
         return {}
 
     def freed_beside_nominal(self) -> Variant:
-        """Parameters that belong to the effect where nominal logs have it, too: of what f_θ has of it."""
+        """Parameters for the part of the effect that the nominal logs, and thus f_θ, already contain."""
         return ()
 
     def initial(self, batch: tuple[int, ...]) -> State:
@@ -265,12 +264,12 @@ class VelocityEffect(Effect):
 
     @abstractmethod
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """One step of measured velocities back to those that came in; keeps the state up to date."""
+        """One inverse step: measured velocities to nominal ones; the state is updated."""
 
     def ahead(self, values: Values, state: State) -> jax.Array | None:
-        """How far the frozen model's joint lies ahead of what moves, (..., n_joint), rad or m; None: not at all.
+        """Lead of the frozen model's joint over the moving part, (..., n_joint), rad or m; None if always zero.
 
-        Stops and places are the frozen model's joint's.
+        Stops and positions refer to the frozen model's joint.
         """
         return None
 
@@ -279,7 +278,7 @@ class RatioEffect(VelocityEffect):
     """Multiplies the velocity: v = ratio · u.
 
     Attributes:
-        passes: Fixed-point passes of the inverse: more than one where the ratio depends on the size of u.
+        passes: Fixed-point iterations of the inverse; more than one if the ratio depends on the size of u.
     """
 
     place = Place.speed
@@ -295,7 +294,7 @@ class RatioEffect(VelocityEffect):
         return state, ratio * u
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """Divide by the ratio; it is first taken at v, which has the sign of u, and then at what that gives for u."""
+        """Divide by the ratio, by fixed-point iteration from u = v, which has the sign of u."""
         u = v
         for _ in range(self.passes):
             after, ratio = self.ratio(values, state, u, signals)
@@ -304,7 +303,7 @@ class RatioEffect(VelocityEffect):
 
 
 class SensorEffect(Effect):
-    """Changes what is measured of the configuration."""
+    """Changes the measured configuration."""
 
     place = Place.sensor
 
@@ -317,8 +316,8 @@ class SensorEffect(Effect):
         """Measured to true configuration."""
 
 
-SMALLEST_COMMAND = 1e-3  # a smaller one is none
-SMALLEST_RATIO = 0.05  # slower than this, a measured velocity says nothing about the nominal machine's
+SMALLEST_COMMAND = 1e-3  # smaller commands count as zero
+SMALLEST_RATIO = 0.05  # below it, a measured velocity does not determine the nominal one
 
 
 def direction_weights(u: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -19,7 +19,7 @@ from pipeline.effects.effect import (
 
 
 class EndCushion(RatioEffect):
-    """A joint slows down as it nears a limit; leaving it, speed is as before."""
+    """A joint slows down near a limit, but only in the direction of the limit."""
 
     card = Card(
         family="end_cushion",
@@ -44,11 +44,11 @@ class EndCushion(RatioEffect):
     )
 
     def variants(self) -> list[Variant]:
-        """One side or the other."""
+        """The lower or the upper limit."""
         return [((("loss_upper", None),),), ((("loss_lower", None),),)]
 
     def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """One minus the loss near the limit ahead."""
+        """One minus the loss near the approached limit."""
         span = self.setting.upper - self.setting.lower
         zone = values["zone_share"] * span
         positive, negative = direction_weights(u)

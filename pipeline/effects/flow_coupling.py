@@ -21,9 +21,9 @@ ALONE = ("loss_alone_positive", "loss_alone_negative")
 
 
 class FlowCoupling(RatioEffect):
-    """Speed falls with the demand of the other joints; a pump too small for one joint by itself slows it alone, too."""
+    """Speed falls with the demand of the other joints; a too small pump also slows a joint that moves alone."""
 
-    passes = 12  # each halves the error at least, short of saturation
+    passes = 12  # each at least halves the error, except in saturation
     card = Card(
         family="flow_coupling",
         equation="v_j = u_j (1 − Σ_{i≠j} λ_ji |u_i| / speed scale_i − μ_j±), μ± per direction of the joint",
@@ -44,7 +44,7 @@ class FlowCoupling(RatioEffect):
     )
 
     def variants(self) -> list[Variant]:
-        """With and without a loss of the joint by itself."""
+        """With and without a loss of the joint that moves alone."""
         by_source: Variant = tuple((("loss_fraction", source),) for source in range(self.setting.n_joint))
         return [by_source, by_source + tuple(((name, None),) for name in ALONE)]
 

@@ -22,7 +22,7 @@ class Gain(RatioEffect):
     """Speed ratio per direction of motion."""
 
     place = Place.speed
-    parsimony = 0.1  # most actuators change one way only, or both ways alike
+    parsimony = 0.1  # most actuators change in one direction, or equally in both
     card = Card(
         family="gain",
         equation="v = r₊ u for u > 0, r₋ u for u < 0",
@@ -42,12 +42,12 @@ class Gain(RatioEffect):
     )
 
     def variants(self) -> list[Variant]:
-        """One direction, both alike, both by themselves."""
+        """One direction, both equally, both independently."""
         positive, negative = ("ratio_positive", None), ("ratio_negative", None)
         return [((positive,),), ((negative,),), ((positive, negative),), ((positive,), (negative,))]
 
     def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """Ratio of the direction of motion."""
+        """Speed ratio in the direction of motion."""
         positive, negative = direction_weights(u)
         change = (values["ratio_positive"] - 1.0) * positive + (values["ratio_negative"] - 1.0) * negative
         return state, 1.0 + change

@@ -52,7 +52,7 @@ class Lag(VelocityEffect):
                 2.0,
                 grid=(-0.3, -0.2, -0.12, -0.06, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.9),
             ),
-            # What is late at starts alone is no slow response: it sticks, or has play.
+            # A delay at starts alone indicates stiction or backlash, not a slow response.
             Parameter("fall_share", "1", 1.0, 0.15, 2.0, grid=(1.0, 0.25)),
         ),
     )
@@ -71,7 +71,7 @@ class Lag(VelocityEffect):
         return Filter(u, v), v
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """A lag's inverse is a lead, and the other way round."""
+        """The inverse of a lag is a lead, and vice versa."""
         slow, spread = self._factors(values, (v - state.v) * state.v < 0.0)
         of_lag = v + slow * (v - state.v)
         of_lead = (v + spread * state.u) / (1.0 + spread)
@@ -80,11 +80,11 @@ class Lag(VelocityEffect):
         return Filter(u, v), u
 
     def _factors(self, values: Values, is_falling: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Steps of lag, and of lead.
+        """Lag and lead, in steps.
 
-        Discretised backwards, a lag loses τ times the speed at a start, however long the step is. Velocities are
-        means over a step: e^(-Δt/τ), for u held and v at the end of the step, would lose Δt / 2 times the speed less,
-        and be fitted with a τ that is longer by as much.
+        With backward discretisation, a lag loses τ times the speed at a start for any step length. Velocities are means
+        over a step. The form e^(-Δt/τ), for u held and v at the step's end, would lose Δt/2 times the speed less, which
+        would bias τ by Δt/2.
         """
         tau_steps = values["added_time_constant"] / self.setting.dt_s
         slow = jnp.maximum(tau_steps * jnp.where(is_falling, values["fall_share"], 1.0), 0.0)

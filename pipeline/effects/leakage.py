@@ -1,4 +1,4 @@
-"""`leakage`: motion at zero command, of which a share is there under command, too."""
+"""`leakage`: motion at zero command, a share of which remains under command."""
 
 import jax
 import jax.numpy as jnp
@@ -18,12 +18,12 @@ from pipeline.effects.effect import (
     VelocityEffect,
 )
 
-# Of the creep at rest: the pressure of a load differs no more than that by the way it is moved.
+# Of the creep at rest; bounds the change of load pressure through motion.
 LARGEST_SHARE = 2.0
 
 
 class Leakage(VelocityEffect):
-    """A joint creeps while its command is zero; by a share of that its motion is slower or faster."""
+    """A joint creeps at zero command; a share of the creep is added to its commanded motion."""
 
     place = Place.drift
     card = Card(
@@ -46,11 +46,11 @@ class Leakage(VelocityEffect):
     )
 
     def variants(self) -> list[Variant]:
-        """By the creep at rest."""
+        """The creep at rest."""
         return [((("sag_rate", None),),)]
 
     def freed_later(self) -> Variant:
-        """What leaks at rest leaks in motion, too, as the pressure of the load there has it."""
+        """Shares of the creep in motion, which depend on the load pressure there."""
         return ((("share_in_positive_motion", None),), (("share_in_negative_motion", None),))
 
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
@@ -58,7 +58,7 @@ class Leakage(VelocityEffect):
         return state, u + self._creep(values, signals)
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """Take it away again."""
+        """Subtract the creep."""
         return state, v - self._creep(values, signals)
 
     def _creep(self, values: Values, signals: Signals) -> jax.Array:

@@ -18,7 +18,7 @@ from pipeline.effects.effect import (
 
 
 class Load(RatioEffect):
-    """A load slows a joint against it and speeds it up along with it, by how much depends on the pose."""
+    """A load slows motion against it and speeds up motion along it, by an amount that depends on the pose."""
 
     card = Card(
         family="load",

@@ -20,12 +20,12 @@ from pipeline.effects.effect import (
 
 
 class Mode(NamedTuple):
-    """Of the filter, (..., n_joint).
+    """State of the filter, (..., n_joint).
 
     Attributes:
-        velocity: Its output.
-        rate: Rate of that.
-        drive: What drives it, as far as the measured velocity tells.
+        velocity: Output.
+        rate: Time derivative of the output.
+        drive: Estimated input.
         covariance: (..., n_joint, 3, 3) of velocity, rate and drive, in units of the joint's speed.
     """
 
@@ -80,7 +80,7 @@ class Oscillation(VelocityEffect):
         return state._replace(velocity=velocity, rate=rate, drive=u), u + values["share"] * (velocity - u)
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """A Kalman filter of the mode and of what drives it, a random walk: the inverse itself amplifies noise."""
+        """Kalman filter of the mode with a random walk as input, because the exact inverse amplifies noise."""
         a, b, c, d = self._transition(values)
         zero, one = jnp.zeros_like(a), jnp.ones_like(a)
         transition = jnp.stack(
@@ -98,7 +98,7 @@ class Oscillation(VelocityEffect):
         return Mode(velocity, rate, drive, covariance), v + values["share"] * (drive - v)
 
     def _transition(self, values: Values) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-        """Of (velocity - drive, rate) over one step, row by row, (n_joint,) each."""
+        """Transition matrix of (velocity - drive, rate) over one step, row by row, (n_joint,) each."""
         omega = 2.0 * jnp.pi * values["frequency"]
         zeta = jnp.clip(values["damping_ratio"], 0.0, 0.99)
         damped = omega * jnp.sqrt(1.0 - zeta**2)
@@ -113,6 +113,6 @@ class Oscillation(VelocityEffect):
         )
 
 
-# Shares of full speed: by how much the drive may change from one step to the next; noise of a measured velocity.
+# Shares of full speed: standard deviations of the drive's change per step, and of a measured velocity.
 DRIVE_STEP = 0.3
 VELOCITY_NOISE = 0.01

@@ -28,10 +28,10 @@ class AugmentedPredictor:
         model: The frozen model.
         parameters: θ.
         chain: The effects.
-        values: Of the effects, by family.
-        onset_ns: By family and index of the joint, where it sets in at some moment: the absolute stamp from which on it
-            acts there in full. Joints that are not named have it all the time.
-        has_stops: As of `dynamics.predictor.LearnedPredictor`.
+        values: Values of the effects, by family.
+        onset_ns: Absolute stamp of the onset by family and joint index. The effect acts in full from there on; on
+            joints without an onset it acts all the time.
+        has_stops: See `dynamics.predictor.LearnedPredictor`.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class AugmentedPredictor:
     def predict_with(
         self, values: ChainValues, trajectory: Trajectory, starts: np.ndarray, horizon: int
     ) -> np.ndarray:
-        """`predict` with other values of the effects."""
+        """`predict` with given values of the effects."""
         n_rows = -(-(len(trajectory) + 1) // ROW_QUANTUM) * ROW_QUANTUM
         padding = n_rows - len(trajectory)
         columns = [
@@ -94,7 +94,7 @@ class AugmentedPredictor:
         return predictions
 
     def _observed(self, values: ChainValues, share: Mapping[str, jax.Array], rows: tuple) -> tuple:
-        """Along a log: true configurations, nominal velocities and commands, and the states before each row acts."""
+        """True configurations, nominal velocities, commands, and the states before each row, along a log."""
         chain, dt_s = self.model.chain, self.model.specification.dt_s
         q, qd, a, time_s = rows
         neutral = chain.neutral()
@@ -106,7 +106,7 @@ class AugmentedPredictor:
         v = (true - earlier) / dt_s if is_dq else qd * scale
         a_before = jnp.concatenate([jnp.zeros_like(a[:1]), a[:-1]])
         t_before = jnp.concatenate([time_s[:1], time_s[:-1]])
-        # What sets in with a row acts on the step that starts there.
+        # An onset at a row acts on the step that starts there.
         share_before = {family: jnp.concatenate([of[:1], of[:-1]]) for family, of in share.items()}
 
         def advance(state: ChainState, row: tuple) -> tuple[ChainState, tuple]:
@@ -139,7 +139,7 @@ class AugmentedPredictor:
         chain = jax.tree.map(lambda state: state[starts], states)
         ahead = model.chain.ahead(values, chain)
         if is_dq:
-            # From each row of the window on, by how much the nominal machine would have gone less far.
+            # Difference of travel to the nominal machine, from each row of the window on.
             further = ((v - u) * dt_s)[window]
             nominal_motion = true[window] + (jax.lax.cumsum(further, axis=1, reverse=True) - further)
             nominal_motion = nominal_motion + (ahead[..., None, :] if ahead.ndim else ahead)
@@ -172,7 +172,7 @@ class AugmentedPredictor:
 
 
 def _has_set_in(trajectory: Trajectory, onset_ns: Mapping[int, int]) -> np.ndarray:
-    """(T, n_joint) bool, of one family; all the time on joints that have no onset."""
+    """Whether one family has set in, (T, n_joint) bool; always true on joints without an onset."""
     has_set_in = np.ones(trajectory.q.shape, bool)
     for joint, onset in onset_ns.items():
         has_set_in[:, joint] = trajectory.stamp_ns >= onset

@@ -64,5 +64,5 @@ class SensorBias(SensorEffect):
         return q + ((values["scale"] - 1.0) * q + values["offset"])
 
     def true(self, values: Values, q: jax.Array) -> jax.Array:
-        """What the encoder would have to stand at."""
+        """True configuration of a reading."""
         return q - (values["offset"] + (values["scale"] - 1.0) * q) / values["scale"]

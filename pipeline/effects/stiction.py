@@ -22,8 +22,8 @@ class Rest(NamedTuple):
     """Per joint (..., n_joint), s.
 
     Attributes:
-        rest_s: How long the command has been, or before the present motion was, zero.
-        moving_s: How long the present motion has been commanded; 0 at rest.
+        rest_s: Duration of the present rest, or of the rest before the present motion.
+        moving_s: Duration of the present motion's command; 0 at rest.
     """
 
     rest_s: jax.Array
@@ -31,9 +31,9 @@ class Rest(NamedTuple):
 
 
 class Stiction(CommandEffect):
-    """After a rest longer than the threshold the command acts only after some extra time.
+    """After a rest longer than the threshold, the command acts only after some extra time.
 
-    A lock grows while the spool rests: after a rest as long as the threshold half of it is there.
+    A lock grows while the spool rests; it reaches half of its strength after a rest of the threshold.
     """
 
     card = Card(
@@ -56,7 +56,7 @@ class Stiction(CommandEffect):
     )
 
     def initial(self, batch: tuple[int, ...]) -> State:
-        """At rest for long."""
+        """After a long rest."""
         long_ago = self._zeros(batch) + LONG_S
         return Rest(long_ago, jnp.zeros_like(long_ago))
 
@@ -74,4 +74,4 @@ class Stiction(CommandEffect):
 
 
 LONG_S = 60.0
-STEEPNESS = 3  # between a threshold proper and a lock that grows as 1 - exp(-r / T)
+STEEPNESS = 3  # between a sharp threshold and a lock that grows as 1 - exp(-r / T)

@@ -1,8 +1,8 @@
 """An augmented model's folder: the frozen model's files and `effects.json`.
 
 `effects.json` holds `setting` (`dt_s` and, per joint, `lower`, `upper` and `speed_scale`), `values` (by family and
-parameter, one row per joint) and `onset_ns` (by family one absolute stamp per joint, null where it acts all the time).
-Older files hold one stamp per family, which is all joints'.
+parameter, one row per joint) and `onset_ns` (by family one absolute stamp per joint, null if it acts all the time).
+Older files hold one stamp per family, valid for all joints.
 """
 
 import hashlib
@@ -38,10 +38,10 @@ class ActiveEffects:
     """Effects with their values.
 
     Attributes:
-        setting: Of the machine.
+        setting: Properties of the machine.
         values: By family and parameter, (n_joint, ...).
-        onset_ns: By family and index of the joint: absolute stamp from which on it acts there, where it set in within
-            the logs. Joints that are not named have it all the time.
+        onset_ns: Absolute stamp of the onset by family and joint index, if it set in within the logs. On joints without
+            an onset the effect acts all the time.
     """
 
     setting: Setting
@@ -63,7 +63,7 @@ class ActiveEffects:
 
 
 def predictor(model: DynamicsModel, parameters: Parameters, effects: ActiveEffects | None) -> Predictor:
-    """The model with its effects; without any, or with all at neutral, the frozen model itself."""
+    """The model with its effects; the frozen model itself if no effect is active."""
     families = effects.families() if effects is not None else []
     if effects is None or not families:
         return LearnedPredictor(model, parameters)
@@ -93,10 +93,10 @@ def save_effects(directory: Path, effects: ActiveEffects) -> None:
 
 
 def load_effects(directory: Path) -> ActiveEffects | None:
-    """Read `effects.json`; None where there is none.
+    """Read `effects.json`; None if it is missing.
 
     Raises:
-        InputError: It is damaged, of another version, or names an effect that this version does not know.
+        InputError: The file is damaged, of another version, or names an unknown effect.
     """
     path = directory / FILE
     if not path.exists():
@@ -140,7 +140,7 @@ def _numbers(value: Any) -> np.ndarray:
 
 
 def _onsets(of: Any, n_joint: int) -> dict[int, int]:
-    """By joint; of one stamp, as older files have it, all joints'."""
+    """Onsets by joint; one stamp, as in older files, applies to all joints."""
     stamps = of if isinstance(of, list) else [of] * n_joint
     if len(stamps) != n_joint:
         raise ValueError(f"{len(stamps)} onsets of {n_joint} joints")
@@ -148,7 +148,7 @@ def _onsets(of: Any, n_joint: int) -> dict[int, int]:
 
 
 def _fault(effects: ActiveEffects) -> str | None:
-    """What is wrong with effects that were read, in a clause."""
+    """What is wrong with the effects, in a clause; None if nothing is."""
     setting = effects.setting
     if {setting.lower.shape, setting.upper.shape, setting.speed_scale.shape} != {(setting.lower.size,)}:
         return "the setting's limits and speeds are not one number per joint"
@@ -174,12 +174,12 @@ def load_predictor(
 
     Args:
         directory: The folder.
-        all_set_in: Whether effects act from the first row on, whenever they set in.
-        machine: That the model must be of; None: any.
+        all_set_in: Whether effects act from the first row on, regardless of their onsets.
+        machine: Required machine of the model; None accepts any.
 
     Raises:
-        InputError: as `load_model` and `load_effects`, or the effects are of another machine than the model, or the
-            model of another than `machine`.
+        InputError: see `load_model` and `load_effects`; or the effects belong to another machine than the model, or
+            the model to another than `machine`.
     """
     model, parameters, effects = _load(directory, machine)
     if effects is not None and all_set_in:
@@ -190,17 +190,17 @@ def load_predictor(
 def load_dynamics(
     directory: Path, machine: MachineSpecification | None = None
 ) -> tuple[DynamicsModel | AugmentedModel, Any]:
-    """Read a model folder of `identify` or `close_loop` as dynamics to act on, with all their effects set in.
+    """Read a model folder of `identify` or `close_loop` as dynamics for control, with all effects set in.
 
     Args:
         directory: The folder.
-        machine: That the model must be of; None: any.
+        machine: Required machine of the model; None accepts any.
 
     Returns:
-        The model and its parameters: the frozen ones where no effect is active.
+        The model and its parameters: the frozen ones if no effect is active.
 
     Raises:
-        InputError: as `load_predictor`.
+        InputError: see `load_predictor`.
     """
     model, parameters, effects = _load(directory, machine)
     families = effects.families() if effects is not None else []
@@ -217,7 +217,7 @@ def dynamics_fingerprint(directory: Path) -> str:
     """Digest of the network's parameters and of the effects around it.
 
     Raises:
-        InputError: as `load_model`.
+        InputError: see `load_model`.
     """
     network = model_fingerprint(directory)
     path = directory / FILE

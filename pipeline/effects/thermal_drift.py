@@ -18,19 +18,19 @@ from pipeline.effects.effect import (
     VelocityEffect,
 )
 
-EQUALLY_LATE = 1.0  # at stops as at starts
-EQUALLY_LONG = 1.0  # as the loss of speed
-# A line and the spool that it moves: nothing happens at first. Of a single stage, which begins at once, a late start
-# would be told as a longer lag and a higher speed.
+EQUALLY_LATE = 1.0  # same lag at stops and starts
+EQUALLY_LONG = 1.0  # same duration as the loss of speed
+# Two stages, a line and its spool, have zero initial slope. A single stage reacts at once, and would fit a late start
+# with a longer lag and a higher speed.
 N_STAGES = 2
 
 
 class ThermalDrift(VelocityEffect):
-    """Slow when cold, and slow to respond, on all joints with one time constant."""
+    """Lower speed and slower response when cold, on all joints with one time constant."""
 
     place = Place.speed
     of_the_machine = ("time_constant", "fall_share", "lag_time_ratio")
-    parsimony = 0.015  # at most 0.011 is lost between two time constants of the grid
+    parsimony = 0.015  # at most 0.011 is lost between neighbouring time constants of the grid
     card = Card(
         family="thermal_drift",
         equation="v = w₂ (1 + g − c e^{−t/T}) with ½ l e^{−t/κT} ẇ₁ = u − w₁ and ½ l e^{−t/κT} ẇ₂ = w₁ − w₂, σ l "
@@ -50,9 +50,9 @@ class ThermalDrift(VelocityEffect):
             Parameter("cold_speed_loss", "1", 0.0, -0.5, 0.8),
             Parameter("warm_gain", "1", 0.0, -0.5, 0.5),
             Parameter("cold_lag", "s", 0.0, 0.0, 2.0),
-            # Springs empty a pilot line faster than its pump fills it: stops are less late than starts.
+            # Springs empty a pilot line faster than its pump fills it, so stops are less delayed than starts.
             Parameter("fall_share", "1", 1.0, 0.15, 2.0),
-            # Speed is lost to what is left of the pressure, and lag is in proportion to viscosity: it lasts longer.
+            # Loss of speed follows the remaining pressure; lag is proportional to viscosity and lasts longer.
             Parameter("lag_time_ratio", "1", 1.0, 1.0, 6.0, natural_bounds=True),
             Parameter(
                 "time_constant",
@@ -66,24 +66,24 @@ class ThermalDrift(VelocityEffect):
     )
 
     def variants(self) -> list[Variant]:
-        """By its speeds; a lag of all joints alone may be the measurement channel's.
+        """The cold loss, the warm gain, or both; a lag of all joints alone may come from the measurement channel.
 
-        Without the nominal logs' own loss, where they have none: with it, logs hardly longer than the time constant do
-        not tell the three values apart. By that alone, so that a speed that is other for good is no slow drift.
+        The cold loss alone suits nominal logs without drift: logs hardly longer than the time constant do not
+        determine three values. The warm gain alone covers a permanent change of speed, which is not drift.
         """
         cold, warm = (("cold_speed_loss", None),), (("warm_gain", None),)
         return [(cold,), (warm,), (cold, warm)]
 
     def freed_later(self) -> Variant:
-        """How late cold oil is; and what it is known by on other joints."""
+        """The lag of cold oil, and the speed loss on other joints."""
         return ((("cold_speed_loss", None),), (("cold_lag", None),))
 
     def fitted_later(self) -> dict[str, float]:
-        """How late stops are beside starts, and how long, which the screen cannot tell before it knows of any lag."""
+        """Lag of stops relative to starts, and its duration, which are identifiable only with a lag."""
         return {"fall_share": EQUALLY_LATE, "lag_time_ratio": EQUALLY_LONG}
 
     def freed_beside_nominal(self) -> Variant:
-        """The mean loss of the nominal logs, which the frozen model has."""
+        """The mean loss of the nominal logs, which the frozen model contains."""
         return ((("warm_gain", None),),)
 
     def initial(self, batch: tuple[int, ...]) -> State:
@@ -91,18 +91,18 @@ class ThermalDrift(VelocityEffect):
         return (self._zeros(batch),) * N_STAGES
 
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """Late, and slower."""
+        """Delay and reduce the velocity."""
         ratio, lag_steps = self._at(values, signals)
         w, stages = u, []
         for since in state:
             lag = self._when(values, lag_steps, w, since)
-            # As a change of u, so that neutral values are exactly the identity.
+            # Written as a change of u, so that neutral values are exactly the identity.
             w = w - lag / (1.0 + lag) * (w - since)
             stages.append(w)
         return tuple(stages), ratio * w
 
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
-        """A lag's inverse is a lead."""
+        """The inverse of a lag is a lead."""
         ratio, lag_steps = self._at(values, signals)
         w, stages = v / jnp.maximum(ratio, SMALLEST_RATIO), []
         for since in reversed(state):
@@ -111,7 +111,7 @@ class ThermalDrift(VelocityEffect):
         return tuple(reversed(stages)), w
 
     def _at(self, values: Values, signals: Signals) -> tuple[jax.Array, jax.Array]:
-        """Ratio of speeds and lag of either stage at starts, in steps, at the time since start."""
+        """Speed ratio, and lag of each stage at starts in steps, at the time since start."""
         times = signals.time_s[..., None] / values["time_constant"]
         ratio = 1.0 + values["warm_gain"] - values["cold_speed_loss"] * jnp.exp(-times)
         lag_steps = values["cold_lag"] / (N_STAGES * self.setting.dt_s)
@@ -119,5 +119,5 @@ class ThermalDrift(VelocityEffect):
 
     @staticmethod
     def _when(values: Values, lag_steps: jax.Array, to: jax.Array, since: jax.Array) -> jax.Array:
-        """The lag on the way from one speed to another."""
+        """The lag during a change from one speed to another."""
         return lag_steps * jnp.where((to - since) * since < 0.0, values["fall_share"], 1.0)

@@ -1,4 +1,4 @@
-"""`timing`: the measurement channel itself is late."""
+"""`timing`: delay of the measurement channel."""
 
 import jax
 
@@ -7,10 +7,10 @@ from pipeline.effects.effect import Abscissa, Along, Card, CommandEffect, Parame
 
 
 class Timing(CommandEffect):
-    """All readings are late by the same time.
+    """All readings are delayed by the same time.
 
-    A reading at t shows the machine of t − L, which had been given the commands up to t − L: seen from the readings,
-    all commands act later by L. Unlike a delay of one actuator it is common to all joints.
+    A reading at t shows the machine at t − L, which had received the commands up to t − L. In the readings, all
+    commands thus act later by L. Unlike an actuator's delay it is common to all joints.
     """
 
     card = Card(

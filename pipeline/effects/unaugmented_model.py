@@ -1,4 +1,4 @@
-"""Saved models for those who take the network alone."""
+"""Saved models for callers that use the network alone."""
 
 from pathlib import Path
 
@@ -11,10 +11,10 @@ from pipeline.machine.specification import MachineSpecification
 
 
 def load_plain_model_of(directory: Path, machine: MachineSpecification) -> tuple[DynamicsModel, Parameters]:
-    """Read a model folder without effects around the network, or with all of them at neutral.
+    """Read a model folder without active effects around the network.
 
     Raises:
-        InputError: As `load_model_of` and `load_effects`, or an effect acts on the model, which would be passed over.
+        InputError: See `load_model_of` and `load_effects`; or an effect is active, which the caller would ignore.
     """
     model, parameters = load_model_of(directory, machine)
     effects = load_effects(directory)

@@ -1,11 +1,11 @@
-"""From continuous proto-actions to commands that the machine takes (paper, Eq. proto_discretization)."""
+"""From continuous proto-actions to the machine's commands (paper, Eq. proto_discretization)."""
 
 import jax
 import jax.numpy as jnp
 
 from pipeline.machine.specification import CommandKind
 
-PROTO_ACTION_THRESHOLD = 0.5  # Eq. proto_discretization: beyond it a component acts
+PROTO_ACTION_THRESHOLD = 0.5  # Eq. proto_discretization; larger components give a full command
 
 
 def discretise(proto_action: jax.Array) -> jax.Array:

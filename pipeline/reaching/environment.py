@@ -14,7 +14,7 @@ from pipeline.reaching.task import Goal, ReachingTask, TaskState
 
 
 class EpisodeState(NamedTuple):
-    """Brax's `pipeline_state`: the task, and what happened in the episode so far, at any tick.
+    """Brax's `pipeline_state`: the task, and events of the episode so far, over all ticks.
 
     Attributes:
         task: state of the task.
@@ -30,7 +30,7 @@ class EpisodeState(NamedTuple):
 
 
 class DecisionSums(NamedTuple):
-    """Reward, and every term whether enabled or not, summed over the ticks of a decision; shape (...)."""
+    """Reward and every term, enabled or not, summed over the ticks of a decision; shape (...)."""
 
     reward: jax.Array
     terms: RewardTerms
@@ -50,17 +50,16 @@ class ReachingEnvironment(Env):
         """Makes the environment.
 
         Args:
-            task: the task.
-            poses: table that starts and targets are drawn from.
+            poses: table from which starts and targets are drawn.
             action_repeats: ticks per decision.
             episode_ticks: T_reset.
 
         Raises:
-            InputError: an episode is no whole number of decisions.
+            InputError: an episode is not a whole number of decisions.
         """
         if episode_ticks % action_repeats:
             raise InputError(
-                f"episodes.steps {episode_ticks} is no multiple of control.action_repeats {action_repeats}"
+                f"episodes.steps {episode_ticks} is not a multiple of control.action_repeats {action_repeats}"
             )
         self.task = task
         self.poses = poses
@@ -79,7 +78,7 @@ class ReachingEnvironment(Env):
 
     @property
     def backend(self) -> str:
-        """What simulates the physics: no engine of Brax's, but a learned model."""
+        """Name of the simulator: a learned model instead of one of Brax's engines."""
         return "learned"
 
     def new_episode(self, key: jax.Array) -> EpisodeState:
@@ -108,7 +107,7 @@ class ReachingEnvironment(Env):
         )
 
     def step(self, state: State, action: jax.Array) -> State:
-        """One decision: `action_repeats` ticks under the command that `action` (..., n_joint) stands for."""
+        """One decision: `action_repeats` ticks under the command of proto-action `action` (..., n_joint)."""
         before = state.pipeline_state
         episode, sums = self._decide(before, self.task.command(action))
         newly = {
@@ -118,7 +117,7 @@ class ReachingEnvironment(Env):
         newly["out_of_workspace"] = episode.left_workspace & ~before.left_workspace
         newly["below_lower_plane"] = episode.went_below & ~before.went_below
         metrics = {
-            **state.metrics,  # wrappers keep entries of their own here
+            **state.metrics,  # wrappers keep their own entries here
             **{f"reward_{term}": getattr(sums.terms, term) for term in RewardTerm},
             **{name: value.astype(jnp.float32) for name, value in newly.items()},
         }

@@ -22,11 +22,11 @@ class EpisodesConfig:
         pitch_max_task_rad: α^ts, bound on the pitch of targets in evaluation.
         z_min_task_m: lowest target in evaluation.
         z_max_task_m: highest target in evaluation.
-        steps: T_reset, ticks per episode; the time-out is no terminal state.
-        table_rows: poses drawn beforehand, from which learning draws starts and targets.
+        steps: T_reset, ticks per episode; the time-out is not a terminal state.
+        table_rows: number of poses drawn beforehand, from which learning draws starts and targets.
         evaluation_episodes: number N of fixed episodes.
         evaluation_seed: seed of their starts and targets.
-        curve_seed: seed of the episodes that learning curves are measured over; other than `evaluation_seed`.
+        curve_seed: seed of the episodes for learning curves; must differ from `evaluation_seed`.
     """
 
     pitch_max_rad: float
@@ -60,20 +60,20 @@ class EpisodesConfig:
 
     @property
     def learning_conditions(self) -> PoseConditions:
-        """Of every start, and of targets while learning."""
+        """Conditions of all starts, and of targets while learning."""
         return PoseConditions(pitch_max_rad=self.pitch_max_rad, z_min_m=None, z_max_m=None)
 
     @property
     def task_conditions(self) -> PoseConditions:
-        """Of targets in evaluation."""
+        """Conditions of targets in evaluation."""
         return PoseConditions(
             pitch_max_rad=self.pitch_max_task_rad, z_min_m=self.z_min_task_m, z_max_m=self.z_max_task_m
         )
 
 
-# Folded into a training's key for its table of poses: what PPO draws with the same seed, and the episodes of a curve or
-# an evaluation whose seed happens to be the same number, come from other streams. Any large number would do; a small n
-# would not, since `fold_in(key, n)` is the n-th key of `split(key, ...)`.
+# Folded into a training's key for its table of poses. PPO's draws with the same seed, and the episodes of a curve or an
+# evaluation with the same seed, thus come from other streams. Any large number would do; a small n would not, since
+# `fold_in(key, n)` is the n-th key of `split(key, ...)`.
 _POSE_TABLE_STREAM = 0x706F7365
 
 
@@ -103,13 +103,12 @@ def evaluation_episodes(
 
 
 def learning_poses(machine: MachineSpecification, arm: Arm, config: EpisodesConfig, seed: int) -> PoseTable:
-    """The table that learning draws its starts and targets from.
+    """The table of starts and targets for learning.
 
     Args:
-        machine: the machine.
         arm: its kinematics.
         config: conditions and size.
-        seed: of the training; the table has a stream of its own, so no episode of `evaluation_episodes` is in it.
+        seed: seed of the training; the table has its own stream, so it shares no episode with `evaluation_episodes`.
 
     Raises:
         InputError: the machine has no workspace, or hardly any pose meets the conditions.
@@ -124,10 +123,10 @@ def save_episodes(path: Path, episodes: Episodes) -> None:
 
 
 def load_episodes(path: Path) -> Episodes:
-    """Read what `save_episodes` wrote.
+    """Read the output of `save_episodes`.
 
     Raises:
-        InputError: no such file, or not one that `save_episodes` wrote.
+        InputError: the file is missing, or `save_episodes` did not write it.
     """
     try:
         with np.load(path) as content:

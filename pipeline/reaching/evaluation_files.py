@@ -1,4 +1,4 @@
-"""What an evaluation over fixed episodes leaves in its folder, whoever drove."""
+"""Output files of an evaluation over fixed episodes."""
 
 import json
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """Vectorised environments for learning, in which every episode is a new one.
 
-Brax's own wrappers reset an environment to the state that it first started from: each would see a single
-start and target for the whole training. Here every episode draws both anew and clears its history (paper,
+Brax's own wrappers reset an environment to its first start state: each would see a single start and target
+for the whole training. Here every episode draws both anew and clears its history (paper,
 "Episodic conditions").
 """
 
@@ -16,7 +16,7 @@ from pipeline.reaching.environment import ReachingEnvironment
 
 
 class FreshEpisodes(Wrapper):
-    """A batch of environments that time out and start anew, in place of Brax's training wrappers.
+    """A batch of environments with time-outs and new episodes, instead of Brax's training wrappers.
 
     At the time-out `done` and `info["truncation"]` are both 1: Brax's PPO then treats the step as neither
     terminal nor as leading to the next episode's first state (it masks its advantage). `reward` and `metrics`
@@ -30,9 +30,8 @@ class FreshEpisodes(Wrapper):
 
         Args:
             env: the environment.
-            staggered: begin the first episodes at clocks spread evenly over an episode, so that time-outs,
-                and with them the phases of the episodes in a batch, are spread in time. Otherwise all
-                episodes run in step.
+            staggered: begin the first episodes at clocks spread evenly over an episode, so that time-outs and
+                episode phases are spread in time. Otherwise all episodes run in step.
         """
         super().__init__(env)
         self._staggered = staggered
@@ -83,7 +82,7 @@ class FreshEpisodes(Wrapper):
         return (jnp.arange(n) * decisions // n * self.env.action_repeats).astype(jnp.float32)
 
     def _accumulated(self, state: State) -> dict[str, jax.Array]:
-        """Sums over the episode so far, begun anew after its end; Brax's training log reads them."""
+        """Sums over the episode so far, reset after its end, for Brax's training log."""
         step = {
             **{name: state.metrics[name] for name in state.info["episode_metrics"] if name in state.metrics},
             "sum_reward": state.reward,
@@ -94,10 +93,10 @@ class FreshEpisodes(Wrapper):
 
 
 def fresh_episodes(staggered: bool) -> Callable[..., FreshEpisodes]:
-    """What `brax.training.agents.ppo.train` takes as `wrap_env_fn`."""
+    """A `wrap_env_fn` for `brax.training.agents.ppo.train`."""
 
     def wrap(env: ReachingEnvironment, **_: Any) -> FreshEpisodes:
-        # Brax passes episode length and action repeats, which the environment knows, and no randomisation
+        # Brax passes episode length and action repeats, which the environment has, and no randomisation
         return FreshEpisodes(env, staggered)
 
     return wrap

@@ -1,7 +1,7 @@
-"""Reaching trials in logs: what the paper measures of controllers, measured of whoever drove the machine.
+"""Reaching trials in logs: the paper's metrics for any controller or operator.
 
-As in the paper's tests on the machine, a trial begins where the target pose changes, from wherever the arm is,
-and ends by time-out after T_reset ticks, or where the next target comes, or where the recording ends.
+As in the paper's tests on the machine, a trial begins at a change of the target pose, from the present
+configuration. It ends by time-out after T_reset ticks, at the next target, or at the recording's end.
 """
 
 from collections.abc import Sequence
@@ -31,14 +31,14 @@ from pipeline.reaching.metrics import (
 
 @dataclass(frozen=True)
 class LoggedTrial:
-    """One target and the rows in which the machine was to reach it.
+    """One target and the rows of its trial.
 
     Attributes:
-        trajectory: What was driven.
-        start: Row from which on the target was in force; the trial's ticks are rows start + 1 … end.
+        trajectory: The recorded trajectory.
+        start: First row with the target in force; the trial's ticks are rows start + 1 … end.
         end: Last row.
-        position: Of the target in {B}, m, shape (3,).
-        quaternion: Of the target, (w, x, y, z), shape (4,), of any length but zero.
+        position: Position of the target in {B}, m, shape (3,).
+        quaternion: Orientation of the target, (w, x, y, z), shape (4,), of any length but zero.
     """
 
     trajectory: Trajectory
@@ -49,7 +49,7 @@ class LoggedTrial:
 
     @property
     def n_ticks(self) -> int:
-        """Ticks of the trial, at least one."""
+        """Number of ticks of the trial, at least one."""
         return self.end - self.start
 
 
@@ -58,8 +58,8 @@ def logged_trials(
 ) -> list[LoggedTrial]:
     """Cut one log into trials.
 
-    A target that repeats the one before it is a repeated message and begins no trial. One that comes in a gap
-    of the log begins its trial after the gap; a gap within a trial ends it.
+    A target equal to the previous one is a repeated message and does not begin a trial. A target in a gap of the
+    log begins its trial after the gap; a gap within a trial ends it.
 
     Args:
         trajectories: All of one log, in time order.
@@ -67,8 +67,8 @@ def logged_trials(
         maximum_ticks: T_reset.
 
     Returns:
-        In time order; none for targets without a tick before the next one, and for target poses that are none
-        (a value that is not finite, or a quaternion of zeros).
+        Trials in time order. Targets without a tick before the next one are skipped, as are invalid poses (a
+        non-finite value, or a zero quaternion).
     """
     time_ns, position, quaternion = map(as_array, (targets.log_time_ns, targets.position, targets.quaternion))
     order = np.argsort(time_ns, kind="stable")
@@ -83,7 +83,7 @@ def logged_trials(
         last_row = len(trajectory) - 1
         ends = np.minimum(np.append(starts[1:], last_row), last_row)
         for number in np.flatnonzero(ends > starts):
-            if number > done:  # otherwise it began before a gap
+            if number > done:  # else the trial began before a gap
                 start = int(starts[number])
                 end = min(int(ends[number]), start + maximum_ticks)
                 trials.append(LoggedTrial(trajectory, start, end, poses[number, :3], poses[number, 3:]))
@@ -92,10 +92,10 @@ def logged_trials(
 
 
 def trial_traces(trials: Sequence[LoggedTrial], machine: MachineSpecification, arm: Arm) -> Traces:
-    """Traces of trials, one or more, for the functions of `metrics`.
+    """Traces of at least one trial, for the functions of `metrics`.
 
-    Trials shorter than the longest are filled up with their last tick, which changes no success, no leaving of
-    W+ and no path. Rewards are NaN: they take a target configuration, and a log holds target poses.
+    Shorter trials are padded with their last tick, which does not change success, departures from W+ or path
+    length. Rewards are NaN: they need a target configuration, and a log holds target poses.
 
     Raises:
         InputError: the machine has no workspace.
@@ -133,7 +133,7 @@ def trial_traces(trials: Sequence[LoggedTrial], machine: MachineSpecification, a
 def reaching_summary(
     trials: Sequence[LoggedTrial], machine: MachineSpecification, arm: Arm
 ) -> dict[str, Any]:
-    """The paper's metrics over all trials and of each, for JSON.
+    """The paper's metrics over all trials and per trial, for JSON.
 
     Returns:
         The metrics of `ReachingMetrics` but the return, `success_rates` (matrix over the thresholds), and

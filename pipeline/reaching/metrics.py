@@ -14,12 +14,12 @@ POSITION_THRESHOLDS_M = tuple(n / 50 for n in range(1, 18))
 PITCH_THRESHOLDS_RAD = tuple(n / 50 for n in range(1, 9))
 # Pairs (position, pitch) that the tables report
 REPORTED_PRECISIONS = ((0.02, 0.02), (0.04, 0.04), (0.12, 0.08))
-# Where a path ends (appendix, EEF-PL; its "0.02 [cm]" is read as 0.02 m)
+# End of a path (appendix, EEF-PL; its "0.02 [cm]" is read as 0.02 m)
 PATH_END_PRECISION = (0.02, 0.02)
 
 
 class Traces(NamedTuple):
-    """N episodes of T ticks; entry t is after tick t+1, so the start is not among them.
+    """N episodes of T ticks; entry t is the state after tick t+1, so the start is not included.
 
     Attributes:
         q: configuration, rad (m), shape (N, T, n_joint).
@@ -57,7 +57,7 @@ class ReachingMetrics:
         oow: share of episodes in which the pose left W+ at any tick.
         ooz: share of episodes in which the tip went below W+'s lower plane at any tick.
         min_z_m: lowest tip position of all ticks of all episodes.
-        path_length_m: way of the tip until the target is reached within 0.02 m and 0.02 rad, or to the end;
+        path_length_m: path length of the tip until the target is reached within 0.02 m and 0.02 rad, or to the end;
             averaged.
     """
 
@@ -72,7 +72,7 @@ class ReachingMetrics:
     path_length_m: float
 
     def as_dict(self) -> dict[str, float]:
-        """Name to value, for `metrics.json`."""
+        """Metrics by name, for `metrics.json`."""
         return asdict(self)
 
 
@@ -102,7 +102,7 @@ def success_rate_matrix(traces: Traces) -> np.ndarray:
 
 
 def path_lengths(traces: Traces) -> np.ndarray:
-    """Way of the tip per episode up to the tick that reaches the target, or over all ticks; m, shape (N,)."""
+    """Path length of the tip per episode up to the tick that reaches the target, or over all ticks; m, shape (N,)."""
     positions = np.concatenate([traces.start_position[:, None, :], traces.position], axis=1).astype(
         np.float64
     )
@@ -129,7 +129,7 @@ def load_traces(path: Path) -> Traces:
     """Read the `traces.npz` of an evaluation.
 
     Raises:
-        InputError: no such file, or it holds no traces.
+        InputError: the file is missing, or it does not hold traces.
     """
     try:
         with np.load(path, allow_pickle=False) as content:

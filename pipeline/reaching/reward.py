@@ -1,7 +1,7 @@
 """The reward of the reaching task, term by term (paper, section "Modeling", "Reward function").
 
 Every term is a pure function of errors and works over any leading axes. A term of the tick from t to t+1 is
-computed from the pose that the tick reached and from the command a_t that led there.
+computed from the pose at t+1 and from the command a_t.
 """
 
 import enum
@@ -27,7 +27,7 @@ class RewardTerm(enum.StrEnum):
 
 @dataclass
 class RewardConfig:
-    """Section `reward` of a profile: the constants of the table, and which terms are summed.
+    """Section `reward` of a profile: the constants of the paper's table, and the summed terms.
 
     Thresholds are strict upper bounds: of distances in m, of the geodesic distance in half turns, and of
     *squared* errors where the name ends in `rad2`.
@@ -63,7 +63,7 @@ class RewardConfig:
 
 
 class Deviation(NamedTuple):
-    """How far a pose and its configuration are from the target's.
+    """Deviation of a pose and its configuration from the target's.
 
     Attributes:
         position: d, Euclidean distance, m, shape (...).
@@ -91,7 +91,7 @@ class RewardTerms(NamedTuple):
 
 
 def euclidean_norm(vector: jax.Array) -> jax.Array:
-    """Norm over the last axis, with gradient 0 at the origin, where the plain one has NaN."""
+    """Norm over the last axis, with gradient 0 at the origin instead of NaN."""
     # Component by component, here and in `configuration_is_precise`: a reduction over an axis of three or four
     # numbers is a loop that the compiler does not vectorise.
     squared = sum(vector[..., index] ** 2 for index in range(vector.shape[-1]))
@@ -176,10 +176,10 @@ def reward_terms(
 
     Args:
         config: weights and thresholds.
-        deviation: of the pose that the tick reached.
+        deviation: deviation of the pose after the tick.
         command: a_t, shape (..., n_joint).
         previous_command: a_{t-1}, of the tick before.
-        inside: whether the pose that the tick reached lies in W+, boolean, shape (...).
+        inside: whether the pose after the tick lies in W+, boolean, shape (...).
     """
     return RewardTerms(
         pose=pose_penalty(config, deviation),

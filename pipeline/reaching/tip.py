@@ -1,8 +1,8 @@
-"""Pose of the chisel tip, component by component: the same function as `Arm.forward`, an order of magnitude cheaper.
+"""Pose of the chisel tip, component by component: equal to `Arm.forward`, and ten times cheaper.
 
-Where quaternions and positions are arrays with a last axis of three or four numbers, the compiler loops over those
-numbers; where every component is an array of its own, it makes one vectorised loop over all environments and ticks.
-Components that are constant, as most of a robot's geometry, are numbers of Python, and zeros among them cost nothing.
+If quaternions and positions are arrays with a last axis of three or four numbers, the compiler loops over those
+numbers. If every component is an array, it makes one vectorised loop over all environments and ticks. Constant
+components, such as most of a robot's geometry, are Python numbers, and zeros among them cost nothing.
 `Arm.forward` remains the definition (`tests/reaching/test_tip.py`).
 """
 
@@ -24,7 +24,7 @@ def tip_components(description: RobotDescription, q: jax.Array) -> tuple[Compone
     """Position, m, and unit quaternion of the chisel tip in {B}.
 
     Args:
-        description: the robot's.
+        description: the robot description.
         q: configurations, rad (m), (..., n_joint).
 
     Returns:
@@ -49,13 +49,13 @@ def tip_components(description: RobotDescription, q: jax.Array) -> tuple[Compone
 
 
 def tip_pose(description: RobotDescription, q: jax.Array) -> Pose:
-    """As `Arm.forward`, for configurations (..., n_joint)."""
+    """Equal to `Arm.forward`, for configurations (..., n_joint)."""
     position, rotation = tip_components(description, q)
     return Pose(_stacked(position, q), _stacked(rotation, q))
 
 
 def _chain(description: RobotDescription) -> list[int]:
-    """Moving links from the base to the one that carries the tip."""
+    """Moving links from the base to the carrier of the tip."""
     links = [description.end_effector_link]
     while (parent := int(description.model.body_parentid[links[-1] + 1]) - 1) >= 0:
         links.append(parent)
