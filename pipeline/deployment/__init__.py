@@ -1,1 +1,1 @@
-"""Controllers as they run on the machine: the graph of the paper's appendix "ROS-based computational pipelines"."""
+"""Controllers on the machine: the graph of the paper's appendix "ROS-based computational pipelines"."""

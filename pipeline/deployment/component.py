@@ -1,7 +1,7 @@
-"""What a component of the graph is, whatever carries its messages.
+"""The interface of a graph component, independent of the transport.
 
-A component never reads a clock and never waits: a transport hands it messages and timer ticks together with the
-time of the component's clock, and carries out what it returns.
+A component never reads a clock and never waits. A transport passes messages and timer ticks with the time of the
+component's clock, and executes the returned outputs.
 """
 
 from abc import ABC, abstractmethod
@@ -21,7 +21,7 @@ class Publication(NamedTuple):
 
 
 class Computation(NamedTuple):
-    """Work that takes time: the transport calls `compute(request)` beside the loop, then `on_computed(result)`."""
+    """Long work: the transport calls `compute(request)` outside the loop, then `on_computed(result)`."""
 
     request: Any
 
@@ -33,9 +33,9 @@ class Component:
     """Base of all components.
 
     Attributes:
-        name: of the node.
-        subscriptions: topics whose messages it takes.
-        period_ns: between two ticks of its timer; None without one.
+        name: name of the node.
+        subscriptions: topics that it receives.
+        period_ns: timer period; None without a timer.
     """
 
     name: str
@@ -43,11 +43,11 @@ class Component:
     period_ns: int | None = None
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
-        """Take a message in."""
+        """Process a message."""
         return ()
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
-        """Do what is due at a tick."""
+        """Process a timer tick."""
         return ()
 
 
@@ -56,11 +56,11 @@ class ComputingComponent(Component, ABC):
 
     @abstractmethod
     def compute(self, request: Any) -> Any:
-        """Carry a `Computation` out, without touching the component's state."""
+        """Execute a `Computation` without changing the component's state."""
 
     @abstractmethod
     def on_computed(self, result: Any, now_ns: int) -> Sequence[Output]:
-        """Take the result of a `Computation` in."""
+        """Process the result of a `Computation`."""
 
 
 def nanoseconds(seconds: float) -> int:

@@ -1,7 +1,7 @@
-"""The graph's own topics in a bag, beside those that every log has: requests of the servers, results, emergency stops.
+"""The graph's own topics in a bag, besides those of every log: requests of the servers, results, emergency stops.
 
-They lie in a second file of the bag, so that whoever reads logs meets nothing new in the first one. Types are those of
-the ROS package `hydraulic_arm`; a bag that was recorded on the ROS graph itself is read alike.
+A second file of the bag holds them, so that the first one looks like any log. Types are those of the ROS package
+`hydraulic_arm`; a bag recorded on the ROS graph is read in the same way.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +28,7 @@ RESULT_DEFINITION = "time stamp\nuint32 goal_id\nstring outcome\nuint32 n_ticks\
 
 
 class GraphRecord(NamedTuple):
-    """What the graph said, each with the time at which it was recorded, ns, in that order."""
+    """The graph's own messages with their recording times, ns, in that order."""
 
     requests: list[tuple[int, JointCommand]]
     results: list[tuple[int, ReachResult]]
@@ -36,7 +36,7 @@ class GraphRecord(NamedTuple):
 
 
 class _Kind(NamedTuple):
-    """A topic: its type's name, and the way from a message to the values of its fields, and back."""
+    """A topic: its type's name, and the conversions from a message to its fields' values and back."""
 
     type_name: str
     fields: Callable[[Any], dict[str, Any]]
@@ -95,7 +95,7 @@ def add_graph_topics(bag: Path, record: GraphRecord) -> None:
 
 
 def read_graph_topics(entry: LogEntry) -> GraphRecord:
-    """The graph's own topics in a bag of any format; what is damaged or of another type is left out."""
+    """The graph's own topics in a bag of any format; damaged messages and other types are skipped."""
     said: dict[Topic, list[tuple[int, Any]]] = {topic: [] for topic in KINDS}
     reader = STORAGE_READERS.get(entry.format)
     for path in entry.files if reader is not None else ():
@@ -120,7 +120,7 @@ def _messages(block: MessageBlock) -> list[tuple[int, Any]]:
         data = block.data[start : start + length].tobytes()
         try:
             found.append((time_ns, kind.read(deserialise(data, _full_name(kind)))))
-        except Exception:  # rosbags raises whatever its decoder meets in bytes that are no such message
+        except Exception:  # rosbags may raise anything on malformed bytes
             continue
     return found
 

@@ -1,4 +1,4 @@
-"""What the graph's components say to each other: topics and typed messages, independent of any transport.
+"""Messages between the graph's components: topics and typed messages, independent of any transport.
 
 Arrays follow the machine's joint order; times are nanoseconds of the sender's clock. ROS 1 carries the same
 messages (`pipeline.deployment.transports.ros1`).
@@ -23,16 +23,16 @@ class Topic(enum.StrEnum):
         "requested_commands"  # JointCommand, servers -> control_supervisor, control_interface
     )
     joint_commands = "joint_commands"  # MachineCommand, control_interface -> drivers, logs
-    emergency_stop = "emergency_stop"  # EmergencyStop, control_supervisor -> everyone who acts
+    emergency_stop = "emergency_stop"  # EmergencyStop, control_supervisor -> all that act
     supervisor_state = "supervisor_state"  # SupervisorState, control_supervisor -> control_interface
     can_to_machine = "can_to_machine"  # CanFrame, bobcat_e10_driver -> emcb_200u_driver
     can_from_machine = "can_from_machine"  # CanFrame, emcb_200u_driver -> bobcat_e10_driver
-    machine_outputs = "machine_outputs"  # MachineOutputs, simulated PLC -> whoever times a stop
+    machine_outputs = "machine_outputs"  # MachineOutputs, simulated PLC -> stop timing
 
 
 @dataclass(frozen=True, eq=False)
 class JointState:
-    """Positions, rad (m), and velocity estimates, rad/s (m/s), each (n_joint,); stamp: when they were sampled."""
+    """Positions, rad (m), and velocity estimates, rad/s (m/s), each (n_joint,); stamp: time of sampling."""
 
     stamp_ns: int
     position: np.ndarray
@@ -58,7 +58,7 @@ class ReachGoal:
 
 @dataclass(frozen=True)
 class CancelGoal:
-    """The operator gives a goal up."""
+    """The operator cancels a goal."""
 
     goal_id: int
 
@@ -73,12 +73,12 @@ class GoalOutcome(enum.StrEnum):
     cancelled = "cancelled"
     stopped = "stopped"  # by an emergency stop
     controller_failed = "controller_failed"
-    refused = "refused"  # no pose that the arm can take
+    refused = "refused"  # the pose is unreachable
 
 
 @dataclass(frozen=True)
 class ReachResult:
-    """End of a goal, after so many ticks of the server."""
+    """End of a goal, with the number of the server's ticks."""
 
     stamp_ns: int
     goal_id: int
@@ -88,7 +88,7 @@ class ReachResult:
 
 @dataclass(frozen=True, eq=False)
 class TargetPose:
-    """The pose that is pursued from now on, as logs hold it."""
+    """The target pose from now on, in the form of logs."""
 
     stamp_ns: int
     position: np.ndarray
@@ -97,15 +97,15 @@ class TargetPose:
 
 @dataclass(frozen=True, eq=False)
 class JointCommand:
-    """What a server wants the machine to do.
+    """A server's command request.
 
     Attributes:
-        stamp_ns: when it was sent.
+        stamp_ns: time of sending.
         source: name of the server.
         sequence: counts this server's commands.
-        observed_ns: stamp of the joint state that was decided on; of an operator's command, when it was sent.
+        observed_ns: stamp of the decision's joint state; for an operator's command, the time of sending.
         values: (n_joint,), {-1, 0, 1} or [-1, 1].
-        is_last: the server falls silent after it.
+        is_last: whether the server sends nothing after it.
     """
 
     stamp_ns: int
@@ -118,7 +118,7 @@ class JointCommand:
 
 @dataclass(frozen=True, eq=False)
 class MachineCommand:
-    """What a driver passes on to the machine, (n_joint,)."""
+    """Command for the machine's driver, (n_joint,)."""
 
     stamp_ns: int
     values: np.ndarray
@@ -126,7 +126,7 @@ class MachineCommand:
 
 @dataclass(frozen=True)
 class EmergencyStop:
-    """The supervisor's order to stop: which rule, and what it saw."""
+    """The supervisor's stop: the violated rule, and details."""
 
     stamp_ns: int
     rule: str
@@ -135,7 +135,7 @@ class EmergencyStop:
 
 @dataclass(frozen=True)
 class SupervisorState:
-    """Sign of life of the supervisor; `rule` names what stopped the machine, empty where nothing did."""
+    """Sign of life of the supervisor; `rule` is the violated one, empty before a stop."""
 
     stamp_ns: int
     rule: str
@@ -152,7 +152,7 @@ class CanFrame:
 
 @dataclass(frozen=True, eq=False)
 class MachineOutputs:
-    """What the simulated PLC sets its valves to from now on, (n_joint,)."""
+    """Valve outputs of the simulated PLC from now on, (n_joint,)."""
 
     stamp_ns: int
     values: np.ndarray

@@ -1,7 +1,7 @@
-"""What a log of a deployment tells beside the trials: delays that were seen, and what safety did.
+"""Measurements from a deployment's log besides the trials: delays, and interventions of the safety measures.
 
-Delays are differences of stamps: where two clocks made them, the clocks' offset is in them. Any log has joint states
-with two stamps and commands with one; what the graph said of itself (`graph_topics`) tells the rest.
+Delays are differences of stamps; with stamps of two clocks they include the clocks' offset. Any log has joint states
+with two stamps and commands with one; the graph's own messages (`graph_topics`) supply the rest.
 """
 
 from collections import Counter
@@ -17,7 +17,7 @@ from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.raw_log import RawLog
 
 QUANTILES = {"median": 0.5, "p99": 0.99, "p999": 0.999, "maximum": 1.0}
-BY_SAFETY = (  # outcomes of a goal that a safety measure of the server ended
+BY_SAFETY = (  # outcomes of goals that the server's safety measures ended
     GoalOutcome.left_workspace,
     GoalOutcome.oscillated,
     GoalOutcome.stopped,
@@ -26,15 +26,15 @@ BY_SAFETY = (  # outcomes of a goal that a safety measure of the server ended
 
 
 def delay_samples(raw: RawLog, record: GraphRecord) -> dict[str, np.ndarray]:
-    """Samples of every delay that one log tells, s; what it does not tell is absent.
+    """Samples of every delay that one log contains, s; missing delays are absent.
 
     Returns:
-        By name, (n,) each:
+        Samples by name, (n,) each:
         `joint_state_recording`: from the sampling of a joint state (its stamp) to its recording;
-        `joint_state_interval`, `command_interval`: between two of them, by their stamps and their recording;
-        `state_age_at_command`: of the newest joint state, by its stamp, when a command was recorded;
-        `decision_age`: from the joint state that a command was decided on to the command's first sending;
-        `request_to_command`: from a server's request to the command that the interface passed on.
+        `joint_state_interval`, `command_interval`: between two messages, by stamps and by recording;
+        `state_age_at_command`: age of the newest joint state, by its stamp, at the recording of a command;
+        `decision_age`: from a decision's joint state to the first sending of its command;
+        `request_to_command`: from a server's request to the forwarded command.
     """
     stamps, recorded, commands = map(
         as_array, (raw.joint_stamp_ns, raw.joint_log_time_ns, raw.command_log_time_ns)
@@ -73,12 +73,12 @@ def delays_seen(samples: Sequence[dict[str, np.ndarray]], records: Sequence[Grap
 
 
 def safety_events(name: str, raw: RawLog, record: GraphRecord) -> dict[str, Any]:
-    """How goals ended in one log, and who stopped the machine, by which rule, when; for JSON.
+    """Outcomes of goals in one log, and emergency stops with source, rule and time; for JSON.
 
     Args:
-        name: of the log.
+        name: name of the log.
         raw: the log; `t` of an event is seconds since its first joint state or command.
-        record: what the graph said; not empty.
+        record: the graph's own messages; not empty.
     """
     command_times, values = as_array(raw.command_log_time_ns), as_array(raw.command)
     begin_ns = min(int(as_array(raw.joint_log_time_ns)[0]), int(command_times[0]))
@@ -105,7 +105,7 @@ def safety_events(name: str, raw: RawLog, record: GraphRecord) -> dict[str, Any]
 
 
 def safety_seen(of_logs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Safety over all logs: outcomes and counts summed, events one after the other."""
+    """Safety over all logs: summed outcomes and counts, concatenated events."""
     outcomes: Counter[str] = Counter()
     for of_log in of_logs:
         outcomes.update(of_log["outcomes"])
@@ -117,7 +117,7 @@ def safety_seen(of_logs: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _decision_ages(requests: Sequence[JointCommand]) -> np.ndarray:
-    """From observation to sending, of the first request of each decision; what stops a goal is no decision."""
+    """Time from observation to sending of each decision's first request; the end of a goal does not count."""
     ages, last = [], -1
     for request in requests:
         if request.observed_ns != last and not request.is_last:
@@ -127,10 +127,10 @@ def _decision_ages(requests: Sequence[JointCommand]) -> np.ndarray:
 
 
 def _passing_on(record: GraphRecord, commands: np.ndarray) -> np.ndarray:
-    """From each request to its command.
+    """Time from each request to its command.
 
-    Where there are as many commands as requests the n-th is the n-th's; else a command is the newest request's, as
-    some were lost on the way or sent by the interface itself: a delay beyond a period then looks shorter.
+    With equal numbers of commands and requests, the n-th command belongs to the n-th request. Otherwise messages were
+    lost or sent by the interface itself, and a command belongs to the newest request: long delays then look shorter.
     """
     requests = np.array([time_ns for time_ns, _ in record.requests], np.int64)
     if not len(requests):
@@ -142,7 +142,7 @@ def _passing_on(record: GraphRecord, commands: np.ndarray) -> np.ndarray:
 
 
 def _sequence_faults(record: GraphRecord) -> tuple[int, int]:
-    """Requests that are missing between a server's first and last, and such as came after a later one."""
+    """Number of requests missing between a server's first and last, and of requests out of order."""
     by_source: dict[str, list[int]] = {}
     for _, request in record.requests:
         by_source.setdefault(request.source, []).append(request.sequence)

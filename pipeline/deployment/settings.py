@@ -21,12 +21,12 @@ class TerminationConfig:
 
     Attributes:
         at_goal: end on reaching the target.
-        position_tolerance_m: distance below which it is reached, ...
+        position_tolerance_m: distance below which the target is reached, ...
         pitch_tolerance_rad: ... together with the absolute error in pitch.
         outside_workspace: end on leaving W+ (an arm that begins outside may come in first).
         on_oscillation: end on oscillation.
-        oscillation_window_s: of the commands that are looked back on.
-        oscillation_reversals: of one joint's command within the window, from which on it oscillates.
+        oscillation_window_s: time window of the commands.
+        oscillation_reversals: smallest number of reversals of one joint's command within the window.
     """
 
     at_goal: bool
@@ -49,27 +49,27 @@ class TerminationConfig:
 
 @dataclass
 class SupervisorConfig:
-    """Limits of the supervisor's rules; `rules` names those that are on.
+    """Limits of the supervisor's rules; `rules` names the active ones.
 
     Attributes:
         rules: any of `supervisor_rules.RULES`; none for the paper's experiments.
-        period_s: of its timer and its sign of life.
+        period_s: period of its timer and its sign of life.
         maximum_command_gap_s: between two commands of a server that has not fallen silent.
         maximum_command_rate_hz: mean over a second.
         maximum_command_delay_s: from sending to arrival.
-        maximum_decision_age_s: of the joint state that a command was decided on.
+        maximum_decision_age_s: age of the joint state of a decision.
         maximum_state_gap_s: between two joint states.
         maximum_state_delay_s: from sampling to arrival.
-        clock_tolerance_s: by which a stamp may lie in the future.
-        maximum_speed: of a joint, as a multiple of its range per second; faster is a jump of the encoder.
-        jump_tolerance: added to it, as a share of the joint's range: noise.
-        frozen_after_s: a joint commanded all the while whose reading does not change at all.
-        limit_tolerance: by which a joint may pass its limit, as a share of its range.
-        limit_prediction_s: how far ahead of its limits a joint is stopped, at the present velocity; zero where the
-            limits are end stops, which ordinary operation meets.
-        maximum_stop_s: how long a joint at an end stop may be commanded one way: its oil goes over the relief valve.
-        prediction_s: how far ahead self-collision is checked, at the present velocity.
-        clearance_m: least distance between links that are no neighbours.
+        clock_tolerance_s: largest lead of a stamp over the clock.
+        maximum_speed: of a joint, in joint ranges per second; faster is a jump of the encoder.
+        jump_tolerance: allowance for noise, as a share of the joint's range.
+        frozen_after_s: time after which an unchanged reading of a commanded joint counts as frozen.
+        limit_tolerance: allowed excess over a joint limit, as a share of its range.
+        limit_prediction_s: prediction horizon of the limits at the present velocity; zero if limits are end stops,
+            which ordinary operation reaches.
+        maximum_stop_s: longest command of a joint at an end stop, during which oil flows over the relief valve.
+        prediction_s: prediction horizon of self-collision at the present velocity.
+        clearance_m: least distance between links that are not neighbours.
     """
 
     rules: list[str]
@@ -121,12 +121,12 @@ class SupervisorConfig:
 
 @dataclass
 class InterfaceConfig:
-    """Of the control interface.
+    """Settings of the control interface.
 
     Attributes:
         supervised: mute without a sign of life from the supervisor.
-        maximum_supervisor_silence_s: how long it may be silent.
-        period_s: of its timer.
+        maximum_supervisor_silence_s: longest time without a sign of life.
+        period_s: timer period.
     """
 
     supervised: bool
@@ -139,11 +139,11 @@ class InterfaceConfig:
 
 @dataclass
 class DriverConfig:
-    """Of the drivers and the machine's controller.
+    """Settings of the drivers and the machine's controller.
 
     Attributes:
-        command_timeout_s: without a command (a frame) for so long, outputs are zeroed.
-        can_period_s: at which the CAN driver looks for frames, and the machine's controller cycles.
+        command_timeout_s: time without a command (a frame) after which outputs are zeroed.
+        can_period_s: polling period of the CAN driver, and cycle of the machine's controller.
     """
 
     command_timeout_s: float
@@ -155,13 +155,13 @@ class DriverConfig:
 
 @dataclass
 class TeleoperationConfig:
-    """Of the joystick's interpreter: the sticks' axes, in the order of the joints that they move.
+    """Settings of the joystick's interpreter: the sticks' axes, in joint order.
 
     Attributes:
-        axes: index of each; a machine of fewer joints takes the first.
-        signs: 1 or -1 for each.
-        threshold: deflection from which on a discrete command acts.
-        maximum_silence_s: after it the sticks count as released.
+        axes: index of each axis; a machine with fewer joints uses the first ones.
+        signs: 1 or -1 per axis.
+        threshold: deflection from which a discrete command acts.
+        maximum_silence_s: time without messages after which the sticks count as released.
     """
 
     axes: list[int]
@@ -196,18 +196,18 @@ class DeploymentConfig:
     """Section `deployment` of a profile.
 
     Attributes:
-        seed: of delays, jitter and phases in simulated time, and of a planner's samples.
+        seed: seed of delays, jitter and phases in simulated time, and of a planner's samples.
         delays: file of measured delays, written by `measure_delays`.
-        unmeasured_planning_s: how long a planner takes for a decision where the file says nothing of one of its budget
-            and network; null: it must.
+        unmeasured_planning_s: assumed decision time of a planner whose budget and network are missing in the file; null
+            requires the file to have them.
         targets: successive targets of the stand-in for Sim2Real.
-        planner_episodes: of the fixed episodes, the first ones that a planner is tried on in Sim2Sim.
+        planner_episodes: number of fixed episodes for a planner in Sim2Sim, from the first on.
         planner_targets: successive targets of a planner.
-        termination: of goals.
-        supervisor: its rules' limits.
-        interface: of the control interface.
-        driver: of the drivers.
-        teleoperation: of the joystick.
+        termination: terminal conditions of goals.
+        supervisor: limits of the supervisor's rules.
+        interface: settings of the control interface.
+        driver: settings of the drivers.
+        teleoperation: settings of the joystick.
     """
 
     seed: int

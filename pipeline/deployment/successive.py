@@ -25,20 +25,20 @@ def run_successive(
     further: tuple[Component, ...] = (),
     progress: Callable[[int], None] = lambda n: None,
 ) -> Recorder:
-    """Pursue the targets one after the other, each from wherever the one before it has left the machine.
+    """Pursue the targets one after the other; each starts from the final configuration of the previous one.
 
     Args:
         parts: the graph.
-        delays: of its links.
-        machine: what is driven.
-        estimator: of its velocities, where it measures none.
+        delays: delays of its links.
+        machine: the driven machine.
+        estimator: estimator of its velocities, if they are not measured.
         targets: configurations whose poses are the targets, (N, n_joint).
         start_ns: absolute time of the beginning.
-        further: components besides server, interface and driver.
+        further: components in addition to server, interface and driver.
         progress: called with the number of targets done.
 
     Returns:
-        All that was recorded; a goal that is stopped by an emergency ends the run.
+        The recording; an emergency stop ends the run.
     """
     recorder = Recorder()
     seed = np.random.SeedSequence(parts.config.seed)

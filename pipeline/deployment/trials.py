@@ -1,7 +1,7 @@
-"""Reaching trials through the graph in simulated time, and what they were judged by.
+"""Reaching trials through the graph in simulated time.
 
-The trials are cut and measured by the code that evaluates logs (`pipeline.reaching.logged_trials`): what the graph
-ran and what a bag of it holds are evaluated alike.
+The code that evaluates logs (`pipeline.reaching.logged_trials`) cuts and measures the trials, so that a run and its bag
+give the same result.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,22 +29,22 @@ from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.logged_trials import LoggedTrial, logged_trials
 from pipeline.reaching.task import ReachingTask
 
-SAFETY_FACTOR = 2  # an episode that takes so many times its ticks would never end
+SAFETY_FACTOR = 2  # an episode with this multiple of its ticks is given up
 
 
 @dataclass(frozen=True)
 class GraphParts:
-    """What the graphs of all trials share.
+    """Common parts of all trials' graphs.
 
     Attributes:
-        task: machine, arm, and the model that the controller belongs to.
-        controller: decides; every graph has a fresh one.
-        solve_goal: from a pose to a configuration.
-        conditions: that end a goal.
+        task: machine, arm, and the controller's model.
+        controller: the controller; every graph has a fresh one.
+        solve_goal: maps a pose to a configuration.
+        conditions: conditions that end a goal.
         config: section `deployment`.
         action_repeats: ticks per decision.
         maximum_ticks: T_reset.
-        step: of the learned model in the machine's place.
+        step: tick of the learned model in the machine's place.
     """
 
     task: ReachingTask
@@ -57,11 +57,11 @@ class GraphParts:
     step: LearnedStep
 
     def with_goals(self, solve_goal: GoalSolver) -> "GraphParts":
-        """The same graph with another way from poses to configurations."""
+        """The same graph with another solver of goals."""
         return replace(self, solve_goal=solve_goal)
 
     def server(self) -> AutonomousServer:
-        """A server of its own buffers."""
+        """A new server with its own buffers."""
         return AutonomousServer(
             self.task.machine,
             self.task.dynamics.specification,
@@ -75,7 +75,7 @@ class GraphParts:
     def components(
         self, machine: Machine, estimator: VelocityEstimator | None = None, *further: Component
     ) -> list[Component]:
-        """A graph that drives `machine`, with `further` components (a supervisor) in it."""
+        """Components of a graph that drives `machine`, with `further` ones (a supervisor)."""
         task, config = self.task, self.config
         interface = ControlInterface(task.machine, config.interface)
         driver = SimulationDriver(machine, task.machine.n_joint, config.driver, estimator)
@@ -89,18 +89,18 @@ def run_episodes(
     progress: Callable[[int], None] = lambda n: None,
     threads: int = 1,
 ) -> list[LoggedTrial]:
-    """Run every episode through a graph of its own, the learned model in place of the machine (Sim2Sim).
+    """Run every episode through a separate graph, with the learned model as the machine (Sim2Sim).
 
     Args:
-        parts: the graph; its time-out ends the episodes, whatever its conditions.
-        delays: of the links.
+        parts: the graph; only its time-out ends the episodes.
+        delays: delays of the links.
         episodes: starts and targets.
         progress: called with the number of episodes done.
-        threads: episodes that run side by side; the result is the same. What a planner computes runs beside the
-            other graphs' events; what a policy computes is over too soon for that.
+        threads: number of parallel episodes, which does not change the result. It helps with planners; a policy's
+            decisions are too short.
 
     Returns:
-        One trial per episode, of T_reset ticks of the machine from when the target was in force.
+        One trial per episode, of T_reset ticks of the machine since its target was in force.
     """
     parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
     poses = compiled_forward(parts.task.arm)(episodes.targets)
@@ -110,7 +110,7 @@ def run_episodes(
         goal = ReachGoal(number, positions[number], quaternions[number])
         return _run_episode(parts, delays, episodes.starts[number], goal)
 
-    trials = run(0)  # alone: it compiles what all share
+    trials = run(0)  # first alone, to compile the common functions
     progress(1)
     with ThreadPoolExecutor(threads) as pool:
         for number, of_episode in enumerate(pool.map(run, range(1, len(episodes.starts))), start=1):
@@ -123,7 +123,7 @@ def _run_episode(
     parts: GraphParts, delays: Mapping[str, Distribution], start: np.ndarray, goal: ReachGoal
 ) -> list[LoggedTrial]:
     machine, recorder = TracedMachine(LearnedMachine(parts.step, start)), Recorder()
-    # keyed by the episode, so that a part of the episodes runs as it does among all
+    # keyed by the episode, so that a subset gives the same results
     seed = np.random.SeedSequence(parts.config.seed, spawn_key=(goal.goal_id,))
     graph = SimulatedGraph(parts.components(machine), delays, seed, taps=[recorder])
     graph.send(Topic.goal, goal)
@@ -142,8 +142,8 @@ class _Trial:
     rows_before: int | None = None
 
     def is_complete(self) -> bool:
-        """Whether the machine has gone all its ticks since the target was in force, or the goal ended before."""
-        recorder = self.recorder  # asked after every event
+        """Whether the machine has done all ticks since the target was in force, or the goal has ended."""
+        recorder = self.recorder  # called after every event
         if self.rows_before is None:
             self.rows_before = len(recorder.states) if recorder.targets else None
             return False
@@ -154,7 +154,7 @@ class _Trial:
         return len(recorder.states) - self.rows_before > self.maximum_ticks
 
     def trajectory(self, name: str) -> Trajectory:
-        """The episode's rows: row t's command is what acted between rows t and t + 1."""
+        """The episode's rows; the command of row t acted between rows t and t + 1."""
         states = [state for _, state in self.recorder.states]
         stamp_ns = np.array([state.stamp_ns for state in states], np.int64)
         idle = np.zeros_like(states[0].position)

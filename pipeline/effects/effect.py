@@ -84,7 +84,7 @@ class Parameter:
         upper: Largest plausible value, likewise.
         grid: Values that the search tries, likewise; empty if the model is linear in the parameter (least squares).
         per_source: Whether the value is a row with one entry per joint (sources).
-        natural_bounds: Whether the bounds are physical (zero speed), so that a value there does not hint at another cause.
+        natural_bounds: Whether the bounds are physical (zero speed); a value there does not hint at another cause.
     """
 
     name: str

@@ -1,1 +1,1 @@
-"""The components of the graph; none of them knows a clock or a transport."""
+"""The components of the graph, independent of clocks and transports."""

@@ -1,8 +1,8 @@
 """`autonomous_server`: pursues target poses with a controller, at a fixed control frequency (paper, appendix).
 
-Every tick it takes the newest joint state into the buffers behind x̃ and sends the command in force; every few
-ticks (action repeats) it asks the controller anew instead, and sends what it decides as soon as that is there. Until
-then the command before it stays in force, and the loop goes on.
+At every tick it appends the newest joint state to the buffers of x̃ and sends the command in force. Every few ticks
+(action repeats) it requests a new decision instead, and sends the decision as soon as it is available. Until then the
+previous command stays in force, and the loop goes on.
 """
 
 from collections.abc import Sequence
@@ -34,21 +34,21 @@ from pipeline.machine.specification import MachineSpecification
 
 
 class AimRequest(NamedTuple):
-    """A goal whose configuration is looked for, from the present one, (n_joint,)."""
+    """Request for a goal's configuration, starting from the present one, (n_joint,)."""
 
     goal: ReachGoal
     q: np.ndarray
 
 
 class Aim(NamedTuple):
-    """What was found: the target's configuration, (n_joint,), or None."""
+    """Result: the target's configuration, (n_joint,), or None."""
 
     goal: ReachGoal
     target: np.ndarray | None
 
 
 class DecisionRequest(NamedTuple):
-    """What the controller is asked: for which goal, on which joint state."""
+    """Request for a decision: goal and joint state."""
 
     goal_id: int
     observed_ns: int
@@ -56,7 +56,7 @@ class DecisionRequest(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What it answered."""
+    """The controller's answer."""
 
     goal_id: int
     observed_ns: int
@@ -65,7 +65,7 @@ class Decision(NamedTuple):
 
 @dataclass
 class _GoalPursuit:
-    """A goal in hand: its target's configuration, its conditions, ticks so far, the decision in force."""
+    """A goal in progress: its target's configuration, its conditions, ticks so far, the decision in force."""
 
     goal_id: int
     target: np.ndarray
@@ -76,8 +76,7 @@ class _GoalPursuit:
 
 
 class AutonomousServer(ComputingComponent):
-    """One goal at a time; a new one takes the place of the one in hand, and the machine goes on moving. A pose that the
-    arm cannot take is refused."""
+    """Pursues one goal at a time; a new goal replaces it without a stop of the machine. An unreachable pose is refused."""
 
     name = "autonomous_server"
     subscriptions = (Topic.joint_states, Topic.goal, Topic.cancel, Topic.emergency_stop)
@@ -96,10 +95,10 @@ class AutonomousServer(ComputingComponent):
 
         Args:
             machine: control frequency and kind of commands.
-            specification: of the model that the controller belongs to: what the buffers hold.
-            controller: decides.
-            solve_goal: from a pose to a configuration.
-            conditions: when to end before the time-out.
+            specification: specification of the controller's model, which sets the buffers' content.
+            controller: makes the decisions.
+            solve_goal: maps a pose to a configuration.
+            conditions: reasons to end before the time-out.
             action_repeats: ticks per decision.
             maximum_ticks: T_reset, the time-out.
         """
@@ -120,22 +119,22 @@ class AutonomousServer(ComputingComponent):
         self._is_stopped = False
 
     def rehearse(self, state: ControllerState, position: np.ndarray, quaternion: np.ndarray) -> None:
-        """Go through all that a goal needs, so that nothing is compiled once the machine moves.
+        """Run all functions of a goal once, so that nothing is compiled while the machine moves.
 
         Args:
             state: any state of the machine.
-            position: of any target pose in {B}, m (3,).
-            quaternion: of the same, (4,).
+            position: position of any target pose in {B}, m (3,).
+            quaternion: orientation of that pose, (4,).
         """
         self._solve_goal(position, quaternion, state.q)
         watch = self._conditions.begin(position, quaternion)
-        for _ in range(2):  # the second decision starts from what the first one left
+        for _ in range(2):  # the second decision starts from the first one's state
             watch.check(state.q, self._idle, 0)
             self._controller.decide(state)
         self._controller.begin(0)
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
-        """Joint states are kept; goals wait for the next tick; an emergency ends the goal for good."""
+        """Store joint states and goals for the next tick; end the goal on an emergency."""
         if isinstance(message, JointState):
             self._state = message
         elif isinstance(message, ReachGoal):
@@ -181,19 +180,19 @@ class AutonomousServer(ComputingComponent):
         return [*outputs, Computation(DecisionRequest(pursuit.goal_id, state.stamp_ns, snapshot))]
 
     def compute(self, request: AimRequest | DecisionRequest) -> Aim | Decision:
-        """Look for a goal's configuration, or ask the controller."""
+        """Solve for a goal's configuration, or request a decision."""
         if isinstance(request, AimRequest):
             goal = request.goal
             return Aim(goal, self._solve_goal(goal.position, goal.quaternion, request.q))
         return Decision(request.goal_id, request.observed_ns, self._controller.decide(request.state))
 
     def on_computed(self, result: Aim | Decision, now_ns: int) -> Sequence[Output]:
-        """A goal begins, or a decision is in force and sent, as soon as it is there."""
+        """Begin the goal, or send the decision and put it in force."""
         if isinstance(result, Aim):
             return self._begin(result, now_ns)
         pursuit = self._pursuit
         if pursuit is None or result.goal_id != pursuit.goal_id:
-            return ()  # decided for a goal that was given up
+            return ()  # decision for a cancelled goal
         pursuit.is_deciding = False
         if not is_command(self._machine, result.command):
             return self._finish(GoalOutcome.controller_failed, now_ns)

@@ -1,4 +1,4 @@
-"""What a command may be."""
+"""Validity of commands."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from pipeline.machine.specification import CommandKind, MachineSpecification
 
 
 def is_command(machine: MachineSpecification, values: np.ndarray) -> bool:
-    """Whether `values` is a command that the machine takes: (n_joint,), in {-1, 0, 1} or in [-1, 1]."""
+    """Whether `values` is a valid command: (n_joint,), in {-1, 0, 1} or in [-1, 1]."""
     values = np.asarray(values)
     if values.shape != (machine.n_joint,) or not np.isfinite(values).all() or np.abs(values).max() > 1.0:
         return False

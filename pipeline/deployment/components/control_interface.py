@@ -1,4 +1,4 @@
-"""`control_interface`: passes commands on to the drivers, and mutes them from an emergency signal on."""
+"""`control_interface`: forwards commands to the drivers, and mutes them after an emergency signal."""
 
 from collections.abc import Sequence
 
@@ -19,10 +19,10 @@ from pipeline.machine.specification import MachineSpecification
 
 
 class ControlInterface(Component):
-    """The only way to the drivers. Once muted it sends zeros only, until it is started anew.
+    """The only path to the drivers. Once muted it sends only zeros, until it is restarted.
 
-    It mutes on the supervisor's emergency stop, and by itself on a command that the machine does not take and where
-    the supervisor gives no sign of life.
+    It mutes on the supervisor's emergency stop, on an invalid command, and on a missing sign of life from the
+    supervisor.
     """
 
     name = "control_interface"
@@ -39,15 +39,17 @@ class ControlInterface(Component):
 
     @property
     def is_muted(self) -> bool:
-        """Whether it passes nothing on."""
+        """Whether commands are replaced by zeros."""
         return self._is_muted
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
-        """Commands go on at once; after an emergency stop, and from it on, zeros do."""
+        """Forward commands at once; from an emergency stop on, send zeros."""
         if isinstance(message, EmergencyStop):
             return self._mute(now_ns)
         if isinstance(message, SupervisorState):
-            self._alive_ns = message.stamp_ns  # the sender's: clocks that disagree are no supervision either
+            self._alive_ns = (
+                message.stamp_ns
+            )  # the sender's clock: disagreeing clocks count as missing supervision
             return self._mute(now_ns) if message.rule and not self._is_muted else ()
         if not isinstance(message, JointCommand) or self._is_muted:
             return ()
@@ -57,10 +59,10 @@ class ControlInterface(Component):
         return (Publication(Topic.joint_commands, MachineCommand(now_ns, message.values)),)
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
-        """Look after the supervisor; repeat the zeros while muted."""
+        """Check the supervisor's sign of life; repeat the zeros while muted."""
         if self._is_muted:
             return self._mute(now_ns)
-        # before its first sign of life nothing has been passed on, and nothing will be
+        # nothing is forwarded before its first sign of life
         lost = self._config.supervised and self._alive_ns is not None and self._is_supervisor_silent(now_ns)
         return self._mute(now_ns) if lost else ()
 

@@ -15,9 +15,9 @@ from pipeline.deployment.messages import (
 
 
 class ControlSupervisor(Component):
-    """Asks every rule at every message and tick; the first that objects stops the machine for good.
+    """Checks every rule at every message and tick; the first violation stops the machine permanently.
 
-    Afterwards its sign of life names the rule, so that a lost emergency signal is made up for.
+    Afterwards its sign of life names the rule, which compensates for a lost emergency signal.
     """
 
     name = "control_supervisor"
@@ -29,7 +29,7 @@ class ControlSupervisor(Component):
         self.stop: EmergencyStop | None = None
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
-        """A command or a joint state."""
+        """Check a command or a joint state."""
         if isinstance(message, JointCommand):
             return self._judge(
                 now_ns, {n: rule.on_command(message, now_ns) for n, rule in self._rules.items()}
@@ -39,7 +39,7 @@ class ControlSupervisor(Component):
         return ()
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
-        """A tick: what fell silent, and a sign of life."""
+        """Check for missing messages, and send a sign of life."""
         stop = self._judge(now_ns, {name: rule.on_tick(now_ns) for name, rule in self._rules.items()})
         rule = self.stop.rule if self.stop else ""
         return [*stop, Publication(Topic.supervisor_state, SupervisorState(now_ns, rule))]

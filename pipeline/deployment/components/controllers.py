@@ -1,4 +1,4 @@
-"""Controllers behind one interface: the autonomous server's state in, a command out. PPO's policies, and iCEM."""
+"""Controllers with one interface, from the autonomous server's state to a command: PPO's policies, and iCEM."""
 
 import copy
 import enum
@@ -19,20 +19,20 @@ from pipeline.reaching.task import Goal, ReachingTask, TaskState
 
 
 class ControllerKind(enum.StrEnum):
-    """What decides; each kind takes a time of its own to decide."""
+    """Kinds of controllers, which differ in decision time."""
 
     ppo = "ppo"
     icem = "icem"
 
 
 class ControllerState(NamedTuple):
-    """What a decision is made on; NumPy arrays, float32.
+    """Input of a decision; NumPy arrays, float32.
 
     Attributes:
-        motion: the window's rows, (k+1, n_joint), oldest first: velocities or positions, as the model takes.
+        motion: the window's rows, (k+1, n_joint), oldest first: velocities or positions, as the model requires.
         commands: the commands before this decision, (k+1, n_joint), oldest first.
         q: present configuration, (n_joint,).
-        target: configuration that the target pose maps to, (n_joint,).
+        target: configuration of the target pose, (n_joint,).
     """
 
     motion: np.ndarray
@@ -42,16 +42,16 @@ class ControllerState(NamedTuple):
 
 
 class Controller(Protocol):
-    """Anything that decides; called every few ticks, and for one machine at a time."""
+    """A controller; called every few ticks, and for one machine at a time."""
 
     def begin(self, goal_id: int) -> None:
-        """A new goal: forget the plan for the last one. What is drawn for a goal depends on its number alone."""
+        """Begin a goal: forget the last plan. Random numbers depend on the goal's number alone."""
 
     def decide(self, state: ControllerState) -> np.ndarray:
-        """The command from now on, (n_joint,); values that are not finite where it cannot tell."""
+        """The command from now on, (n_joint,); not finite if the controller fails."""
 
     def fresh(self) -> "Controller":
-        """Another one like it, for another machine; what is compiled is shared."""
+        """A copy for another machine, which shares compiled functions."""
 
 
 class PolicyController:
@@ -67,33 +67,33 @@ class PolicyController:
         self._command = jax.jit(command)
 
     def begin(self, goal_id: int) -> None:
-        """A policy remembers nothing."""
+        """No effect: a policy is stateless."""
 
     def decide(self, state: ControllerState) -> np.ndarray:
-        """The policy's command; a proto-action that is not finite is passed on, discretising would hide it."""
+        """The policy's command; a non-finite proto-action is returned, because discretisation would hide it."""
         proto_action, command = jax.device_get(self._command(self._policy, state))
         return command if np.isfinite(proto_action).all() else proto_action
 
     def fresh(self) -> "PolicyController":
-        """Itself: it remembers nothing."""
+        """The same object: a policy is stateless."""
         return self
 
 
 class IcemController:
-    """Model predictive control (iCEM): every decision plans anew, from the plan before it moved on in time."""
+    """Model predictive control (iCEM): every decision replans from the previous plan, shifted in time."""
 
     def __init__(self, task: ReachingTask, config: IcemConfig, action_repeats: int, seed: int) -> None:
         """A planner without a goal.
 
         Args:
-            task: what to plan on; its reward is the planner's.
+            task: task with the planning model; its reward is the planner's.
             config: budget and ingredients.
             action_repeats: ticks per decision.
-            seed: of the samples; with the goal's number it decides them.
+            seed: seed of the samples, combined with the goal's number.
 
         Raises:
-            InputError: the model has effects around it, whose states the machine does not tell; or the horizon
-                is not longer than a decision.
+            InputError: the model has effects, whose states cannot be measured; or the horizon is not longer than a
+                decision.
         """
         if not isinstance(task.dynamics, DynamicsModel):
             raise InputError(
@@ -119,19 +119,19 @@ class IcemController:
         if self._plan is None:
             self.begin(0)
         if not all(np.isfinite(values).all() for values in state):
-            return np.full_like(state.q, np.nan)  # every plan is as bad as any other: it cannot tell
+            return np.full_like(state.q, np.nan)  # all plans have the same return: no decision
         self._plan, command = self._decide(self._plan, state)
         return np.asarray(command)
 
     def fresh(self) -> "IcemController":
-        """A planner without a goal that shares what is compiled."""
+        """A planner without a goal, which shares compiled functions."""
         other = copy.copy(self)
         other._plan = None
         return other
 
 
 def _measured(task: ReachingTask, state: ControllerState) -> TaskState:
-    """The task as the machine shows it: x̃ from the buffers, the target's configuration known."""
+    """The task's state from measurements: x̃ from the buffers, with the target's configuration."""
     goal = Goal(state.target, task.arm.forward(state.target))  # type: ignore[arg-type]  # traced by jit
     now = task.begin_at(state.q, task.arm.forward(state.q), goal)  # type: ignore[arg-type]
     history = History(state.motion, state.commands, state.q)  # type: ignore[arg-type]

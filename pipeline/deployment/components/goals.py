@@ -1,4 +1,4 @@
-"""From a target pose to the configuration that a policy also wants to see."""
+"""From a target pose to its configuration, which policies observe, too."""
 
 from collections.abc import Callable
 from functools import cache
@@ -19,7 +19,7 @@ GoalSolver = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray | None]
 def goal_solver(machine: MachineSpecification, arm: Arm) -> GoalSolver:
     """A function of position (3,), quaternion (4,) and present configuration (n_joint,).
 
-    It returns the nearest configuration that reaches the pose, (n_joint,), float32, or None where none does.
+    It returns the nearest configuration that reaches the pose, (n_joint,), float32, or None if the pose is unreachable.
     """
 
     def solve(position: np.ndarray, quaternion: np.ndarray, q: np.ndarray) -> np.ndarray | None:
@@ -42,9 +42,9 @@ def compiled_forward(arm: Arm) -> Callable[[np.ndarray], Pose]:
 
 
 def known_configurations(arm: Arm, targets: np.ndarray) -> GoalSolver:
-    """A solver that looks a pose up among those of known configurations, (N, n_joint), float32.
+    """A solver that looks up a pose among those of known configurations, (N, n_joint), float32.
 
-    For experiments on fixed episodes: their targets are given as configurations, and are pursued as just these.
+    It serves experiments on fixed episodes, whose targets are given as configurations.
     """
     positions = np.asarray(compiled_forward(arm)(targets).position)
 

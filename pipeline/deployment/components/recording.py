@@ -1,4 +1,4 @@
-"""A recorder in the graph: what a bag would hold, and a bag of it."""
+"""A recorder in the graph, which can write a bag."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +25,7 @@ BASE_FRAME = "base_link"
 
 @dataclass
 class Recorder:
-    """A tap of the graph that keeps messages with the times at which they were published, ns."""
+    """A tap of the graph that stores messages with their times of publication, ns."""
 
     states: list[tuple[int, JointState]] = field(default_factory=list)
     commands: list[tuple[int, MachineCommand]] = field(default_factory=list)
@@ -35,7 +35,7 @@ class Recorder:
     stops: list[EmergencyStop] = field(default_factory=list)
 
     def __call__(self, topic: Topic, message: Message, time_ns: int) -> None:
-        """Keep a message."""
+        """Store a message."""
         if isinstance(message, JointState):
             self.states.append((time_ns, message))
         elif isinstance(message, MachineCommand):
@@ -50,7 +50,7 @@ class Recorder:
             self.stops.append(message)
 
     def target_poses(self) -> TargetPoses:
-        """The targets as logs hold them."""
+        """The targets in the form of logs."""
         return TargetPoses(
             log_time_ns=np.array([time_ns for time_ns, _ in self.targets], np.int64),
             position=np.array([target.position for _, target in self.targets], np.float64).reshape(-1, 3),
@@ -59,9 +59,9 @@ class Recorder:
         )
 
     def write(self, path: Path, machine: MachineSpecification) -> None:
-        """Write a bag as the machine's recorder does, and what the graph said of itself into a file of its own.
+        """Write a bag as the machine's recorder does, and the graph's own topics into a second file.
 
-        It must hold joint states and commands.
+        The recorder must hold joint states and commands.
 
         Raises:
             InputError: the folder exists.

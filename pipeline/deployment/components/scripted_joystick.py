@@ -1,4 +1,4 @@
-"""`joystick`: somebody scripted at the sticks, where no joystick is at hand; a joystick's own node takes its place."""
+"""`joystick`: a scripted operator at the sticks, in place of a joystick's node."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -12,14 +12,14 @@ from pipeline.machine.specification import MachineSpecification
 
 
 class Teleoperator(Protocol):
-    """Whoever looks at the machine and decides how it is to move."""
+    """An operator, who observes the machine and commands it."""
 
     def command(self, measured: np.ndarray) -> np.ndarray:
         """The command for this control period, (n_joint,), of the newest joint angles, (n_joint,), rad (m)."""
 
 
 class ScriptedJoystick(Component):
-    """Turns the commands of a teleoperator into deflections of the sticks that `teleoperation_server` reads as them."""
+    """Turns a teleoperator's commands into stick deflections, which `teleoperation_server` maps back."""
 
     name = "joystick"
     subscriptions = (Topic.joint_states,)
@@ -27,20 +27,20 @@ class ScriptedJoystick(Component):
     def __init__(
         self, machine: MachineSpecification, config: TeleoperationConfig, teleoperator: Teleoperator
     ) -> None:
-        """A joystick whose sticks are moved once per control period, by the map that its interpreter has, too."""
+        """A joystick whose sticks move once per control period, with its interpreter's map."""
         self.period_ns = nanoseconds(machine.dt_s)
         self._axes, self._signs = config.sticks(machine)
         self._teleoperator = teleoperator
         self._measured: np.ndarray | None = None
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
-        """What the operator sees of the machine."""
+        """Store the joint state that the operator observes."""
         if isinstance(message, JointState):
             self._measured = message.position
         return ()
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
-        """Move the sticks; they are let be until there is something to see."""
+        """Move the sticks, once a joint state has arrived."""
         if self._measured is None:
             return ()
         axes = np.zeros(self._axes.max() + 1)

@@ -1,4 +1,4 @@
-"""Distance between links that are no neighbours, from the shapes of the robot description."""
+"""Distance between links that are not neighbours, from the shapes of the robot description."""
 
 from itertools import combinations
 from pathlib import Path
@@ -11,7 +11,7 @@ from pipeline.machine.specification import MachineSpecification
 
 
 class SelfCollision:
-    """The arm's shapes as MuJoCo measures distances between them.
+    """The arm's shapes, between which MuJoCo measures distances.
 
     Links that are connected by a joint touch by design and are not compared; shapes of fixed links belong to the
     link that carries them.
@@ -41,12 +41,12 @@ class SelfCollision:
         self._reach = radius.sum(axis=1)
 
     def clearance(self, q: np.ndarray, horizon_m: float) -> float:
-        """Least distance, m, in configuration `q` (n_joint,); `horizon_m` where nothing is nearer than that."""
+        """Least distance, m, in configuration `q` (n_joint,); `horizon_m` if all distances exceed it."""
         self._data.qpos[self._addresses] = q
         mujoco.mj_kinematics(self._model, self._data)
         first, second = self._pairs.T
         centre = self._data.geom_xpos
-        # of the spheres around the shapes: a lower bound, by which most pairs need no closer look
+        # distance of bounding spheres: a lower bound that excludes most pairs
         gap = np.linalg.norm(centre[first] - centre[second], axis=1) - self._reach
         nearest = horizon_m
         for pair in np.argsort(gap):

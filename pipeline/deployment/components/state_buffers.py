@@ -1,4 +1,4 @@
-"""The buffers behind x̃ on the machine (paper, appendix: what `autonomous_server` feeds its policies)."""
+"""The buffers of x̃ on the machine (paper, appendix: the policy input of `autonomous_server`)."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ class StateBuffers:
         self._is_empty = True
 
     def push(self, position: np.ndarray, velocity: np.ndarray, command: np.ndarray) -> None:
-        """Append a row: the newest joint state, and the command that was in force before it; each (n_joint,)."""
+        """Append a row: the newest joint state, and the command in force before it; each (n_joint,)."""
         newest = position if self._target is Target.dq else velocity
         if self._is_empty:
             self.motion[:] = position if self._target is Target.dq else 0.0

@@ -1,8 +1,7 @@
-"""The rules of the control supervisor: one small class each, pure of clocks and transports.
+"""The rules of the control supervisor: one small class each, independent of clocks and transports.
 
-A rule hears every command and joint state together with the time of their arrival, and is asked at every tick of the
-supervisor. What it returns is what it saw wrong, in words; None where all is well. Limits are those of
-`SupervisorConfig`.
+A rule receives every command and joint state with its time of arrival, and is called at every tick of the supervisor.
+It returns a violation in words, or None. Limits are those of `SupervisorConfig`.
 """
 
 from collections import deque
@@ -21,23 +20,23 @@ from pipeline.machine.specification import MachineSpecification
 
 
 class Rule:
-    """Base of all rules: nothing is ever wrong."""
+    """Base of all rules, which never reports a violation."""
 
     def on_command(self, command: JointCommand, now_ns: int) -> str | None:
-        """A command arrived."""
+        """Check a command at its arrival."""
         return None
 
     def on_state(self, state: JointState, now_ns: int) -> str | None:
-        """A joint state arrived."""
+        """Check a joint state at its arrival."""
         return None
 
     def on_tick(self, now_ns: int) -> str | None:
-        """Time has passed."""
+        """Check at a tick."""
         return None
 
 
 class CommandFrequency(Rule):
-    """Between a server's first command and its last one, commands come neither too seldom nor too often."""
+    """Between a server's first and last command, the rate of commands stays within limits."""
 
     def __init__(self, config: SupervisorConfig) -> None:
         self._maximum_gap_ns = nanoseconds(config.maximum_command_gap_s)
@@ -67,7 +66,7 @@ class CommandFrequency(Rule):
 
 
 class CommandDelay(Rule):
-    """A command arrives soon after it was sent, and was decided on a recent joint state."""
+    """A command arrives in time, and its decision used a recent joint state."""
 
     def __init__(self, config: SupervisorConfig) -> None:
         self._delay = _Age("command", config.maximum_command_delay_s, config.clock_tolerance_s)
@@ -81,7 +80,7 @@ class CommandDelay(Rule):
 
 
 class CommandOrder(Rule):
-    """A server's commands come one after the other: none lost, none twice, none before its time."""
+    """A server's commands arrive in sequence, without losses or repetitions."""
 
     def __init__(self) -> None:
         self._last: dict[str, int] = {}
@@ -96,7 +95,7 @@ class CommandOrder(Rule):
 
 
 class CommandValue(Rule):
-    """A command is one that the machine takes."""
+    """A command is valid for the machine."""
 
     def __init__(self, machine: MachineSpecification) -> None:
         self._machine = machine
@@ -109,7 +108,7 @@ class CommandValue(Rule):
 
 
 class StateFrequency(Rule):
-    """Joint states keep coming, in the order in which they were sampled, and arrive soon after."""
+    """Joint states keep arriving in time, in the order of sampling."""
 
     def __init__(self, config: SupervisorConfig) -> None:
         self._maximum_gap_ns = nanoseconds(config.maximum_state_gap_s)
@@ -132,7 +131,7 @@ class StateFrequency(Rule):
 
 
 class EncoderReading(Rule):
-    """Readings are finite, and change no faster than a joint can move."""
+    """Readings are finite, and change within the speed of a joint."""
 
     def __init__(self, machine: MachineSpecification, config: SupervisorConfig) -> None:
         self._machine = machine
@@ -158,9 +157,9 @@ class EncoderReading(Rule):
 
 
 class FrozenEncoder(Rule):
-    """A reading that does not change at all while its joint is commanded is no reading.
+    """A reading changes while its joint is commanded.
 
-    Not asked of a joint at one of its limits, where the end stop holds it.
+    Joints at a limit are exempt, as the end stop holds them.
     """
 
     def __init__(self, machine: MachineSpecification, config: SupervisorConfig) -> None:
@@ -201,13 +200,12 @@ class FrozenEncoder(Rule):
 
 
 class JointLimits(Rule):
-    """No joint is beyond its limits, nor is it at an end stop for long while it is commanded one way.
+    """No joint is beyond its limits, or commanded for long while at an end stop.
 
-    Limits are where the cylinders' end stops are: an operator meets them daily, and a policy that was learned with
-    end stops uses them. What no sound machine does is to read beyond them; and what harms it is to press against
-    them, where pump and relief valve turn all power into heat. A joint that is commanded away from its stop has left
-    it long before the time is over, so it does not matter which sign of a command is which way. Where limits are no
-    end stops, `limit_prediction_s` stops a joint before it passes them.
+    Limits are the cylinders' end stops, which operators and policies reach in ordinary use. A reading beyond them
+    indicates a fault. Pressing against them is harmful, as pump and relief valve turn all power into heat. A joint
+    that is commanded away from its stop leaves it long before the time is over, so the sign of the command does not
+    matter. If limits are not end stops, `limit_prediction_s` stops a joint before it passes them.
     """
 
     def __init__(self, machine: MachineSpecification, config: SupervisorConfig) -> None:
@@ -242,7 +240,7 @@ class JointLimits(Rule):
         return None
 
     def on_tick(self, now_ns: int) -> str | None:
-        """Look at how long a joint has been pressed into its stop."""
+        """Check how long a joint has been pressed into its stop."""
         pressed_ns = np.where(self._is_at_stop & (self._direction != 0), now_ns - self._since_ns, 0)
         if pressed_ns.max() <= self._maximum_stop_ns:
             return None
@@ -251,7 +249,7 @@ class JointLimits(Rule):
 
 
 class LinkClearance(Rule):
-    """Links that are no neighbours keep their distance, now and shortly at the present velocity."""
+    """Links that are not neighbours keep their distance, now and in the near future at the present velocity."""
 
     def __init__(self, shapes: SelfCollision, config: SupervisorConfig) -> None:
         self._shapes = shapes
@@ -266,7 +264,10 @@ class LinkClearance(Rule):
 
     def on_tick(self, now_ns: int) -> str | None:
         """Look at what has not come."""
-        state, self._state = self._state, None  # asked per tick: joint states come faster than need be
+        state, self._state = (
+            self._state,
+            None,
+        )  # checked per tick, as joint states arrive more often than necessary
         if state is None or not (np.isfinite(state.position).all() and np.isfinite(state.velocity).all()):
             return None
         for q in (state.position, state.position + self._prediction_s * state.velocity):
@@ -277,7 +278,7 @@ class LinkClearance(Rule):
 
 
 class _Age:
-    """Whether a stamp is recent: neither too old nor, but for the clocks' tolerance, of the future."""
+    """Whether a stamp is recent: neither too old nor in the future beyond the clocks' tolerance."""
 
     def __init__(self, what: str, maximum_s: float, tolerance_s: float) -> None:
         self._what = what
@@ -304,10 +305,10 @@ RULES: dict[str, Callable[[MachineSpecification, SupervisorConfig, Path], Rule]]
 
 
 def build_rules(machine: MachineSpecification, config: SupervisorConfig, directory: Path) -> dict[str, Rule]:
-    """The rules that are switched on, by name; `directory` is where conf/machine lies.
+    """The active rules by name; `directory` is where conf/machine lies.
 
     Raises:
-        InputError: there is no such rule.
+        InputError: a rule is unknown.
     """
     for name in config.rules:
         if name not in RULES:

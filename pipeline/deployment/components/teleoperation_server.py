@@ -11,9 +11,9 @@ from pipeline.machine.specification import CommandKind, MachineSpecification
 
 
 class TeleoperationServer(Component):
-    """Sends commands at the control frequency while sticks are deflected, and a last one when they are released.
+    """Sends commands at the control frequency while sticks are deflected, and a last one on their release.
 
-    A joystick that falls silent, or is not there in full, counts as released.
+    A silent joystick, or one with missing axes, counts as released.
     """
 
     name = "teleoperation_server"
@@ -37,7 +37,7 @@ class TeleoperationServer(Component):
         self._sequence = 0
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
-        """Sticks are kept; after an emergency stop nothing is sent any more."""
+        """Store the sticks' state; after an emergency stop, send no more commands."""
         if isinstance(message, Joystick):
             self._sticks, self._received_ns = message, now_ns
         elif isinstance(message, EmergencyStop):
@@ -56,7 +56,7 @@ class TeleoperationServer(Component):
         return (Publication(Topic.requested_commands, command),)
 
     def command(self, now_ns: int) -> np.ndarray:
-        """Command of the sticks as they are now, (n_joint,)."""
+        """Command of the present stick deflections, (n_joint,)."""
         idle = np.zeros(len(self._axes), np.float32)
         sticks = self._sticks
         if sticks is None or now_ns - self._received_ns > self._maximum_silence_ns:

@@ -18,7 +18,7 @@ from pipeline.machine.workspace import contains
 class OscillationWatch:
     """Counts reversals of each joint's command within a window of time.
 
-    A reversal is a command against the joint's last command that was not zero. The paper's controllers that
+    A reversal is a command opposite to the joint's last nonzero command. The paper's controllers that
     failed on the machine "rapidly alternate the values of certain action components" (section "Sim2Real transfer").
     """
 
@@ -29,7 +29,7 @@ class OscillationWatch:
         self._times: list[deque[int]] = [deque() for _ in range(n_joint)]
 
     def oscillates(self, command: np.ndarray, now_ns: int) -> bool:
-        """Take the command of a tick in; whether any joint has reversed too often by now."""
+        """Add the command of a tick; return whether any joint has reversed too often."""
         sign = np.sign(command)
         for joint in np.flatnonzero(sign * self._direction < 0):
             self._times[joint].append(now_ns)
@@ -41,7 +41,7 @@ class OscillationWatch:
 
 
 class TerminalConditions:
-    """The conditions for one machine; each can be switched off. `begin` makes those of one goal."""
+    """The conditions for one machine; each can be switched off. `begin` creates those of one goal."""
 
     def __init__(self, machine: MachineSpecification, arm: Arm, config: TerminationConfig) -> None:
         workspace = workspace_of(machine)
@@ -66,7 +66,7 @@ class TerminalConditions:
 
 
 class GoalWatch:
-    """Watches one goal."""
+    """Terminal conditions of one goal."""
 
     def __init__(self, conditions: TerminalConditions, position: np.ndarray, pitch_rad: float) -> None:
         self._conditions = conditions

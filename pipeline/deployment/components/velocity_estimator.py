@@ -1,7 +1,7 @@
 """Velocities of a machine that measures positions only: the paper's loop tracker, online.
 
-The tracker runs on rows at the machine's rate, interpolated between readings, as those that models are
-identified on (contract, section 2); a row is complete with the first reading at or after it.
+The tracker runs on rows at the machine's rate, interpolated between readings, as for model identification
+(contract, section 2); a row is complete with the first reading at or after it.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, adva
 
 
 class VelocityEstimator:
-    """Readings in, the velocity of the newest complete row out."""
+    """Estimates the velocity of the newest complete row from readings."""
 
     def __init__(self, period_ns: int, config: LoopTrackerConfig) -> None:
         """An estimator of rows `period_ns` apart; the first reading is its first row."""
@@ -22,9 +22,9 @@ class VelocityEstimator:
         self._next_row_ns = 0
 
     def update(self, stamp_ns: int, position: np.ndarray) -> np.ndarray:
-        """Take a reading in; return the velocity estimate, (n_joint,), rad/s (m/s).
+        """Process a reading; return the velocity estimate, (n_joint,), rad/s (m/s).
 
-        A reading that is no newer than the one before it changes nothing.
+        A reading that is not newer than the previous one is ignored.
         """
         if self._state is None:
             self._state = initial_state(position)

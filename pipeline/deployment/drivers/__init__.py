@@ -1,1 +1,1 @@
-"""Between the graph's messages and a machine."""
+"""Drivers between the graph's messages and a machine."""

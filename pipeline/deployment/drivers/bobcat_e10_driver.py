@@ -1,4 +1,4 @@
-"""`bobcat_e10_driver`: between the graph's messages and the machine's CAN frames (paper, appendix)."""
+"""`bobcat_e10_driver`: converts between the graph's messages and the machine's CAN frames (paper, appendix)."""
 
 from collections.abc import Sequence
 
@@ -39,7 +39,7 @@ class MachineDriver(Component):
         """Translate."""
         if isinstance(message, MachineCommand):
             if self._is_stopped or not is_command(self._machine, message.values):
-                return ()  # the machine's controller zeroes its outputs when frames stay away
+                return ()  # the machine's controller zeroes its outputs without frames
             self._counter += 1
             frame = self._frames.command(message.values, self._counter, now_ns)
             return (Publication(Topic.can_to_machine, frame),)

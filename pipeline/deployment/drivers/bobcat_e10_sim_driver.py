@@ -14,8 +14,8 @@ from pipeline.deployment.settings import DriverConfig
 class SimulationDriver(Component):
     """Advances the machine by one period per tick under the newest command, and publishes its readings.
 
-    Like the machine's controller it holds the last command, and zeroes it when no command comes for too long.
-    The first tick publishes the machine's readings as they are.
+    Like the machine's controller it holds the last command, and zeroes it after a time without commands.
+    The first tick publishes the machine's present readings.
     """
 
     name = "bobcat_e10_sim_driver"
@@ -24,7 +24,7 @@ class SimulationDriver(Component):
     def __init__(
         self, machine: Machine, n_joint: int, config: DriverConfig, estimator: VelocityEstimator | None = None
     ) -> None:
-        """A driver; `estimator` gives the velocities of a machine that measures none."""
+        """A driver; `estimator` gives the velocities if the machine does not measure them."""
         self.period_ns = machine.period_ns
         self._machine = machine
         self._estimator = estimator

@@ -16,13 +16,13 @@ COUNTER_STEPS = 256
 
 
 class CanFrames:
-    """Commands, emergencies and encoder readings as frames, there and back."""
+    """Conversion of commands, emergencies and encoder readings to and from frames."""
 
     def __init__(self, machine: MachineSpecification, directory: Path) -> None:
         """The frames of a machine whose DBC file lies in `directory`.
 
         Raises:
-            InputError: it is missing, unreadable, or lacks a frame or a joint's signal.
+            InputError: the file is missing, unreadable, or lacks a frame or a joint's signal.
         """
         path = Path(directory) / f"{machine.name}.dbc"
         try:
@@ -45,7 +45,7 @@ class CanFrames:
                     raise InputError(f"{path}: frame {frame.name} has no signal {prefix}_{joint}")
 
     def command(self, values: np.ndarray, counter: int, now_ns: int) -> CanFrame:
-        """Frame of a command that the machine takes, (n_joint,)."""
+        """Frame of a valid command, (n_joint,)."""
         signals = {f"command_{name}": int(v) for name, v in zip(self._joints, values, strict=True)}
         data = self._command.encode({**signals, "counter": counter % COUNTER_STEPS})
         return CanFrame(now_ns, self._command.frame_id, data)
@@ -68,7 +68,7 @@ class CanFrames:
         return self._read(frame, self._encoders, "position")
 
     def is_emergency(self, frame: CanFrame) -> bool:
-        """Whether the frame zeroes the outputs; of whatever content: in doubt, stop."""
+        """Whether the frame zeroes the outputs, whatever its content: in doubt, stop."""
         return frame.identifier == self._emergency.frame_id
 
     def _read(self, frame: CanFrame, message: cantools.database.Message, prefix: str) -> np.ndarray | None:

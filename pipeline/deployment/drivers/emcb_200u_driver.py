@@ -1,4 +1,4 @@
-"""`emcb_200u_driver`: between the graph and a CAN bus (paper, appendix; the EMCB-200U is a USB-CAN adapter)."""
+"""`emcb_200u_driver`: connects the graph to a CAN bus (paper, appendix; the EMCB-200U is a USB-CAN adapter)."""
 
 from collections.abc import Sequence
 
@@ -10,10 +10,10 @@ from pipeline.deployment.settings import DriverConfig
 
 
 class CanDriver(Component):
-    """Sends frames on the bus as they come, and publishes at each tick what came from it.
+    """Sends frames to the bus at once, and publishes received frames at each tick.
 
-    A bus that takes no frame (bus off) is counted, not waited for: the machine's controller zeroes its outputs
-    when frames stay away, and the supervisor misses the joint states.
+    A frame that the bus refuses (bus off) is counted and not retried: the machine's controller zeroes its outputs
+    without frames, and the supervisor misses the joint states.
     """
 
     name = "emcb_200u_driver"
@@ -42,12 +42,12 @@ class CanDriver(Component):
 
 
 def received(bus: can.BusABC, now_ns: int) -> list[CanFrame]:
-    """All data frames that wait on a bus, stamped `now_ns`; error and remote frames are left out."""
+    """All waiting data frames of a bus, stamped `now_ns`; error and remote frames are dropped."""
     frames = []
     try:
         while (message := bus.recv(timeout=0.0)) is not None:
             if not (message.is_error_frame or message.is_remote_frame):
                 frames.append(CanFrame(now_ns, message.arbitration_id, bytes(message.data)))
     except can.CanOperationError:
-        return frames  # bus off: what came before it still counts
+        return frames  # bus off: earlier frames still count
     return frames

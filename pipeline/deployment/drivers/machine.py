@@ -1,4 +1,4 @@
-"""What a driver drives: anything that takes commands and gives joint states."""
+"""The interface of a driven machine, and the learned model as a machine."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
@@ -17,9 +17,9 @@ class Sample(NamedTuple):
     """One reading of all joints.
 
     Attributes:
-        age_ns: time from sampling to the end of the period that gave it, ns.
+        age_ns: time from sampling to the end of its period, ns.
         position: rad (m), (n_joint,).
-        velocity: rad/s (m/s), (n_joint,); None where the machine measures none, and the driver estimates it.
+        velocity: rad/s (m/s), (n_joint,); None if the driver must estimate it.
     """
 
     age_ns: int
@@ -28,17 +28,17 @@ class Sample(NamedTuple):
 
 
 class Machine(Protocol):
-    """A machine in simulated or wall-clock time, advanced by whoever owns the clock."""
+    """A machine in simulated or wall-clock time, advanced by the owner of the clock."""
 
     @property
     def period_ns(self) -> int:
-        """Length of one period."""
+        """Length of one period, ns."""
 
     def advance(self, command: np.ndarray) -> Sequence[Sample]:
         """Run one period under `command`, (n_joint,); return the readings that became due, oldest first."""
 
     def read(self) -> Sequence[Sample]:
-        """The readings of a machine that has not been advanced yet."""
+        """The readings before the first period."""
 
 
 class LearnedStep:
@@ -50,8 +50,8 @@ class LearnedStep:
         def step(history: History, command: jax.Array) -> tuple[History, jax.Array]:
             pose = task.arm.forward(history.q)
             state = task.begin_at(history.q, pose, Goal(history.q, pose))._replace(history=history)
-            after = task.tick(state, command)[0].history  # what else a tick computes, the compiler removes
-            return after, jnp.stack([after.q, after.motion[-1]])  # one array: each one read costs a call
+            after = task.tick(state, command)[0].history  # the compiler removes the tick's other outputs
+            return after, jnp.stack([after.q, after.motion[-1]])  # one array, as each transfer costs a call
 
         self._step = jax.jit(step)
 
@@ -64,7 +64,7 @@ class LearnedStep:
 class LearnedMachine:
     """The learned dynamics in place of physics (paper: the model inside `bobcat_e10_sim_driver`).
 
-    Its velocity reading is the model's own estimate; a model of positions gives their rate of change.
+    Its velocity reading is the model's estimate; for a model of positions, their rate of change.
     """
 
     def __init__(self, step: LearnedStep, start: np.ndarray) -> None:
@@ -80,7 +80,7 @@ class LearnedMachine:
         return nanoseconds(self._dynamics.specification.dt_s)
 
     def read(self) -> Sequence[Sample]:
-        """The start, at rest."""
+        """The start configuration, at rest."""
         return (Sample(0, self._last, np.zeros_like(self._last)),)
 
     def advance(self, command: np.ndarray) -> Sequence[Sample]:
@@ -93,7 +93,7 @@ class LearnedMachine:
 
 
 class TracedMachine:
-    """A machine whose commands are kept as they acted: what a log cannot tell exactly."""
+    """A machine that stores commands exactly as they acted, unlike a log."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
@@ -101,7 +101,7 @@ class TracedMachine:
 
     @property
     def period_ns(self) -> int:
-        """Length of one period."""
+        """Length of one period, ns."""
         return self._machine.period_ns
 
     def read(self) -> Sequence[Sample]:

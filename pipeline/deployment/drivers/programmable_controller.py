@@ -1,8 +1,8 @@
 """A simulated PLC of the machine, on a CAN bus: holds its set-points, and zeroes them when in doubt.
 
-What the paper says of the real one: it maps discrete commands to current set-points of the electro-valves. How it
-stops is assumed, as machine controllers do: it zeroes its outputs on an emergency frame, until it is started anew,
-and when command frames stay away.
+According to the paper, the real one maps discrete commands to current set-points of the electro-valves. Its stop is
+assumed, as usual for machine controllers: it zeroes its outputs on an emergency frame until it is restarted, and
+without command frames.
 """
 
 from collections.abc import Sequence
@@ -59,4 +59,4 @@ class ProgrammableController(Component):
         try:
             self._bus.send(message)
         except can.CanOperationError:
-            return  # bus off: nobody hears it
+            return  # bus off: the frame is lost

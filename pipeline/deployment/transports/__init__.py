@@ -1,1 +1,1 @@
-"""What carries the components' messages: simulated time, ROS 1, MCAP files."""
+"""Transports of the components' messages: simulated time, ROS 1, MCAP files."""

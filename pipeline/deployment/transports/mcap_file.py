@@ -20,7 +20,7 @@ class RecordedTopic(NamedTuple):
 
 
 def write_mcap_file(path: Path, store: Typestore, topics: Sequence[RecordedTopic]) -> None:
-    """Write one MCAP file in the order of time; it appears whole or not at all.
+    """Write one MCAP file in the order of time; it appears complete or not at all.
 
     Args:
         path: of the file.

@@ -1,1 +1,1 @@
-"""A trial for viewers: what a log holds as the topics that Foxglove and Rerun draw."""
+"""Logs and running graphs as topics that Foxglove and Rerun draw."""

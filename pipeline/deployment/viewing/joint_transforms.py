@@ -1,4 +1,4 @@
-"""The frames of a robot description, joint by joint, for any configuration: what viewers place the links by."""
+"""The frames of a robot description, joint by joint, for any configuration, as viewers need them."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
@@ -15,8 +15,8 @@ class JointTransforms(NamedTuple):
     Attributes:
         parent: name of the link.
         child: name of the link.
-        position: m, (T, 3); of a fixed joint (1, 3).
-        quaternion: (w, x, y, z), (T, 4); of a fixed joint (1, 4).
+        position: m, (T, 3); for a fixed joint (1, 3).
+        quaternion: (w, x, y, z), (T, 4); for a fixed joint (1, 4).
     """
 
     parent: str
@@ -30,7 +30,7 @@ def joint_transforms(urdf: Path, configurations: Mapping[str, np.ndarray]) -> li
 
     Args:
         urdf: the robot description.
-        configurations: by joint, rad (m for prismatic joints), (T,) each; other joints stay as they are at zero.
+        configurations: positions by joint, rad (m for prismatic joints), (T,) each; other joints stay at zero.
     """
     found = []
     for joint in ElementTree.parse(urdf).getroot().findall("joint"):

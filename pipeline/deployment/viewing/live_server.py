@@ -1,4 +1,4 @@
-"""A server of the Foxglove WebSocket protocol, v1: what it publishes, Foxglove draws as it happens.
+"""A server of the Foxglove WebSocket protocol, v1, for live pictures in Foxglove.
 
 Protocol: https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md. It serves this computer only.
 """
@@ -27,8 +27,8 @@ HOST = "127.0.0.1"
 PROTOCOL = Subprotocol("foxglove.websocket.v1")
 MESSAGE_DATA = struct.Struct("<BIQ")  # opcode, subscription, time in ns; the message follows
 MESSAGE_DATA_OPCODE = 1
-GREETING_S = 1.0  # for whoever connects to speak the protocol, and at the end for a viewer to say goodbye
-WAITING = 256  # messages for a viewer that is slow; what comes then is left out for it
+GREETING_S = 1.0  # time for a handshake, and at the end for a viewer's close
+WAITING = 256  # queued messages for a slow viewer; further ones are dropped
 
 
 class Channel(NamedTuple):
@@ -39,7 +39,7 @@ class Channel(NamedTuple):
 
 
 class _Viewer:
-    """One connection: which channels it wants, and what it has still to be sent."""
+    """One connection: its subscribed channels and its queue."""
 
     def __init__(self, connection: ServerConnection) -> None:
         self.connection = connection
@@ -47,20 +47,20 @@ class _Viewer:
         self._waiting: queue.Queue[bytes | None] = queue.Queue(WAITING)
 
     def offer(self, channel: int, time_ns: int, data: bytes) -> None:
-        """Hand a message over without waiting for the network."""
+        """Queue a message without waiting for the network."""
         if channel in self.subscriptions:
             header = MESSAGE_DATA.pack(MESSAGE_DATA_OPCODE, self.subscriptions[channel], time_ns)
             with contextlib.suppress(queue.Full):
                 self._waiting.put_nowait(header + data)
 
     def send(self) -> None:
-        """Send what was offered until the connection ends."""
+        """Send queued messages until the connection ends."""
         with contextlib.suppress(ConnectionClosed):
             while (frame := self._waiting.get()) is not None:
                 self.connection.send(frame)
 
     def end(self) -> None:
-        """Nothing more will be offered."""
+        """Close the queue."""
         while True:
             try:
                 return self._waiting.put_nowait(None)
@@ -69,24 +69,24 @@ class _Viewer:
                     self._waiting.get_nowait()
 
     def cut_off(self) -> None:
-        """End the connection under whoever waits for it: to close it, one would wait for its sender."""
+        """Shut down the socket; a regular close would wait for the sender."""
         with contextlib.suppress(OSError):  # it has ended meanwhile
             self.connection.socket.shutdown(socket.SHUT_RDWR)
 
 
 class LiveServer:
-    """Publishes messages to all viewers that are connected; a new one is given the newest of each channel.
+    """Publishes messages to all connected viewers; a new viewer gets the newest message of each channel.
 
     Use it as a context manager: it serves from entering to leaving.
     """
 
     def __init__(self, port: int, store: Typestore, channels: Sequence[Channel]) -> None:
-        """Takes the port.
+        """Binds the port.
 
         Args:
-            port: on this computer; 0 for any that is free.
-            store: knows the channels' types.
-            channels: all that will be published.
+            port: port on this computer; 0 for any free port.
+            store: typestore of the channels' types.
+            channels: all channels.
 
         Raises:
             InputError: the port is taken.
@@ -112,7 +112,7 @@ class LiveServer:
 
     @property
     def address(self) -> str:
-        """Where viewers connect to."""
+        """Address for viewers."""
         return f"ws://{HOST}:{self._server.socket.getsockname()[1]}"
 
     def __enter__(self) -> Self:
@@ -137,7 +137,7 @@ class LiveServer:
                 viewer.cut_off()
 
     def publish(self, topic: str, time_ns: int, message: "Msg") -> None:
-        """Send a message of a channel to whoever wants it."""
+        """Send a message of a channel to its subscribers."""
         number, channel = self._channels[topic]
         data = bytes(self._store.serialize_cdr(message, channel.type_name))
         with self._lock:
@@ -159,7 +159,7 @@ class LiveServer:
             for text in connection:
                 self._answer(viewer, text)
         except (ConnectionClosed, ValueError, KeyError, TypeError):
-            pass  # it is gone, or speaks another language
+            pass  # the viewer is gone or uses another protocol
         finally:
             viewer.end()
             if sender.ident is not None:

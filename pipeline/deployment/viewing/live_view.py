@@ -1,4 +1,4 @@
-"""The graph as it runs, for Foxglove: a tap that turns its messages into what `view` writes of a log."""
+"""The running graph in Foxglove: a tap that converts its messages to the topics of stage `view`."""
 
 import contextlib
 from collections.abc import Iterator
@@ -16,8 +16,8 @@ from pipeline.deployment.viewing.visual_topics import STORE, TOPICS, moving_topi
 from pipeline.logs.messages.raw_log import RawLog
 from pipeline.machine.specification import MachineSpecification
 
-PERIOD_NS = nanoseconds(0.05)  # of pictures; joint states come more often
-PAIR = 2  # joint states that a picture is made of: the newest, and the one that its velocity counts from
+PERIOD_NS = nanoseconds(0.05)  # period of pictures; joint states come more often
+PAIR = 2  # joint states of a picture: the newest, and an earlier one for its velocity
 
 
 class LiveView:
@@ -27,7 +27,7 @@ class LiveView:
         """Nothing is published before the first joint states.
 
         Args:
-            server: of the channels `visual_topics.TOPICS`.
+            server: server of the channels `visual_topics.TOPICS`.
             machine: with arm and workspace.
             directory: where conf/machine lies.
         """
@@ -37,7 +37,7 @@ class LiveView:
         self._due_ns: int | None = None
 
     def __call__(self, topic: Topic, message: Message, time_ns: int) -> None:
-        """Take a message in."""
+        """Process a message."""
         heard = self._heard
         heard(topic, message, time_ns)
         if topic is not Topic.joint_states or len(heard.states) < PAIR:
@@ -78,7 +78,7 @@ class LiveView:
 
 @contextlib.contextmanager
 def live_view(machine: MachineSpecification, directory: Path, port: int | None) -> Iterator[list[Tap]]:
-    """A tap that shows the graph on a port of this computer; none where no port is named.
+    """A tap that shows the graph on a port of this computer; an empty list without a port.
 
     Raises:
         InputError: the port is taken.

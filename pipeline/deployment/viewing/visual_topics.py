@@ -1,7 +1,7 @@
-"""A log as topics that viewers draw: frames and shapes of the arm, W+, the target, commands, what the graph said.
+"""A log as topics for viewers: frames and shapes of the arm, W+, the target, commands, the graph's messages.
 
-All are standard ROS 2 types that Foxglove and Rerun know: transforms with a robot description, point clouds, joint
-states (whose numbers can be plotted by joint), log messages.
+All are standard ROS 2 types that Foxglove and Rerun support: transforms with a robot description, point clouds, joint
+states (which can be plotted by joint), log messages.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,11 +48,11 @@ LEVEL_INFORMATION, LEVEL_ERROR = 20, 40  # of rcl_interfaces/Log
 def visual_topics(
     log: RawLog, graph: GraphRecord, machine: MachineSpecification, directory: Path
 ) -> list[RecordedTopic]:
-    """Everything there is to see of a log.
+    """All topics of a log.
 
     Args:
-        log: joint states, commands and, where there are any, targets.
-        graph: what the graph said, where that was recorded.
+        log: joint states, commands and, if any, targets.
+        graph: the graph's own messages, if recorded.
         machine: with arm and workspace.
         directory: where conf/machine lies.
 
@@ -67,12 +67,12 @@ def visual_topics(
 
 
 def standing_topics(machine: MachineSpecification, directory: Path, time_ns: int) -> list[RecordedTopic]:
-    """What does not change: the robot description, its fixed frames, W+; each as one message.
+    """Constant topics, each with one message: the robot description, its fixed frames, W+.
 
     Args:
         machine: with arm and workspace.
         directory: where conf/machine lies.
-        time_ns: of the messages.
+        time_ns: time of the messages.
 
     Raises:
         InputError: the machine has no arm or no workspace.
@@ -91,7 +91,7 @@ def standing_topics(machine: MachineSpecification, directory: Path, time_ns: int
 def moving_topics(
     log: RawLog, graph: GraphRecord, machine: MachineSpecification, directory: Path
 ) -> list[RecordedTopic]:
-    """What changes: frames, positions and commands, targets, events; arguments and errors of `visual_topics`."""
+    """Topics that change: frames, positions and commands, targets, events; see `visual_topics` for the arguments."""
     time_ns, q = as_array(log.joint_log_time_ns), as_array(log.q)
     by_joint = dict(zip(machine.joint_names, q.T, strict=True))
     transforms = joint_transforms(urdf_path(machine, directory), by_joint)
@@ -169,7 +169,7 @@ def _joints(log: RawLog, names: Sequence[str]) -> list[tuple[int, "Msg"]]:
     step_s = np.maximum(np.diff(time_ns), 1)[:, None] / NANOSECONDS
     velocity = np.concatenate([np.zeros_like(q[:1]), np.diff(q, axis=0) / step_s])
     make = _type("sensor_msgs/msg/JointState")
-    # columns of a log may lie in any order in memory, and a message's array must be in one piece
+    # a log's columns may be strided in memory, and a message's array must be contiguous
     values = (np.ascontiguousarray(columns, float) for columns in (q, velocity, in_force))
     return [
         (t, make(header=_header(t), name=list(names), position=p, velocity=v, effort=a))

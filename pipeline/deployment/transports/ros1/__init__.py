@@ -1,1 +1,1 @@
-"""The graph as ROS 1 nodes: Debian's rospy carries the components' messages between processes."""
+"""The graph as ROS 1 nodes: Debian's rospy transports the components' messages between processes."""

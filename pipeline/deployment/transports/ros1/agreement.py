@@ -1,4 +1,4 @@
-"""Whether the simulated graph predicts the real one: differences between trials of the same targets."""
+"""Agreement of the simulated and the real graph: differences between trials of the same targets."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,20 +22,20 @@ COMPARED = {  # metric of a trial (`pipeline.reaching.logged_trials.reaching_sum
 }
 RATES = ("sr_002_002", "sr_004_004", "sr_012_008", "oow")
 SAME_POSITION_M = 1e-6
-RULE_OF_THREE = 3.0  # events that have not shown up in n trials are at most so many in n, at 95 %
+RULE_OF_THREE = 3.0  # upper 95 % bound on the count of events that did not occur in n trials
 Trials = Sequence[Mapping[str, Any]]
 
 
 class PairedDifference(NamedTuple):
-    """Of one metric: means on both graphs, and the mean difference, real minus simulated, with its interval.
+    """One metric: means on both graphs, and the mean difference, real minus simulated, with its interval.
 
     Attributes:
         real: mean on the real graph.
         simulated: mean in simulated time.
         difference: mean over the pairs.
-        half_width: of its 95 % interval: Student's t over the pairs; of a rate of which no pair differs 3/n, the
-            rule of three; infinite for a single pair.
-        n: pairs.
+        half_width: half width of its 95 % interval: Student's t over the pairs; 3/n, the rule of three, for a rate
+            that is equal in all pairs; infinite for a single pair.
+        n: number of pairs.
     """
 
     real: float
@@ -46,19 +46,19 @@ class PairedDifference(NamedTuple):
 
     @property
     def contains_zero(self) -> bool:
-        """Whether the pairs are compatible with no difference."""
+        """Whether the pairs are compatible with a zero difference."""
         return abs(self.difference) <= self.half_width
 
 
 def paired_differences(real: Trials, simulated: Trials) -> dict[str, PairedDifference]:
-    """Per metric of `COMPARED`.
+    """Paired differences per metric of `COMPARED`.
 
     Args:
         real: trials on the real graph, in the order of the targets.
         simulated: the same targets in simulated time.
 
     Raises:
-        InputError: they are not trials of the same targets, or there are none.
+        InputError: the trials do not have the same targets, or are empty.
     """
     first, second = (
         np.array([trial["target_position_m"] for trial in trials], float) for trials in (real, simulated)
@@ -71,7 +71,7 @@ def paired_differences(real: Trials, simulated: Trials) -> dict[str, PairedDiffe
 
 
 def _difference(real: Trials, simulated: Trials, metric: str) -> PairedDifference:
-    # errors are signed in angles, and what counts is how far off they are
+    # errors of angles are signed; only their size counts
     first, second = (np.abs([float(trial[metric]) for trial in trials]) for trials in (real, simulated))
     differences = first - second
     n = len(differences)

@@ -13,9 +13,9 @@ class CanBusConfig:
     """Arguments of `can.Bus`.
 
     Attributes:
-        interface: python-can's name of it: `socketcan` or the adapter's own; `udp_multicast` joins processes of one
-            host without any hardware (`virtual` joins only threads of one process).
-        channel: of the interface.
+        interface: python-can's name: `socketcan` or that of the adapter; `udp_multicast` connects processes of one host
+            without hardware (`virtual` connects only threads of one process).
+        channel: channel of the interface.
         options: further arguments.
     """
 
@@ -28,7 +28,7 @@ def open_bus(config: CanBusConfig) -> can.BusABC:
     """Open the bus.
 
     Raises:
-        InputError: it is not there, or python-can cannot drive it.
+        InputError: the bus is missing, or python-can cannot drive it.
     """
     try:
         return can.Bus(interface=config.interface, channel=config.channel, **config.options)

@@ -1,7 +1,7 @@
 """The graph's clock: the host's monotonic clock plus an offset that a parameter of the graph's master holds.
 
-A step of the wall clock moves nothing, and whoever joins the graph later has the same time. The parameter is text,
-as ROS's XML-RPC carries integers of 32 bits only.
+Steps of the wall clock have no effect, and processes that join later have the same time. The parameter is text, as
+ROS's XML-RPC transports integers of 32 bits only.
 """
 
 import time
@@ -21,7 +21,7 @@ class GraphClock:
         """Asks the master of an initialised node.
 
         Raises:
-            InputError: it was not launched with a clock.
+            InputError: the graph was launched without a clock.
         """
         try:
             self._offset_ns = int(rospy.get_param(PARAMETER))
@@ -31,11 +31,11 @@ class GraphClock:
             ) from None
 
     def now_ns(self) -> int:
-        """Nanoseconds since the epoch, as they were when the graph was launched, counted on monotonically."""
+        """Nanoseconds since the epoch at the graph's launch, plus the monotonic time since."""
         return time.monotonic_ns() + self._offset_ns
 
 
 def set_clock(master_uri: str) -> None:
-    """Begin the graph's time: now, by the wall clock."""
+    """Start the graph's clock at the present wall-clock time."""
     offset_ns = time.time_ns() - time.monotonic_ns()
     xmlrpc.client.ServerProxy(master_uri).setParam(CALLER, PARAMETER, str(offset_ns))

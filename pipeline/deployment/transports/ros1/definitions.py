@@ -1,8 +1,8 @@
-"""Our own ROS types, made when a process starts: no message compiler of ROS 1 is needed.
+"""Our own ROS types, built at the start of a process without ROS 1's message compiler.
 
 Their definitions are those of the ROS package `hydraulic_arm` beside this file (`msg`, `action`). An action is a
-definition of goal, result and feedback, from which seven message types follow (actionlib); what they are wrapped in
-is taken from Debian's packages.
+definition of goal, result and feedback, from which seven message types follow (actionlib); Debian's packages provide
+the standard types in them.
 """
 
 from collections.abc import Mapping
@@ -41,7 +41,7 @@ def action_messages(name: str, text: str) -> dict[str, str]:
 
     Args:
         name: `package/Action`, without the ending `Action`.
-        text: of the `.action` file.
+        text: content of the `.action` file.
     """
     goal, result, feedback = (part.strip() + "\n" for part in text.split(PARTS))
     base = name.split("/")[1]
@@ -60,7 +60,7 @@ def action_messages(name: str, text: str) -> dict[str, str]:
 
 
 def generate(definitions: Mapping[str, str]) -> dict[str, type]:
-    """Classes of types that may use each other and the standard ones.
+    """Generate classes of types that may use each other and the standard ones.
 
     Args:
         definitions: text by name.

@@ -1,4 +1,4 @@
-"""How far a configuration is from a goal: what the action's feedback tells."""
+"""Distance of a configuration from a goal, for the action's feedback."""
 
 import jax
 import jax.numpy as jnp

@@ -15,7 +15,7 @@ REMEDY = "apt-get install --no-install-recommends python3-rospy python3-rosmaste
 def require_ros() -> ModuleType:
     """The module `rospy`.
 
-    Debian's packages come last on the path, so that only what this environment lacks is taken from there.
+    Debian's packages come last on the path, so that they supply only what this environment lacks.
 
     Raises:
         InputError: ROS 1 is not installed.

@@ -1,4 +1,4 @@
-"""A ROS master and the graph's nodes, each a process of its own; they end together."""
+"""A ROS master and the graph's nodes, each in its own process; they end together."""
 
 import contextlib
 import os
@@ -16,7 +16,7 @@ from pipeline.errors import InputError
 
 HOST = "127.0.0.1"
 START_S, STOP_S, POLL_S = 60.0, 30.0, 0.05
-DIES_WITH_US = ("setpriv", "--pdeathsig", "TERM", "--")  # Debian's; even where this process is killed
+DIES_WITH_US = ("setpriv", "--pdeathsig", "TERM", "--")  # Debian's tool; works even if this process is killed
 
 
 @contextlib.contextmanager
@@ -25,13 +25,13 @@ def graph(nodes: Mapping[str, Sequence[str]], folder: Path) -> Iterator[dict[str
 
     Args:
         nodes: command of each node.
-        folder: for ROS's own logs and what the nodes print, `<node>.log`.
+        folder: folder for ROS's logs and the nodes' output, `<node>.log`.
 
     Yields:
-        The nodes' processes. The environment of this process names the master meanwhile.
+        The nodes' processes. Inside the block, the environment of this process names the master.
 
     Raises:
-        InputError: ROS 1 is not installed, or no master came up.
+        InputError: ROS 1 is not installed, or the master did not start.
     """
     require_ros()
     folder.mkdir(parents=True, exist_ok=True)
@@ -66,14 +66,14 @@ def graph(nodes: Mapping[str, Sequence[str]], folder: Path) -> Iterator[dict[str
 
 
 def require_running(processes: Mapping[str, subprocess.Popen[bytes]], folder: Path) -> None:
-    """Do nothing where all nodes still run.
+    """Check that all nodes still run.
 
     Args:
-        processes: of `graph`.
-        folder: the same that `graph` was given.
+        processes: result of `graph`.
+        folder: the folder given to `graph`.
 
     Raises:
-        InputError: a node has ended; with the last line that it printed, which says why.
+        InputError: a node has ended; the message holds its last line of output.
     """
     for name, process in processes.items():
         if process.poll() is None:

@@ -1,4 +1,4 @@
-"""A node at the real graph that keeps what it hears: what a bag of the graph is written from."""
+"""A node of the real graph that records messages, from which a bag is written."""
 
 import sys
 import threading
@@ -27,11 +27,11 @@ RECORDED = (
 
 
 class Listener:
-    """Hears the graph; needs the graph's master in the environment.
+    """Records the graph; needs the graph's master in the environment.
 
     Attributes:
-        recorder: what was heard on the topics that logs hold, and emergency stops.
-        outputs: what the simulated PLC, if there is one, set its valves to.
+        recorder: messages on the topics of logs, and emergency stops.
+        outputs: valve outputs of the simulated PLC, if there is one.
     """
 
     def __init__(self, machine: MachineSpecification, name: str, taps: Sequence[Tap] = ()) -> None:
@@ -39,8 +39,8 @@ class Listener:
 
         Args:
             machine: names its topics.
-            name: of this node.
-            taps: called with topic, message and time of all that is heard, one after the other.
+            name: name of this node.
+            taps: called with topic, message and time of every message.
 
         Raises:
             InputError: ROS 1 is not installed, or the graph has no clock.
@@ -80,10 +80,10 @@ class Listener:
         return self._clock.now_ns()
 
     def wait_for_nodes(self, n_nodes: int, timeout_s: float, require_running: Callable[[], None]) -> None:
-        """Wait until so many of the graph's nodes are connected, each of which announces every topic.
+        """Wait until `n_nodes` nodes are connected, each of which announces every topic.
 
         Raises:
-            InputError: they are not in time, or a node has ended.
+            InputError: they are not connected in time, or a node has ended.
         """
 
         def are_connected() -> bool:
@@ -92,7 +92,7 @@ class Listener:
         wait_until_up(are_connected, f"{n_nodes} nodes", timeout_s, require_running)
 
     def listen(self, duration_s: float, require_running: Callable[[], None]) -> None:
-        """Hear the graph for so long; what it says afterwards reaches neither recorder nor taps.
+        """Listen for a duration; later messages reach neither recorder nor taps.
 
         Raises:
             InputError: a node has ended.
@@ -103,23 +103,23 @@ class Listener:
                 require_running()
                 time.sleep(min(POLL_S, left_s))
         finally:
-            with self._lock:  # which messages are kept under, so that none is half kept
+            with self._lock:  # held while a message is stored, so that storing is complete
                 self._taps.clear()
 
 
 def wait_until_up(
     is_up: Callable[[], bool], what: str, timeout_s: float, require_running: Callable[[], None]
 ) -> None:
-    """Wait for something of the graph.
+    """Wait for a part of the graph to start.
 
     Args:
-        is_up: whether it is there.
+        is_up: whether it has started.
         what: its name, for the message.
         timeout_s: how long to wait.
-        require_running: raises where a node has ended.
+        require_running: raises if a node has ended.
 
     Raises:
-        InputError: it is not in time, or a node has ended.
+        InputError: it does not start in time, or a node has ended.
     """
     deadline = time.monotonic() + timeout_s
     while not is_up():

@@ -1,4 +1,4 @@
-"""What the nodes measured of the real graph, as delay distributions and as a table of their real-time budget."""
+"""The nodes' measurements of the real graph, as delay distributions and as a real-time table."""
 
 import json
 from collections.abc import Mapping
@@ -9,11 +9,9 @@ import numpy as np
 from pipeline.deployment.transports.simulated_time.delays import PLANNING, Distribution
 from pipeline.errors import InputError
 
-WARM_UP = 40  # samples of each kind that are left out: connections, first calls
+WARM_UP = 40  # dropped first samples of each kind: connections, first calls
 DECISIONS = ("autonomous_server", "computation DecisionRequest")
-LINKS: dict[
-    str, list[tuple[str, str]]
-] = {  # link of the simulated graph -> (node, what it measured) whose samples it is drawn from
+LINKS: dict[str, list[tuple[str, str]]] = {  # link of the simulated graph -> (node, quantity) of its samples
     "observation": [("autonomous_server", "age joint_states")],
     "command": [("control_interface", "age requested_commands")],
     "inference": [DECISIONS],
@@ -32,10 +30,10 @@ Measured = dict[str, dict[str, list[float]]]
 
 
 def load_measured(folder: Path) -> Measured:
-    """What each node wrote: name of the node, name of the quantity, seconds.
+    """Measurements by node and quantity, s.
 
     Raises:
-        InputError: a node wrote nothing.
+        InputError: a node's file is missing.
     """
     nodes = {node for sources in LINKS.values() for node, _ in sources}
     try:
@@ -48,7 +46,7 @@ def samples(measured: Measured, node: str, quantity: str) -> np.ndarray:
     """Samples after the warm-up, s.
 
     Raises:
-        InputError: there are none.
+        InputError: too few samples were measured.
     """
     values = np.array(measured[node].get(quantity, [])[WARM_UP:], float)
     if not values.size:
@@ -57,11 +55,11 @@ def samples(measured: Measured, node: str, quantity: str) -> np.ndarray:
 
 
 def distributions(policy: Measured, planner: Measured | None = None) -> dict[str, Distribution]:
-    """Delays of the simulated graph's links. TCP loses nothing; a full queue would, which holds seconds.
+    """Delays of the simulated graph's links. TCP does not lose messages, and queues hold seconds of them.
 
     Args:
-        policy: of a run with a learned policy: every link.
-        planner: of a run with a planner, if there was one: how long its decisions take.
+        policy: measurements of a run with a learned policy, for all links.
+        planner: measurements of a run with a planner, if any, for its decision times.
     """
     links = {
         link: Distribution.of(np.concatenate([samples(policy, *source) for source in sources]))
@@ -73,11 +71,11 @@ def distributions(policy: Measured, planner: Measured | None = None) -> dict[str
 
 
 def real_time_table(runs: Mapping[str, Measured], decision_s: float) -> str:
-    """Markdown: median and 99.9th percentile per tick, ms, and the deadlines that were missed.
+    """Markdown: median and 99.9th percentile per tick, ms, and the missed deadlines.
 
     Args:
-        runs: what was measured, by the controller's name.
-        decision_s: time from one decision to the next; one that takes longer is late.
+        runs: measurements by the controller's name.
+        decision_s: period of decisions, s, which is their deadline.
     """
     names = "".join(f" {name}: median, ms | 99.9 %, ms | n |" for name in runs)
     lines = [f"| per tick |{names}", "|---|" + "---|---|---|" * len(runs)]

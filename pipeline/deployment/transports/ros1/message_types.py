@@ -1,6 +1,6 @@
-"""Messages as ROS 1 messages, there and back: standard types where there are any, our own for the rest.
+"""Conversion of messages to and from ROS 1 messages: standard types if possible, else our own.
 
-Goals do not travel on topics: they are an action (`reach_action`).
+Goals are not sent on topics, but as an action (`reach_action`).
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ MAXIMUM_CAN_BYTES = 8
 
 
 class Carrier(NamedTuple):
-    """How a topic's messages travel: name, ROS type, and both conversions (the second is given the arrival, ns)."""
+    """Transport of a topic's messages: name, ROS type, and both conversions (the second also takes the arrival, ns)."""
 
     name: str
     ros_type: type
@@ -40,7 +40,7 @@ class Carrier(NamedTuple):
 
 
 def ros_time(nanoseconds: int) -> Any:
-    """A time of the graph's clock as a ROS time."""
+    """Convert a time of the graph's clock to a ROS time."""
     import genpy
 
     return genpy.Time(nanoseconds // NANOSECONDS, nanoseconds % NANOSECONDS)
@@ -63,7 +63,7 @@ def read_pose(ros: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
-    """Carriers of all topics between processes, with the machine's names where logs have them.
+    """Carriers of all topics between processes, with the machine's names for topics of logs.
 
     Raises:
         InputError: ROS 1 is not installed.

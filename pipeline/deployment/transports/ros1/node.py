@@ -1,4 +1,4 @@
-"""A component as a ROS 1 node: rospy's threads bring messages, one thread ticks, one carries computations out."""
+"""A component as a ROS 1 node: rospy's threads deliver messages, one thread ticks, one executes computations."""
 
 import json
 import queue
@@ -29,13 +29,13 @@ QUEUE = 100
 
 
 class Node:
-    """Runs one component until the graph is shut down, and measures what it sees of the graph.
+    """Runs one component until the graph is shut down, and measures delays.
 
-    A component that raises ends its node, in whichever thread it does so: the others then miss it.
+    An exception in any thread ends the node, so that the others miss it.
 
     Attributes:
-        measured: seconds, by name: `age <topic>` of messages that arrive, `timer` lateness of ticks, `tick` from
-            waking up to the last message sent, `computation`; and `missed`, ticks whose turn came too late.
+        measured: seconds, by name: `age <topic>` of arriving messages, `timer` lateness of ticks, `tick` from waking
+            up to the last message sent, `computation`; and `missed`, ticks that came too late.
     """
 
     def __init__(
@@ -44,9 +44,9 @@ class Node:
         """Starts the node; needs the graph's master in the environment.
 
         Args:
-            component: what it runs; one that hears goals is the server of the action `reach`.
+            component: the component; one that receives goals is the server of the action `reach`.
             machine: names its topics.
-            errors: what the action's feedback tells.
+            errors: errors for the action's feedback.
 
         Raises:
             InputError: ROS 1 is not installed, or the graph has no clock.
@@ -56,7 +56,9 @@ class Node:
         self._lock = threading.RLock()
         self._computations: queue.Queue[Any] = queue.Queue()
         self.measured: dict[str, list[float]] = {}
-        remappings = [word for word in sys.orig_argv if ":=" in word]  # roslaunch's, which a stage takes away
+        remappings = [
+            word for word in sys.orig_argv if ":=" in word
+        ]  # roslaunch's arguments, which a stage removes
         self._rospy.init_node(component.name, argv=remappings, disable_signals=False)
         self._clock = GraphClock(self._rospy)
         self._carriers = carriers(machine)
@@ -89,7 +91,7 @@ class Node:
         """Run until the graph is shut down.
 
         Raises:
-            Exception: whatever the component raised.
+            Exception: the component's exception.
         """
         if isinstance(component := self._component, ComputingComponent):
             self._start_thread(self._compute, component)
@@ -110,7 +112,7 @@ class Node:
                 time.sleep(wait_ns / NANOSECONDS)
             woken_ns = self.now_ns()
             if self._rospy.is_shutdown():
-                break  # what shutting down holds up is no tick that was missed
+                break  # a tick delayed by the shutdown does not count as missed
             with self._lock:
                 self._carry_out(self._component.on_timer(woken_ns))
             self._measure("timer", woken_ns - due_ns)
@@ -118,19 +120,19 @@ class Node:
             if self._action is not None and self._state is not None:
                 self._action.feed_back(self._state)
             due_ns += period_ns
-            while due_ns + period_ns < self.now_ns():  # too late for a whole tick: counted, not made up for
+            while due_ns + period_ns < self.now_ns():  # late by a whole tick: counted, not repeated
                 self._measure("missed", self.now_ns() - due_ns)
                 due_ns += period_ns
 
     def save(self, path: Path) -> None:
-        """Write what was measured, as JSON."""
+        """Write the measurements as JSON."""
         write_whole(path, (json.dumps(self.measured) + "\n").encode())
 
     def _start_thread(self, function: Callable[..., None], *arguments: Any) -> None:
         threading.Thread(target=self._guard, args=(function, *arguments), daemon=True).start()
 
     def _guard(self, function: Callable[..., None], *arguments: Any) -> None:
-        """Call; rospy would log what is raised in its threads, and go on."""
+        """Call and store exceptions; rospy would log them and go on."""
         try:
             function(*arguments)
         except Exception as failure:

@@ -1,4 +1,4 @@
-"""The simulated PLC of the real graph, which tells its outputs: from them a stop is timed."""
+"""The simulated PLC of the real graph, which publishes its outputs to time stops."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from pipeline.deployment.messages import MachineOutputs, Topic
 
 
 class ObservedPlc(ProgrammableController):
-    """Publishes its outputs whenever they have changed."""
+    """Publishes its outputs at every change."""
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
         """One cycle."""

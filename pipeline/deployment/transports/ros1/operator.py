@@ -1,4 +1,4 @@
-"""The operator at the real graph: gives targets one after the other, waits for how each ended, and records."""
+"""The operator of the real graph: gives targets one after the other, waits for each result, and records."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,14 +11,14 @@ from pipeline.machine.specification import MachineSpecification
 
 
 class Operator(Listener):
-    """A node that talks to `autonomous_server`, and records.
+    """A node that sends goals to `autonomous_server`, and records.
 
     Attributes:
-        client: of the action.
+        client: client of the action.
     """
 
     def __init__(self, machine: MachineSpecification, taps: Sequence[Tap] = ()) -> None:
-        """Joins the graph; arguments as of `Listener`.
+        """Joins the graph; see `Listener` for the arguments.
 
         Raises:
             InputError: ROS 1 is not installed, or the graph has no clock.
@@ -27,17 +27,17 @@ class Operator(Listener):
         self.client = ReachClient()
 
     def wait_for_server(self, timeout_s: float, require_running: Callable[[], None]) -> None:
-        """Wait until the server hears goals.
+        """Wait until the server accepts goals.
 
         Raises:
-            InputError: it does not in time, or a node has ended.
+            InputError: it does not start in time, or a node has ended.
         """
         wait_until_up(
             lambda: self.client.is_connected(POLL_S), "autonomous_server", timeout_s, require_running
         )
 
     def pursue(self, goals: Sequence[ReachGoal], timeout_s: float) -> list[ReachResult]:
-        """Give each goal when the one before has ended.
+        """Give each goal after the end of the previous one.
 
         Raises:
             InputError: a goal did not end in time.
@@ -53,10 +53,10 @@ class Operator(Listener):
         self.client.give(goal)
 
     def result(self, timeout_s: float) -> ReachResult:
-        """Wait for how the goal ended.
+        """Wait for the goal's result.
 
         Raises:
-            InputError: it did not in time, or the server is gone.
+            InputError: the goal did not end in time, or the server is gone.
         """
         result = self.client.result(timeout_s)
         if result is None:

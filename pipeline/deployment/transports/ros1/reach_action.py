@@ -1,6 +1,6 @@
-"""The action `autonomous_server/reach`: a target pose is a goal that any actionlib client can give.
+"""The action `autonomous_server/reach`: any actionlib client can give a target pose as a goal.
 
-One goal is pursued at a time; a new one takes the place of the one in hand, which ends as preempted.
+One goal is pursued at a time; a new one preempts it.
 """
 
 import queue
@@ -32,7 +32,7 @@ GoalErrors = Callable[
 
 
 class _Pursuit:
-    """A goal that the component was given: its handle, its message, and whether the client gave it up."""
+    """The component's goal: its handle, its message, and whether the client cancelled it."""
 
     def __init__(self, handle: Any, message: ReachGoal) -> None:
         self.handle = handle
@@ -41,14 +41,14 @@ class _Pursuit:
 
 
 class ReachActionServer:
-    """Translates between actionlib and a component that hears `ReachGoal` and `CancelGoal`.
+    """Translates between actionlib and a component that receives `ReachGoal` and `CancelGoal`.
 
-    The component is given a goal only when it has answered the one before, by its target pose (it is pursued) or
-    by its result (it is not). Meanwhile the newest further goal waits, and an older waiting one is recalled. A goal
-    that is cancelled before the component has answered is given up as soon as it has.
+    The component gets a goal only after it has answered the previous one, by a target pose (accepted) or a result
+    (refused). Meanwhile the newest goal waits, and an older waiting one is recalled. A goal that is cancelled before
+    the component's answer is given up after the answer.
 
-    actionlib calls back while it holds a lock of its own; a thread of ours takes the calls over, so that the node's
-    lock is always the outer one.
+    actionlib calls back while it holds its own lock. A separate thread takes the calls over, so that the node's lock
+    is always the outer one.
     """
 
     def __init__(
@@ -57,9 +57,9 @@ class ReachActionServer:
         """Advertises the action.
 
         Args:
-            lock: of the node; it is held whenever the component is called.
-            deliver: hands a message to the component.
-            errors: what feedback tells of a joint state; None: no feedback.
+            lock: lock of the node; it is held during calls of the component.
+            deliver: passes a message to the component.
+            errors: errors of a joint state for feedback; None disables feedback.
         """
         require_ros()
         import actionlib
@@ -83,7 +83,7 @@ class ReachActionServer:
         self._server.start()
 
     def published(self, message: Message) -> None:
-        """What the component says of its goals: a target pose or a result; the node's lock is held."""
+        """Process the component's target pose or result; the node's lock is held."""
         if isinstance(message, TargetPose) and self._asked is not None:
             self._in_hand, self._asked = self._asked, None
             self._in_hand.handle.set_accepted()
@@ -96,7 +96,7 @@ class ReachActionServer:
             self._ask(waiting)
 
     def feed_back(self, state: JointState) -> None:
-        """Tell the client how far its goal is; the node's lock is not held."""
+        """Send the distance to the goal as feedback; the node's lock is not held."""
         pursuit = self._in_hand
         if pursuit is None or self._errors is None:
             return
@@ -105,7 +105,7 @@ class ReachActionServer:
         pursuit.handle.publish_feedback(feedback(ros_time(state.stamp_ns), distance_m, pitch_rad))
 
     def work(self) -> None:
-        """Hand the clients' goals and cancellations on, for ever; in a thread of its own."""
+        """Forward the clients' goals and cancellations without end, in a separate thread."""
         while True:
             call, handle = self._calls.get()
             with self._lock:
@@ -128,7 +128,7 @@ class ReachActionServer:
         self._deliver(Topic.goal, self._asked.message)
 
     def _cancel(self, handle: Any) -> None:
-        # actionlib's handles compare with handles only
+        # actionlib's handles can be compared with handles only
         if self._waiting is not None and self._waiting == handle:
             self._waiting = None
             handle.set_canceled(text="cancelled")
@@ -155,10 +155,10 @@ class ReachActionServer:
 
 
 class ReachClient:
-    """Gives goals to the action, one at a time; any other actionlib client does as well."""
+    """An actionlib client that gives one goal at a time; any other client works, too."""
 
     def __init__(self) -> None:
-        """Joins the action; the process is a node already."""
+        """Joins the action; the process must be a node."""
         self._rospy = require_ros()
         import actionlib
 
@@ -172,7 +172,7 @@ class ReachClient:
         return bool(self._client.wait_for_server(self._rospy.Duration(timeout_s)))
 
     def give(self, goal: ReachGoal) -> None:
-        """Give a goal; what is heard of it from now on is in `feedback`: distance, m, and error in pitch, rad."""
+        """Give a goal; `feedback` collects its distance, m, and error in pitch, rad."""
         self._goal_id = goal.goal_id
         self.feedback = []
         ros_goal = self._types[f"{PACKAGE}/ReachGoal"]()
@@ -182,11 +182,11 @@ class ReachClient:
         )
 
     def cancel(self) -> None:
-        """Give the goal up; its result is still to come."""
+        """Cancel the goal; its result follows."""
         self._client.cancel_goal()
 
     def result(self, timeout_s: float) -> ReachResult | None:
-        """How the goal ended; None where it did not in time, or where the server is gone."""
+        """The goal's result; None after the time-out or if the server is gone."""
         if not self._client.wait_for_result(self._rospy.Duration(timeout_s)):
             return None
         ros = self._client.get_result()

@@ -1,4 +1,4 @@
-"""How long messages, decisions and timers take: distributions that were measured on the real graph.
+"""Delays of messages, decisions and timers: distributions measured on the real graph.
 
 The file is JSON, written by the stage `measure_delays`: per link, quantiles of its delay at equally spaced
 probabilities from 0 to 1, and the share of messages lost.
@@ -26,15 +26,15 @@ LINKS = {
     "inference": "decision of the controller",
     "timer": "tick, from when it was due",
 }
-PLANNING = "planning"  # decision of a planner, in files that were measured with one: in place of "inference"
+PLANNING = "planning"  # decision of a planner, which replaces "inference", if measured
 
 
 class PlannerEffort(NamedTuple):
-    """What a planner's decision costs, whatever the computer.
+    """Cost of a planner's decision, independent of the computer.
 
     Attributes:
         model_steps: steps of the dynamics, over all sequences.
-        model_parameters: numbers in its network.
+        model_parameters: number of its network's parameters.
     """
 
     model_steps: int
@@ -47,7 +47,7 @@ class Distribution:
 
     Attributes:
         quantiles_s: ascending, at equally spaced probabilities from 0 to 1.
-        loss_probability: share that never arrives.
+        loss_probability: share of lost messages.
     """
 
     quantiles_s: np.ndarray
@@ -55,22 +55,22 @@ class Distribution:
 
     @classmethod
     def of(cls, delays_s: np.ndarray, n_lost: int = 0) -> "Distribution":
-        """The distribution of measured delays, (n,), and how many more never arrived."""
+        """The distribution of measured delays, (n,), and of `n_lost` lost messages."""
         probabilities = np.linspace(0.0, 1.0, QUANTILES)
         return cls(np.quantile(delays_s, probabilities), n_lost / (n_lost + len(delays_s)))
 
     @classmethod
     def constant(cls, delay_s: float) -> "Distribution":
-        """Always the same."""
+        """The distribution of a constant delay."""
         return cls(np.full(2, delay_s), 0.0)
 
 
 class MeasuredDelays(NamedTuple):
-    """What a file of delays holds.
+    """Content of a file of delays.
 
     Attributes:
-        links: by name of the link (`LINKS`, and `PLANNING` where it was measured with a planner).
-        planner: whose decisions took as long as `PLANNING` says; None where the file says nothing of it.
+        links: distributions by link (`LINKS`, and `PLANNING` if measured with a planner).
+        planner: the planner of `PLANNING`; None if the file does not describe it.
     """
 
     links: dict[str, Distribution]
@@ -86,7 +86,7 @@ class DelaySampler:
         self._drawn: list[int] = []
 
     def draw_ns(self) -> int:
-        """The next delay, ns; -1 where the message is lost."""
+        """The next delay, ns; -1 for a lost message."""
         if not self._drawn:
             uniform = self._random.random((2, DRAWN_AT_ONCE))
             quantiles = self._distribution.quantiles_s
@@ -97,7 +97,7 @@ class DelaySampler:
 
 
 def save_delays(path: Path, links: Mapping[str, Distribution], measured: Mapping[str, Any]) -> None:
-    """Write the file; `measured` says how they were measured, as JSON values."""
+    """Write the file; `measured` describes the measurement, as JSON values."""
     content = {
         "schema_version": SCHEMA_VERSION,
         "measured": dict(measured),
@@ -116,7 +116,7 @@ def load_delays(path: Path) -> MeasuredDelays:
     """Read the file.
 
     Raises:
-        InputError: it is missing, or not one that `save_delays` wrote.
+        InputError: the file is missing, or `save_delays` did not write it.
     """
     try:
         content = json.loads(path.read_text())
@@ -158,15 +158,15 @@ def _is_ascending_from_zero(quantiles_s: np.ndarray) -> bool:
 def delays_of(
     links: Mapping[str, Distribution], kind: ControllerKind, unmeasured_planning_s: float | None
 ) -> tuple[dict[str, Distribution], bool]:
-    """The links of a graph with a controller of this kind, and whether its decisions were measured.
+    """The links of a graph with this kind of controller, and whether its decisions were measured.
 
     Args:
-        links: of a file.
-        kind: of the controller.
-        unmeasured_planning_s: delay of a planner's decisions where the file has none, s.
+        links: distributions of a file.
+        kind: kind of the controller.
+        unmeasured_planning_s: delay of a planner's decisions if the file lacks it, s.
 
     Raises:
-        InputError: the controller is a planner, and nobody says how long it takes.
+        InputError: the controller is a planner of unknown decision time.
     """
     graph = {name: links[name] for name in LINKS}
     if kind is ControllerKind.ppo:

@@ -1,4 +1,4 @@
-"""What can go wrong in the simulated graph: the hook that faults are written against."""
+"""The interface of faults in the simulated graph."""
 
 from collections.abc import Sequence
 
@@ -6,20 +6,20 @@ from pipeline.deployment.messages import Message, Topic
 
 
 class Fault:
-    """Base of all faults: nothing goes wrong. Times are the simulation's own, ns."""
+    """Base of all faults, without any fault. Times are the simulation's, ns."""
 
     def deliver(
         self, topic: Topic, target: str, message: Message, time_ns: int
     ) -> Sequence[tuple[int, Message]] | None:
-        """What arrives in place of a message that is due now: extra delays, ns, and messages; None: just it."""
+        """Replacement of a message that is due now: extra delays, ns, and messages; None keeps it."""
         return None
 
     def is_running(self, component: str, time_ns: int) -> bool:
-        """Whether a component takes messages and ticks."""
+        """Whether a component receives messages and ticks."""
         return True
 
     def clock_error_ns(self, component: str, time_ns: int) -> int:
-        """By how much the component's clock is ahead."""
+        """Lead of the component's clock."""
         return 0
 
     def extra_computation_ns(self, component: str, time_ns: int) -> int:

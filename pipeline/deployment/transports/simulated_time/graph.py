@@ -1,7 +1,7 @@
 """The components in simulated time: events in a queue, in order of time and then of creation.
 
-Messages of one link (topic and receiver) overtake each other no more than TCP lets them. Timers start at random
-phases: nothing in the real graph aligns them. The same seed gives the same run.
+Messages of one link (topic and receiver) keep their order, as with TCP. Timers start at random phases, as in the real
+graph. The same seed gives the same run.
 """
 
 import heapq
@@ -18,13 +18,11 @@ from pipeline.deployment.transports.simulated_time.faults import Fault
 Tap = Callable[[Topic, Message, int], None]
 
 
-_Event = tuple[
-    int, int, Callable[..., None], tuple[Any, ...]
-]  # time, ns; number; what is called, and with what
+_Event = tuple[int, int, Callable[..., None], tuple[Any, ...]]  # time, ns; number; function and arguments
 
 
 class SimulatedGraph:
-    """Runs components as nodes of their own would run, and faster than real time."""
+    """Runs components as separate nodes, faster than real time."""
 
     def __init__(
         self,
@@ -38,12 +36,12 @@ class SimulatedGraph:
         """Starts all components.
 
         Args:
-            components: names are unique.
-            delays: per link (`delays.LINKS`).
-            seed: of delays and phases; the same for each link whatever happens on the others.
+            components: components with unique names.
+            delays: distributions per link (`delays.LINKS`).
+            seed: seed of delays and phases; each link's draws are independent of the others.
             start_ns: time of the first event.
-            faults: what goes wrong.
-            taps: called with topic, message and time of every publication, as a recorder beside its sender.
+            faults: injected faults.
+            taps: called with topic, message and time of every publication, like a recorder at the sender.
         """
         self.time_ns = start_ns
         self.components = {component.name: component for component in components}
@@ -77,7 +75,7 @@ class SimulatedGraph:
         self._publish(topic, message)
 
     def run(self, until_ns: int, stop: Callable[[], bool] = lambda: False) -> None:
-        """Handle all events up to a time, or until `stop()`, which is asked after each event."""
+        """Handle all events up to a time, or until `stop()`, which is called after each event."""
         while self._events and self._events[0][0] <= until_ns:
             self.time_ns, _, action, arguments = heapq.heappop(self._events)
             action(*arguments)
@@ -100,7 +98,7 @@ class SimulatedGraph:
         )
 
     def _schedule_tick(self, component: Component, due_ns: int) -> None:
-        """A timer wakes up a little after it was due; the one that is later than a period does not hold up the next."""
+        """Schedule a timer's wake-up with its lateness; a lateness beyond a period does not delay the next tick."""
         assert component.period_ns is not None
         timer, late_ns = self._timers[component.name], component.period_ns
         while late_ns >= component.period_ns:

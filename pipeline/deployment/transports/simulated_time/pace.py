@@ -1,4 +1,4 @@
-"""Simulated time no faster than the clock on the wall: for those who watch."""
+"""Simulated time slowed down to real time, for viewers."""
 
 import time
 
@@ -9,7 +9,7 @@ SLICE_NS = nanoseconds(0.02)
 
 
 def run_at_real_time(graph: SimulatedGraph, until_ns: int) -> None:
-    """As `graph.run`, slowed down to real time; what is late by then is made up for."""
+    """Run the graph at real time; lateness is caught up."""
     ahead_ns = graph.time_ns - time.monotonic_ns()
     while graph.time_ns < until_ns:
         graph.run(min(graph.time_ns + SLICE_NS, until_ns))
