@@ -76,7 +76,7 @@ class _GoalPursuit:
 
 
 class AutonomousServer(ComputingComponent):
-    """Pursues one goal at a time; a new goal replaces it without a stop of the machine. An unreachable pose is refused."""
+    """Pursues one goal at a time; a new goal replaces it without a stop. Unreachable poses are refused."""
 
     name = "autonomous_server"
     subscriptions = (Topic.joint_states, Topic.goal, Topic.cancel, Topic.emergency_stop)
