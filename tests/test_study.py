@@ -56,6 +56,7 @@ def storage_url(kind: str, folder: Path) -> str:
     return {"journal": str(folder / "a.journal"), "sqlite": f"sqlite:///{folder}/a.db"}[kind]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["journal", "sqlite"])
 def test_a_killed_study_resumes_to_what_it_would_have_been(kind, tmp_path):
     whole, log = tmp_path / "whole", tmp_path / "log"
@@ -77,6 +78,7 @@ def test_a_killed_study_resumes_to_what_it_would_have_been(kind, tmp_path):
     assert 1 <= len(retried) <= 2
 
 
+@pytest.mark.long
 def test_four_workers_finish_exactly_the_total_though_one_is_killed(tmp_path):
     storage, log = str(tmp_path / "a.journal"), tmp_path / "log"
     workers = [start(storage, 24, 0.03, log) for _ in range(4)]

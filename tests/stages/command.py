@@ -13,8 +13,12 @@ from unittest import mock
 
 
 def run_stage(stage: str, *overrides: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """What `python -m pipeline.stages.<stage> <overrides> tracking=none` in `folder` would print and end with."""
-    arguments = [f"{stage}.py", *overrides, "tracking=none"]
+    """What `python -m pipeline.stages.<stage> <overrides>` in `folder` would print and end with.
+
+    With `tracking=none`, unless the overrides say otherwise.
+    """
+    is_tracked = any(override.startswith("tracking=") for override in overrides)
+    arguments = [f"{stage}.py", *overrides, *([] if is_tracked else ["tracking=none"])]
     main = importlib.import_module(f"pipeline.stages.{stage}").main
     said, errors = io.StringIO(), io.StringIO()
     with (

@@ -152,6 +152,7 @@ def mistakes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, s
     return {name: (end.returncode, end.stderr) for name, end in ends.items()}
 
 
+@pytest.mark.long
 def test_a_command_with_a_mistake_ends_with_one_line_and_status_2(tmp_path: Path) -> None:
     process = start(tmp_path, "nominal=nowhere", "measured=nowhere", "output=out")
     said, errors = process.communicate(timeout=200)

@@ -27,13 +27,6 @@ LOOP = ["nominal=a", "measured=b", "output=c"]
 PROFILES = sorted(path.stem for path in (ROOT / "conf/profile").glob("*.yaml"))
 
 
-def start(stage: str, *overrides: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """As `run_stage`, as a process of its own."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", f"pipeline.stages.{stage}", *overrides, "tracking=none"]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
-
-
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with one bag of ten seconds."""
@@ -71,7 +64,7 @@ def test_every_stage_takes_every_profile(stage: str, profile: str) -> None:
 
 
 def test_paths_are_relative_to_the_callers_folder(logs: Path, tmp_path: Path) -> None:
-    result = start("ingest", f"logs={os.path.relpath(logs, tmp_path)}", "output=tuples", folder=tmp_path)
+    result = run_stage("ingest", f"logs={os.path.relpath(logs, tmp_path)}", "output=tuples", folder=tmp_path)
     assert result.returncode == 0, result.stderr
     tuples = polars.read_parquet(tmp_path / "tuples/morning.parquet")
     assert set(tuples["split"]) == {"train", "validation"}
@@ -79,7 +72,19 @@ def test_paths_are_relative_to_the_callers_folder(logs: Path, tmp_path: Path) ->
 
 
 def test_a_mistake_is_one_line_and_status_2(tmp_path: Path) -> None:
-    result = start("ingest", "logs=nowhere", "output=tuples", folder=tmp_path)
+    """As a process of its own, which alone shows what a user sees."""
+    command = [
+        sys.executable,
+        "-m",
+        "pipeline.stages.ingest",
+        "logs=nowhere",
+        "output=tuples",
+        "tracking=none",
+    ]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    result = subprocess.run(
+        command, capture_output=True, text=True, cwd=tmp_path, env=environment, check=False
+    )
     assert result.returncode == 2
     assert result.stderr.splitlines() == ["error: ingest: nowhere: no such folder; name a folder of logs"]
 
@@ -276,7 +281,7 @@ def test_own_logs_leave_no_recorded_ones_to_be_taken_for_data(recorded: Path, tm
 
 def test_a_sweep_runs_every_value(logs: Path, tmp_path: Path) -> None:
     overrides = ["-m", f"logs={logs}", "ingest.validation_fraction=0.1,0.2"]
-    result = start("ingest", *overrides, "output=out_${ingest.validation_fraction}", folder=tmp_path)
+    result = run_stage("ingest", *overrides, "output=out_${ingest.validation_fraction}", folder=tmp_path)
     assert result.returncode == 0, result.stderr
     shares = [
         polars.read_parquet(tmp_path / f"out_{fraction}/morning.parquet")["split"].eq("validation").mean()

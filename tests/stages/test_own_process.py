@@ -1,4 +1,4 @@
-"""Every job of a sweep joins a graph of its own, with overrides of its own."""
+"""A function in a process of its own: what it returns or raises comes back, and it dies with its command."""
 
 import os
 import subprocess
@@ -8,11 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.deployment.components.recording import Recorder
 from pipeline.errors import InputError
-from pipeline.stages import run_graph
 from pipeline.stages.processes.own_process import in_own_process
-from tests.stages.command import run_stage
 
 PATIENCE_S = 60.0
 
@@ -40,27 +37,3 @@ def test_it_dies_with_the_command_that_was_killed() -> None:
     while worker.exists() and "Z" not in (worker / "stat").read_text().rpartition(")")[2]:
         assert time.monotonic() < deadline
         time.sleep(0.05)
-
-
-@pytest.mark.slow
-def test_each_job_of_a_sweep_runs_apart_with_its_own_overrides(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen = []
-
-    def apart(function: object, configuration: run_graph.RunGraphStage, overrides: list[str]) -> tuple:
-        assert function is run_graph.run_targets
-        seen.append((configuration.targets, overrides))
-        return [], Recorder()
-
-    monkeypatch.setattr("pipeline.stages.processes.own_process.in_own_process", apart)
-    for name in ("write_run", "simulate", "write_bag_of"):
-        monkeypatch.setattr(run_graph, name, lambda *_: None)
-    monkeypatch.setattr(run_graph, "trials_of", lambda *_: [])
-    output = "output='out (${targets})/${hydra:job.num}'"
-    result = run_stage("run_graph", "-m", "model=a", "policy=b", "targets=1,2", output, folder=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert seen == [
-        (n + 1, ["model=a", "policy=b", f"targets={n + 1}", f"output='out ({n + 1})/{n}'", "tracking=none"])
-        for n in range(2)
-    ]

@@ -270,10 +270,9 @@ def test_four_workers_share_a_postgresql_though_one_is_killed(folder: Path) -> N
 
 
 def test_a_password_goes_nowhere(folder: Path) -> None:
-    process = start("search", "storage=postgresql://me:secret@host/db", "tracking=sqlite", folder=folder)
-    _, errors = process.communicate(timeout=120)
-    assert process.returncode == 2
-    (line,) = errors.splitlines()
+    end = run_stage("search", "storage=postgresql://me:secret@host/db", "tracking=sqlite", folder=folder)
+    assert end.returncode == 2
+    (line,) = end.stderr.splitlines()
     assert line.startswith("error: search: storage=postgresql://me:***@host/db: this would be")
     assert not (folder / "mlflow.db").exists()
 

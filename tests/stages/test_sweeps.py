@@ -2,14 +2,16 @@
 
 import importlib
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
+
+from pipeline.deployment.components.recording import Recorder
+from pipeline.stages import run_graph
+from tests.stages.command import run_stage
 
 ROOT = Path(__file__).parents[2]
 LAUNCHERS = {
@@ -17,23 +19,13 @@ LAUNCHERS = {
     "joblib": ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"],
     "submitit": ["hydra/launcher=submitit_local"],
 }
+LONG = {"joblib", "submitit"}  # start processes that import the libraries
 
 
 def sweep(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
     """A sweep over documents of which the stage `unseal` says that there is nothing to judge: it starts fastest."""
     (folder / "first.json").write_text(json.dumps({"note": "nothing measured"}))
-    command = [
-        sys.executable,
-        "-m",
-        "pipeline.stages.unseal",
-        "-m",
-        "output=judged/${closed_loop}",
-        *overrides,
-    ]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run(
-        [*command, "tracking=none"], capture_output=True, text=True, cwd=folder, env=environment, check=False
-    )
+    return run_stage("unseal", "-m", "output=judged/${closed_loop}", *overrides, folder=folder)
 
 
 def test_no_job_starts_before_all_are_checked(tmp_path: Path) -> None:
@@ -46,7 +38,9 @@ def test_no_job_starts_before_all_are_checked(tmp_path: Path) -> None:
     assert not (tmp_path / "judged").exists()
 
 
-@pytest.mark.parametrize("launcher", LAUNCHERS)
+@pytest.mark.parametrize(
+    "launcher", [pytest.param(name, marks=pytest.mark.long if name in LONG else []) for name in LAUNCHERS]
+)
 def test_a_failing_job_leaves_the_others_running_and_is_told(launcher: str, tmp_path: Path) -> None:
     result = sweep(tmp_path, "closed_loop=nowhere.json,first.json", *LAUNCHERS[launcher])
     assert result.returncode == 2
@@ -64,3 +58,26 @@ def test_slurm_queues_a_job_again_that_ran_out_of_time() -> None:
     launcher = composed.hydra.launcher
     assert launcher._target_.endswith("submitit_launcher.SlurmLauncher")
     assert launcher.max_num_timeout > 0 and launcher.timeout_min > 60
+
+
+def test_each_job_of_a_sweep_joins_a_graph_of_its_own_with_its_own_overrides(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def apart(function: object, configuration: run_graph.RunGraphStage, overrides: list[str]) -> tuple:
+        assert function is run_graph.run_targets
+        seen.append((configuration.targets, overrides))
+        return [], Recorder()
+
+    monkeypatch.setattr("pipeline.stages.processes.own_process.in_own_process", apart)
+    for name in ("write_run", "simulate", "write_bag_of"):
+        monkeypatch.setattr(run_graph, name, lambda *_: None)
+    monkeypatch.setattr(run_graph, "trials_of", lambda *_: [])
+    output = "output='out (${targets})/${hydra:job.num}'"
+    result = run_stage("run_graph", "-m", "model=a", "policy=b", "targets=1,2", output, folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert seen == [
+        (n + 1, ["model=a", "policy=b", f"targets={n + 1}", f"output='out ({n + 1})/{n}'", "tracking=none"])
+        for n in range(2)
+    ]

@@ -79,6 +79,7 @@ def test_a_failing_stage_leaves_a_failed_run(configuration: TrackingConfiguratio
     assert found.info.status == "FAILED"
 
 
+@pytest.mark.long
 def test_a_killed_stage_is_ended_by_the_next(configuration: TrackingConfiguration) -> None:
     script = (
         "import os, signal, sys, json\n"
@@ -94,6 +95,7 @@ def test_a_killed_stage_is_ended_by_the_next(configuration: TrackingConfiguratio
     assert sorted(run.info.status for run in runs(configuration)) == ["FINISHED", "KILLED"]
 
 
+@pytest.mark.long
 def test_stages_of_one_dvc_process_share_a_parent(
     configuration: TrackingConfiguration, tmp_path: Path
 ) -> None:
@@ -232,6 +234,7 @@ def test_the_machine_is_sampled_meanwhile(configuration: TrackingConfiguration) 
         replace(configuration, system_metrics_interval_s=0)
 
 
+@pytest.mark.long
 def test_a_kill_while_the_database_is_made_leaves_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import jax
 import numpy as np
+import pytest
 
 from tests.dynamics.killed_training import train
 
 REPOSITORY = Path(__file__).parents[3]
 
 
+@pytest.mark.long
 def test_a_killed_process_goes_on_to_bit_equal_parameters(tmp_path):
     arguments = [jax.config.jax_compilation_cache_dir, tmp_path / "checkpoints", tmp_path / "result.npz"]
     command = [sys.executable, "-m", "tests.dynamics.killed_training", *map(str, arguments)]
