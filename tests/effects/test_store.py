@@ -174,7 +174,7 @@ def test_what_is_no_such_file_is_told_in_one_line(saved, content):
     assert FILE in refused(saved)
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_damage_is_read_or_refused(saved, data):
     json_value = st.recursive(

@@ -19,7 +19,7 @@ configurations = st.tuples(*(st.floats(lower, upper) for lower, upper in LIMITS)
 
 
 @given(q=configurations)
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=50)
 def test_float32_pose_equals_the_product_of_transforms(q, forward):
     pose = forward(jnp.asarray(q, jnp.float32))
     transform = chisel_transform(q)
@@ -49,7 +49,7 @@ def test_float64_pose_equals_the_product_of_transforms(machine_directory, tmp_pa
 
 
 @given(q=configurations)
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 def test_quaternion_is_that_of_yaw_and_pitch_with_its_sign(q, arm, forward):
     expected = quaternion_from_yaw_pitch(jnp.float32(arm.yaw(q)), jnp.float32(arm.pitch(q)))
     assert np.abs(forward(jnp.asarray(q, jnp.float32)).quaternion - expected).max() < 1e-5
@@ -58,7 +58,7 @@ def test_quaternion_is_that_of_yaw_and_pitch_with_its_sign(q, arm, forward):
 
 
 @given(yaw=st.floats(-0.9, 0.9), pitch=st.floats(-3.1, 3.1), sign=st.sampled_from([-1.0, 1.0]))
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=50)
 def test_yaw_and_pitch_are_recovered_from_either_quaternion(yaw, pitch, sign):
     found_yaw, found_pitch = yaw_pitch(sign * quaternion_from_yaw_pitch(jnp.float32(yaw), jnp.float32(pitch)))
     assert abs(found_yaw - yaw) < 2e-6

@@ -43,7 +43,7 @@ from tests.logs.whole_logs import (
     whole_log,
 )
 
-slow = settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+few = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 MAXIMUM_PROCESSOR_S = 10.0  # the slowest case takes five on a slow machine; without a bound, minutes
 MAXIMUM_GROWTH_BYTES = 300 << 20  # of which compiling takes 120 MB; the bombs would take 360 MB and more
@@ -169,7 +169,7 @@ def test_whole_logs_need_no_line(kind, tmp_path):
 
 
 @pytest.mark.parametrize("kind", [kind for kind in BAGS if kind != SQLITE])
-@slow
+@few
 @given(share=st.floats(0, 1))
 def test_cut_off_anywhere(tmp_path, kind, share):
     """A crash of the recorder: every message before the cut is read, as it was recorded."""
@@ -212,7 +212,7 @@ def test_cut_database_gives_what_was_recorded(tmp_path):
         assert_recorded(path, 0)
 
 
-@slow
+@few
 @given(share=st.floats(0.05, 0.95), bit=st.integers(0, 7))
 @pytest.mark.parametrize("kind", MCAP_CHUNKED)
 def test_bit_flip_costs_one_chunk(tmp_path, kind, share, bit):
@@ -231,7 +231,7 @@ def test_bit_flip_costs_one_chunk(tmp_path, kind, share, bit):
     assert f"byte {chunk.start}" in note.text
 
 
-@slow
+@few
 @given(data=st.data())
 @pytest.mark.parametrize("kind", [*BAGS, *TABLES])
 def test_any_damage_gives_a_log_or_one_line(tmp_path, kind, data):
