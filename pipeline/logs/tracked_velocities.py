@@ -1,12 +1,17 @@
 """The loop tracker over whole trajectories, compiled (definition in `loop_tracker.py`).
 
-A separate module, because importing the compiler takes a second and few stages read logs.
+A short trajectory is done in the interpreter before the compiler, Numba, would be imported, which takes a second.
 """
 
-import numba
+import functools
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state
+
+WORTH_COMPILING = 200_000  # samples of all joints, at some microsecond each
 
 
 def track(q: np.ndarray, dt_s: float, config: LoopTrackerConfig) -> np.ndarray:
@@ -34,27 +39,30 @@ def continue_tracking(
     """
     q_estimate, integral = state.q_estimate.copy(), state.integral.copy()
     velocity = np.empty(q.shape)
-    _track(
-        q_estimate,
-        integral,
-        np.ascontiguousarray(q, np.float64),
-        dt_s,
-        config.proportional_gain,
-        config.integral_gain,
-        velocity,
-    )
+    arrays = (q_estimate, integral, np.ascontiguousarray(q, np.float64), velocity)
+    numbers = (dt_s, config.proportional_gain, config.integral_gain)
+    if q.size < WORTH_COMPILING:
+        _track(*map(memoryview, arrays), *numbers)  # whose items are Python's numbers, faster than NumPy's
+    else:
+        _compiled()(*arrays, *numbers)
     return LoopTrackerState(q_estimate, integral), velocity
 
 
-@numba.njit(cache=True)
+@functools.cache
+def _compiled() -> Callable[..., None]:
+    import numba
+
+    return numba.njit(cache=True)(_track)
+
+
 def _track(
-    q_estimate: np.ndarray,
-    integral: np.ndarray,
-    q: np.ndarray,
+    q_estimate: Any,
+    integral: Any,
+    q: Any,
+    velocity: Any,
     dt_s: float,
     proportional_gain: float,
     integral_gain: float,
-    velocity: np.ndarray,
 ) -> None:
     """`advance` sample by sample, in place: the same IEEE double operations in the same order."""
     for row in range(q.shape[0]):

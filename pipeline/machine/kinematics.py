@@ -1,18 +1,23 @@
-"""Forward kinematics of the arm with Brax, from the robot description (paper, "Computational pipeline")."""
+"""Forward kinematics of the arm with Brax, from the robot description (paper, "Computational pipeline").
+
+Brax is imported once an arm is loaded: it takes seconds, and many modules import this one for its types alone.
+"""
 
 import warnings
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from brax import base, kinematics
-from brax.io import mjcf
 
-from pipeline.machine.description import RobotDescription, arm_description, load_description
+from pipeline.machine.chain import arm_description
+from pipeline.machine.description import RobotDescription, load_description
 from pipeline.machine.specification import MachineSpecification
+
+if TYPE_CHECKING:
+    from brax import base
 
 Array = TypeVar("Array", jax.Array, np.ndarray)
 
@@ -37,7 +42,7 @@ class Arm:
     """
 
     def __init__(
-        self, machine: MachineSpecification, description: RobotDescription, system: base.System
+        self, machine: MachineSpecification, description: RobotDescription, system: "base.System"
     ) -> None:
         arm = arm_description(machine)
         self.description = description
@@ -61,6 +66,8 @@ class Arm:
             The pose in {B}. The quaternion is continuous in `q` and equals
             `quaternion_from_yaw_pitch(yaw(q), pitch(q))`.
         """
+        from brax import base, kinematics
+
         q = jnp.asarray(q)
         chain = (self._system.link, self._system.dof)
         link, dof = jax.tree.map(lambda leaf: jnp.asarray(leaf, q.dtype), chain)
@@ -100,6 +107,9 @@ def load_arm(machine: MachineSpecification, directory: Path) -> Arm:
         InputError: the machine has no arm section, or its URDF is missing or contradicts it
             (`pipeline.machine.description.load_description`).
     """
+    import pipeline.machine.quiet_mjx  # noqa: F401 # isort: skip (before Brax)
+    from brax.io import mjcf
+
     description = load_description(machine, Path(directory))
     with warnings.catch_warnings():
         # Brax warns that its physics is unmaintained; only its kinematics and its PPO are used here.
@@ -108,12 +118,14 @@ def load_arm(machine: MachineSpecification, directory: Path) -> Arm:
     return Arm(machine, description, _in_float64(system, description))
 
 
-def _in_float64(system: base.System, description: RobotDescription) -> base.System:
+def _in_float64(system: "base.System", description: RobotDescription) -> "base.System":
     """The system with the chain's geometry as float64 NumPy arrays, which Brax had rounded to JAX's
     precision.
 
     A URDF gives every moving link one joint, so the links' and the joints' rows agree.
     """
+    from brax import base
+
     model = description.model
     identity = np.tile([1.0, 0.0, 0.0, 0.0], (model.njnt, 1))
     link = system.link.replace(

@@ -10,7 +10,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from pipeline.machine.description import read_urdf, urdf_path
+from pipeline.machine.chain import urdf_path
+from pipeline.machine.description import read_urdf
 from pipeline.machine.poses import workspace_of
 from pipeline.machine.sector import sector_edges, sector_surface
 from pipeline.machine.specification import MachineSpecification, WorkspaceSpecification

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+
+import pipeline.machine.quiet_mjx  # noqa: F401 # isort: skip (before Brax)
 from brax.envs.base import Env, State
 
 from pipeline.errors import InputError

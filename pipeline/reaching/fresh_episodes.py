@@ -10,6 +10,8 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+
+import pipeline.machine.quiet_mjx  # noqa: F401 # isort: skip (before Brax)
 from brax.envs.base import State, Wrapper
 
 from pipeline.reaching.environment import ReachingEnvironment

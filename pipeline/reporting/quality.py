@@ -6,7 +6,7 @@ from pathlib import Path
 from pipeline.logs.ingest import IngestSummary
 from pipeline.logs.quality import QualityReport
 from pipeline.logs.tuples import SUFFIX, thinned_positions
-from pipeline.machine.kinematics import Arm
+from pipeline.machine.chain import ArmChain
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.figures.clouds import MAXIMUM_POINTS, cloud_of
 from pipeline.reporting.figures.workspace import cloud_figure
@@ -43,7 +43,7 @@ STREAMS = ("joint_states", "commands")
 
 
 def quality_page(
-    machine: MachineSpecification, arm: Arm | None, summary: IngestSummary, tuples_directory: Path
+    machine: MachineSpecification, arm: ArmChain | None, summary: IngestSummary, tuples_directory: Path
 ) -> str:
     """Lay out the quality report.
 
@@ -80,7 +80,7 @@ def quality_page(
 
 
 def _log_section(
-    machine: MachineSpecification, arm: Arm | None, report: QualityReport, tuples_directory: Path
+    machine: MachineSpecification, arm: ArmChain | None, report: QualityReport, tuples_directory: Path
 ) -> Section:
     metrics = report.metrics
     tables = [

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.logs.tuples import Trajectory
-from pipeline.machine.kinematics import Arm
+from pipeline.machine.chain import ArmChain
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.chapters.closed_loop import closed_loop_section, closed_loop_table
 from pipeline.reporting.chapters.controllers import controller_section, evaluated, film_section
@@ -44,7 +44,7 @@ class Report:
 
 def build_report(
     machine: MachineSpecification,
-    arm: Arm | None,
+    arm: ArmChain | None,
     trajectories: Sequence[Trajectory],
     results: PipelineResults,
     pictures: Pictures,

@@ -10,7 +10,7 @@ from pipeline.configuration.paths import OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.logs.ingest import ingest, write_metrics
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.machine.kinematics import load_arm
+from pipeline.machine.chain import read_chain
 from pipeline.reporting.quality import quality_page
 from pipeline.tracking import StageRun, flatten_metrics
 
@@ -42,7 +42,7 @@ def main(configuration: IngestStage, run: StageRun) -> None:
     report_directory = Path(configuration.report)
     write_metrics(summary, report_directory / "quality.json")
     machine = configuration.machine
-    arm = load_arm(machine, MACHINE_DIRECTORY) if machine.arm is not None else None
+    arm = read_chain(machine, MACHINE_DIRECTORY) if machine.arm is not None else None
     page = quality_page(machine, arm, summary, Path(configuration.output))
     (report_directory / "quality.html").write_text(page, encoding="utf-8")
     for report in summary.reports:

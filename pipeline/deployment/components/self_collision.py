@@ -6,7 +6,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from pipeline.machine.description import read_urdf, urdf_path
+from pipeline.machine.chain import urdf_path
+from pipeline.machine.description import read_urdf
 from pipeline.machine.specification import MachineSpecification
 
 

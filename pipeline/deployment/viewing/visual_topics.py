@@ -21,7 +21,7 @@ from pipeline.deployment.transports.mcap_file import RecordedTopic
 from pipeline.deployment.viewing.joint_transforms import JointTransforms, joint_transforms
 from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.raw_log import RawLog
-from pipeline.machine.description import urdf_path
+from pipeline.machine.chain import urdf_path
 from pipeline.machine.poses import workspace_of
 from pipeline.machine.sector import sector_edges
 from pipeline.machine.specification import MachineSpecification
