@@ -1,8 +1,8 @@
 """Hydra's own sweeper, which checks every job's configuration before the first job starts.
 
-Hydra composes all jobs before it launches any, and so refuses names and types that no job can have; ranges and
-missing values it would find when a job starts, hours into a sweep. Hydra takes plugins from the package
-`hydra_plugins` alone.
+Hydra composes all jobs before the first launch, and so refuses invalid names and types at once. It would find ranges
+and missing values only at the start of a job, hours into a sweep. Hydra loads plugins from the package
+`hydra_plugins` only.
 """
 
 import sys
@@ -19,14 +19,14 @@ from pipeline.errors import InputError
 
 
 class CheckedSweeper(BasicSweeper):
-    """A job that fails leaves the others running; the sweep then ends with its message and status."""
+    """A failed job does not stop the others; the sweep then ends with its message and status."""
 
     def sweep(self, arguments: list[str]) -> Any:
         """Run the sweep; see Hydra's."""
         assert self.config is not None
         try:
             return super().sweep(arguments)
-        except InputError as error:  # of a configuration: no job has started
+        except InputError as error:  # in a configuration, before any job has started
             print(f"error: {self.config.hydra.job.name}: {error}", file=sys.stderr, flush=True)
             sys.exit(INPUT_ERROR_STATUS)
         except JobError as error:
@@ -47,7 +47,7 @@ class CheckedSweeper(BasicSweeper):
 
 
 def _without_hydra(composed: DictConfig) -> DictConfig:
-    """What a job sees of its configuration."""
+    """The configuration as a job sees it."""
     kept = composed.copy()
     kept._set_flag("struct", False)
     del kept["hydra"]

@@ -1,1 +1,1 @@
-"""Controllers of the reaching task: how they are learned, stored and evaluated."""
+"""Controllers of the reaching task: training, storage and evaluation."""

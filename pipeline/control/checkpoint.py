@@ -24,10 +24,10 @@ class Checkpoint:
     """State of a training.
 
     Attributes:
-        steps: trained so far.
+        steps: steps trained so far.
         state: all arrays of Brax's training and of its episodes (`whole_state`); None before the first step.
-        curve: so far.
-        kept: the policy kept as the training's result and its steps, once there is one.
+        curve: learning curve so far.
+        kept: the policy kept as the training's result, with its steps; None before that point.
     """
 
     steps: int
@@ -37,7 +37,7 @@ class Checkpoint:
 
 
 def identity(*parts: Any) -> str:
-    """Hash of what a training depends on: numbers, strings and arrays, nested in dicts, lists and tuples."""
+    """Hash of a training's inputs: numbers, strings and arrays, nested in dicts, lists and tuples."""
     digest = hashlib.sha256()
     leaves, structure = jax.tree.flatten(parts)
     digest.update(str(structure).encode())
@@ -49,7 +49,7 @@ def identity(*parts: Any) -> str:
 
 
 def is_checkpoint(path: Path) -> bool:
-    """Whether it is a file of `save_checkpoint`."""
+    """Whether `save_checkpoint` wrote the file."""
     return path.name == _CHECKPOINT_FILE
 
 
@@ -57,7 +57,7 @@ def save_checkpoint(directory: Path, training: str, checkpoint: Checkpoint) -> N
     """Replace the directory's checkpoint.
 
     Args:
-        directory: made if absent.
+        directory: created if missing.
         training: `identity` of the training.
         checkpoint: its state.
     """
@@ -73,14 +73,14 @@ def save_checkpoint(directory: Path, training: str, checkpoint: Checkpoint) -> N
 
 
 def load_checkpoint(directory: Path, training: str) -> Checkpoint | None:
-    """The directory's checkpoint, or None where there is none or it is of another training.
+    """The directory's checkpoint; None if it is missing or belongs to another training.
 
     Args:
-        directory: where `save_checkpoint` wrote.
-        training: `identity` of the training that wants to go on.
+        directory: directory of `save_checkpoint`.
+        training: `identity` of the resuming training.
 
     Raises:
-        InputError: the file is broken, or none of `save_checkpoint`.
+        InputError: the file is damaged, or `save_checkpoint` did not write it.
     """
     path = Path(directory) / _CHECKPOINT_FILE
     if not path.exists():
@@ -90,8 +90,8 @@ def load_checkpoint(directory: Path, training: str) -> Checkpoint | None:
     except ValueError as error:
         raise InputError(f"{path}: not readable as a checkpoint ({error}); delete it to train anew") from None
     if not isinstance(content, dict) or "training" not in content:
-        raise InputError(f"{path}: is no checkpoint of a training; name another folder for checkpoints")
-    if content["training"] != training or "state" not in content:  # as checkpoints were without it
+        raise InputError(f"{path}: not a checkpoint of a training; name another folder for checkpoints")
+    if content["training"] != training or "state" not in content:  # old checkpoints lack it
         return None
     kept, state = content["kept"], content["state"]
     return Checkpoint(

@@ -1,4 +1,4 @@
-"""An evaluation in chunks of episodes: each is kept once done, so that a killed evaluation goes on from there."""
+"""Evaluation in chunks of episodes: finished chunks are stored, so that a killed evaluation resumes."""
 
 import io
 import re
@@ -34,16 +34,16 @@ def evaluate_in_chunks(
     """Evaluate all episodes; the result does not depend on the chunks, up to rounding.
 
     Args:
-        evaluate: of episodes and their keys.
+        evaluate: function of episodes and their keys.
         episodes: N episodes.
-        seed: of the controller's randomness.
-        chunk: episodes at once; the last chunk is filled up with repeated ones, to be compiled but once.
-        directory: where finished chunks are kept, or None.
-        evaluation: `checkpoint.identity` of the evaluation: chunks of another one are not taken up.
+        seed: seed of the controller's random numbers.
+        chunk: episodes at once; the last chunk is padded with repeated ones, so that one compilation suffices.
+        directory: folder of finished chunks, or None.
+        evaluation: `checkpoint.identity` of the evaluation; chunks of other evaluations are ignored.
         progress: called with the number of episodes of each chunk.
 
     Raises:
-        InputError: a kept chunk is damaged.
+        InputError: a stored chunk is damaged.
     """
     keys = episode_keys(seed, len(episodes.starts))
     parts = []
@@ -63,7 +63,7 @@ def evaluate_in_chunks(
 
 
 def is_chunk(path: Path) -> bool:
-    """Whether it bears the name of a chunk that `evaluate_in_chunks` kept."""
+    """Whether the name is that of a chunk of `evaluate_in_chunks`."""
     return re.fullmatch(r"episodes_\d{6,}_\d+\.npz", path.name) is not None
 
 
@@ -78,7 +78,7 @@ def _save(path: Path, evaluation: str, part: EvaluatedEpisodes) -> None:
 
 
 def _load(path: Path, evaluation: str) -> EvaluatedEpisodes | None:
-    """The chunk, or None where there is none or it is of another evaluation."""
+    """The chunk; None if it is missing or belongs to another evaluation."""
     try:
         with np.load(path) as content:
             if str(content["evaluation"]) != evaluation:

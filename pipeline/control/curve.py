@@ -1,4 +1,4 @@
-"""Learning curves: what a policy could do after so many steps of training."""
+"""Learning curves: a policy's metrics over training steps."""
 
 import csv
 from collections.abc import Sequence

@@ -16,12 +16,12 @@ from pipeline.reaching.task import ReachingTask, TaskState
 
 
 class EpisodeController(NamedTuple):
-    """What decides: pure functions for one episode, of explicit parameters and an explicit carry.
+    """A controller: pure functions for one episode, of explicit parameters and an explicit carry.
 
     Attributes:
         begin: (parameters, key) to the carry at the start of an episode; `key` is consumed.
-        decide: (parameters, carry, state) to the next carry and the command (n_joint,), which the machine takes as
-            it is, held for the ticks of a decision.
+        decide: (parameters, carry, state) to the next carry and the command (n_joint,), which is held for the ticks
+            of a decision.
     """
 
     begin: Callable[[Any, jax.Array], Any]
@@ -46,17 +46,17 @@ def controller_evaluation(
     """A function from a controller's parameters, N episodes and N keys, compiled once per shape of its arguments.
 
     Args:
-        controller: what decides.
-        task: what it is tried on; its reward is the traces'.
+        controller: the evaluated controller.
+        task: task of the evaluation; the traces hold its reward.
         action_repeats: ticks per decision.
         episode_ticks: length of an episode.
 
     Raises:
-        InputError: an episode is no whole number of decisions.
+        InputError: an episode is not a whole number of decisions.
     """
     if episode_ticks % action_repeats:
         raise InputError(
-            f"episodes.steps {episode_ticks} is no multiple of control.action_repeats {action_repeats}"
+            f"episodes.steps {episode_ticks} is not a multiple of control.action_repeats {action_repeats}"
         )
 
     def tick(state: TaskState, command: jax.Array) -> tuple[TaskState, dict[str, Any]]:
@@ -98,7 +98,7 @@ def controller_evaluation(
 
 
 def policy_controller(task: ReachingTask) -> EpisodeController:
-    """A learned policy, the parameters, as a controller that carries nothing and needs no randomness."""
+    """A learned policy as a stateless, deterministic controller; the policy is its parameters."""
 
     def decide(policy: Policy, carry: None, state: TaskState) -> tuple[None, jax.Array]:
         return carry, task.command(policy.act(task.observe(state)))
@@ -112,7 +112,6 @@ def policy_evaluation(
     """A function from a policy and N episodes to their traces, compiled once per shape of its arguments.
 
     Args:
-        task: the task.
         action_repeats: ticks per decision.
         episode_ticks: length of an episode.
     """

@@ -1,4 +1,4 @@
-"""A learned reaching policy as an artifact: saved, loaded, asked for proto-actions, all without Brax.
+"""A learned reaching policy as an artifact: saving, loading and inference without Brax.
 
 The folder holds `policy.msgpack` (arrays) and `meta.json` (schema version, sizes, and what the caller adds).
 """
@@ -32,7 +32,7 @@ class Policy(NamedTuple):
     """The deterministic part of a PPO policy; a pytree, so it can be an argument of a jitted function.
 
     Attributes:
-        mean: of observations in training, shape (n_observation,).
+        mean: mean of observations in training, shape (n_observation,).
         std: standard deviation of observations in training, shape (n_observation,).
         layers: SiLU between them; the last one gives mean and scale parameter of the action, (2 n_joint,).
     """
@@ -43,7 +43,7 @@ class Policy(NamedTuple):
 
     @property
     def observation_size(self) -> int:
-        """Dimension of the observations that the policy takes."""
+        """Dimension of the policy's observations."""
         return self.mean.shape[-1]
 
     @property
@@ -54,7 +54,7 @@ class Policy(NamedTuple):
     def act(self, observation: jax.Array) -> jax.Array:
         """Mode of the policy: proto-action (..., n_joint) in (-1, 1) for observations (..., n_observation).
 
-        This is tanh of the mean of the Gaussian; the learner's exploration noise is left out.
+        This is tanh of the mean of the Gaussian, without exploration noise.
         """
         x = (observation - self.mean) / self.std
         for layer in self.layers[:-1]:
@@ -65,7 +65,7 @@ class Policy(NamedTuple):
 
 
 def policy_from_brax(normalizer: Any, parameters: Mapping[str, Any], normalized: bool) -> Policy:
-    """The policy within what Brax's PPO returns.
+    """Extract the policy from the result of Brax's PPO.
 
     Args:
         normalizer: its running statistics of observations.
@@ -107,9 +107,9 @@ def save_policy(directory: Path, policy: Policy, meta: Mapping[str, Any]) -> Non
     """Write the policy's folder.
 
     Args:
-        directory: made if absent.
-        policy: what to save.
-        meta: what else `meta.json` states (configuration, lineage); JSON values.
+        directory: created if missing.
+        policy: the policy.
+        meta: further content of `meta.json` (configuration, lineage); JSON values.
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
@@ -153,7 +153,7 @@ def load_policy_of(directory: Path, model: Path) -> Policy:
     """Read a policy that was learned on the model in the folder `model`.
 
     Raises:
-        InputError: as `load_policy`, or it was learned on another model.
+        InputError: see `load_policy`; or the policy was learned on another model.
     """
     policy, lineage = load_policy(directory)
     if lineage.get("model") != dynamics_fingerprint(model):

@@ -1,4 +1,4 @@
-"""Judgement of models on rows that neither their training nor their selection saw, beside references."""
+"""Judgement of models and references on rows that neither training nor selection used."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
-SEEN_SHARE = 0.1  # of a trajectory's rows: with more of them known it is no new recording
+KNOWN_SHARE = 0.1  # share of known rows above which a recording counts as known
 
 
 @dataclass
@@ -59,8 +59,8 @@ class OpenLoopPrediction:
         trajectory: Name of the trajectory.
         t_s: Times of the predicted rows, s from the bag's start, shape (H,).
         measured: Positions, rad or m, shape (H, n_joint).
-        predicted: The same as predicted from the row before the first, shape (H, n_joint).
-        commands: In force up to each of these rows, shape (H, n_joint).
+        predicted: Positions predicted from the row before the first, shape (H, n_joint).
+        commands: Commands in force up to each of these rows, shape (H, n_joint).
     """
 
     trajectory: str
@@ -72,7 +72,7 @@ class OpenLoopPrediction:
 
 @dataclass(frozen=True)
 class ModelJudgement:
-    """All that is measured of one predictor."""
+    """All measurements of one predictor."""
 
     errors: PredictionErrors
     growth: ErrorGrowth
@@ -91,12 +91,12 @@ def judge_fully(
     """Judge several predictors on the same rows, windows and rollouts.
 
     Args:
-        predictors: By name.
-        learning: What they were fitted on; gives the largest speed seen in training.
-        held_out: What they are judged on.
+        predictors: Predictors by name.
+        learning: Training data, which give the largest speed in training.
+        held_out: Test data.
         machine: Limits and rate.
         config: Horizons and numbers.
-        progress: Called with each name when it is done.
+        progress: Called with each finished name.
 
     Raises:
         InputError: if the held-out recording is too short.
@@ -115,7 +115,7 @@ def judge_fully(
 
 
 def flat_metrics(judgements: Mapping[str, ModelJudgement], machine: MachineSpecification) -> dict[str, float]:
-    """All figures as `<predictor>.<quantity>.<joint>`; what could not be measured is left out."""
+    """All figures as `<predictor>.<quantity>.<joint>`, without those that could not be measured."""
     metrics: dict[str, float] = {}
     for name, judgement in judgements.items():
         growth = judgement.growth
@@ -138,7 +138,7 @@ def flat_metrics(judgements: Mapping[str, ModelJudgement], machine: MachineSpeci
 
 
 def check_unseen(learning: Sequence[Trajectory], held_out: Sequence[Trajectory]) -> None:
-    """Raise InputError if a held-out trajectory holds rows that were learned from, whatever its file is called."""
+    """Raise InputError if a held-out trajectory holds training rows, whatever its name."""
     again = seen_again(learning, held_out)
     if again is not None:
         raise InputError(
@@ -148,15 +148,15 @@ def check_unseen(learning: Sequence[Trajectory], held_out: Sequence[Trajectory])
 
 
 def seen_again(known: Sequence[Trajectory], others: Sequence[Trajectory]) -> Trajectory | None:
-    """The first of `others` that holds rows of `known`, whatever its file is called; None: there is none.
+    """The first of `others` that holds rows of `known`, whatever its name; None if all are new.
 
-    A row is known by its time and positions. Tables' times may all begin at zero, from one rest position, so a few
-    equal rows say nothing.
+    Rows are equal if their times and positions are. All tables may begin at time zero from one rest position, so a few
+    equal rows are allowed.
     """
     stamps_ns = np.concatenate([trajectory.stamp_ns for trajectory in known])
     for other in others:
         at_known_time = np.isin(other.stamp_ns, stamps_ns)
-        if np.mean(at_known_time) <= SEEN_SHARE:
+        if np.mean(at_known_time) <= KNOWN_SHARE:
             continue
         rows = {
             (stamp, q.tobytes())
@@ -164,7 +164,7 @@ def seen_again(known: Sequence[Trajectory], others: Sequence[Trajectory]) -> Tra
             for stamp, q in zip(trajectory.stamp_ns.tolist(), trajectory.q, strict=True)
         }
         own = zip(other.stamp_ns.tolist(), other.q, strict=True)
-        if np.mean([(stamp, q.tobytes()) in rows for stamp, q in own]) > SEEN_SHARE:
+        if np.mean([(stamp, q.tobytes()) in rows for stamp, q in own]) > KNOWN_SHARE:
             return other
     return None
 
@@ -175,8 +175,7 @@ def judge(
     """Errors of several predictors on the same rows (contract, section 3).
 
     Returns:
-        Per predictor's name `one_step_rmse` and `open_loop_rmse_80` by joint (rad or m), and once `n_windows`
-        and `n_steps`.
+        By predictor `one_step_rmse` and `open_loop_rmse_80` by joint (rad or m), and once `n_windows` and `n_steps`.
     """
     metrics: dict[str, object] = {}
     for name, predictor in predictors.items():

@@ -1,4 +1,4 @@
-"""Section `identify` of a profile: what the paper's tables state about training dynamics models."""
+"""Section `identify` of a profile: training of dynamics models, as in the paper's tables."""
 
 import enum
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from pipeline.errors import InputError
 
 
 class Optimiser(enum.StrEnum):
-    """Gradient method; the paper names none."""
+    """Gradient method; the paper does not name one."""
 
     adam = "adam"
 
@@ -20,9 +20,9 @@ class TrainingConfig:
         hidden: Units per hidden layer.
         lags: k.
         horizon: H of the training loss.
-        learning_rate: Of the optimiser.
+        learning_rate: Learning rate of the optimiser.
         batch_size: Windows per update.
-        maximum_epochs: Training ends here if early stopping has not ended it before.
+        maximum_epochs: Largest number of epochs, unless early stopping ends the training.
     """
 
     hidden: list[int]
@@ -50,23 +50,23 @@ class TrainingConfig:
 
 @dataclass
 class IdentifyConfig:
-    """What all training runs share.
+    """Common settings of all training runs.
 
     Attributes:
-        seed: Draws the evaluation windows.
+        seed: Seed of the evaluation windows.
         evaluation_horizon: H of L|eval.
         evaluation_windows: Number of fixed evaluation windows.
-        patience_evaluations: Early stopping: evaluations (one per epoch) in a row without improvement.
+        patience_evaluations: Early stopping: consecutive evaluations (one per epoch) without improvement.
         optimiser: Gradient method.
         gradient_clip: Largest global norm of the gradient; null: no clipping.
         cosine_decay: Whether the learning rate falls to zero as a half cosine over the epochs.
         batches_per_epoch: Batches drawn per epoch; null: every window once.
-        checkpoint_every_epochs: How often the training state is saved for resuming.
+        checkpoint_every_epochs: Epochs between saves of the training state for resuming.
         legendre_degree: Degree of the KAN's basis.
-        velocity_limit_quantile: Quantile of |q̇| in the training rows that the velocity limits are.
+        velocity_limit_quantile: Quantile of |q̇| in the training rows that sets the velocity limits.
         long_prediction_steps: Length of the open-loop prediction that is plotted.
-        arx_ridge: Penalty of the linear ARX that the model is judged beside, on standardised inputs, per row.
-        selected: Per `<parameterization>_<target>` what the search selected.
+        arx_ridge: Penalty of the reference ARX on standardised inputs, per row.
+        selected: The search's selection per `<parameterization>_<target>`.
     """
 
     seed: int

@@ -81,7 +81,7 @@ def test_only_checkpoints_are_removed(keep, is_own, tmp_path: Path) -> None:
 
 def test_a_file_of_another_program_is_not_taken_for_a_checkpoint(tmp_path: Path) -> None:
     (tmp_path / "checkpoint.msgpack").write_bytes(b"\x81\xa1a\x01")  # {"a": 1}
-    with pytest.raises(InputError, match=r"checkpoint.msgpack: is no checkpoint of a training; name another"):
+    with pytest.raises(InputError, match=r"checkpoint.msgpack: not a checkpoint of a training; name another"):
         load_checkpoint(tmp_path, "training")
 
 

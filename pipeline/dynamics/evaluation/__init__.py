@@ -1,1 +1,1 @@
-"""Errors of any predictor on any logs."""
+"""Prediction errors and behaviour of any predictor on any logs."""

@@ -1,4 +1,4 @@
-"""How open-loop errors grow over the horizon, with bootstrap bands.
+"""Growth of open-loop errors over the horizon, with bootstrap bands.
 
 Windows of the same horizon start every few rows of each trajectory, so neighbours overlap and are not
 independent. The bands therefore come from a moving-block bootstrap (Künsch, "The jackknife and the bootstrap
@@ -16,20 +16,20 @@ from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 
-MAXIMUM_WINDOWS = 2000  # of longer logs fewer windows per row are taken, so that memory stays bounded
-MINIMUM_BLOCKS = 4  # with fewer independent stretches a bootstrap says nothing
+MAXIMUM_WINDOWS = 2000  # longer logs use a wider stride, which bounds memory
+MINIMUM_BLOCKS = 4  # fewer independent blocks do not support a bootstrap
 
 
 @dataclass
 class ErrorGrowthConfig:
-    """How error growth is measured.
+    """Settings of the error-growth measurement.
 
     Attributes:
         horizon: Longest horizon, steps.
         stride: Rows between window starts.
         resamples: Bootstrap samples.
         confidence: Share of the bootstrap samples inside the band.
-        seed: Of the bootstrap.
+        seed: Seed of the bootstrap.
     """
 
     horizon: int
@@ -56,8 +56,8 @@ class ErrorGrowth:
         rmse: (H, n_joint) rad or m: root mean square over windows of the error h steps after the start.
         lower: (H, n_joint) lower end of the band; NaN if the log is too short for one.
         upper: (H, n_joint) upper end likewise.
-        n_windows: Windows, which overlap.
-        n_blocks: Stretches of H steps that the log holds one beside another: what the band rests on.
+        n_windows: Number of windows, which overlap.
+        n_blocks: Number of disjoint stretches of H steps in the log, the band's sample size.
     """
 
     rmse: np.ndarray
@@ -72,11 +72,11 @@ def error_growth(
 ) -> ErrorGrowth:
     """Measure the error at every horizon up to the longest, over all windows.
 
-    Equal configuration and trajectories give equal windows and bootstrap samples, whatever the predictor. If no
-    trajectory is long enough for the horizon, the longest that fits is taken.
+    Equal configuration and trajectories give equal windows and bootstrap samples for every predictor. If no
+    trajectory is long enough for the horizon, the longest possible horizon is used.
 
     Raises:
-        InputError: if no trajectory is longer than the rows that every predictor may look back on.
+        InputError: if no trajectory is longer than the history that every predictor may use.
     """
     horizon = min(config.horizon, max(len(trajectory) for trajectory in trajectories) - FIRST_JUDGED_ROW - 1)
     if horizon < 1:
@@ -115,19 +115,19 @@ def _band(
 
     Args:
         sums: (n_firsts, H, n_joint), squared errors summed over each block.
-        lengths: (n_firsts,) windows in each.
+        lengths: (n_firsts,) number of windows per block.
         total: (H, n_joint), squared errors summed over all windows.
-        n_windows: Windows in all.
+        n_windows: Total number of windows.
         config: Samples and confidence.
 
     Returns:
         Two arrays (H, n_joint).
     """
     random = np.random.default_rng(config.seed)
-    drawn = -(-n_windows // int(lengths.max()))  # blocks per sample: as many windows as there are
+    drawn = -(-n_windows // int(lengths.max()))  # blocks per sample, for the original number of windows
     counts = random.multinomial(drawn, np.full(len(sums), 1.0 / len(sums)), size=config.resamples)
     mean_squares = (counts @ sums.reshape(len(sums), -1)) / (counts @ lengths)[:, None]
-    # Windows at a trajectory's ends lie in fewer blocks than others; the samples are centred on the error as measured
+    # Windows at a trajectory's ends lie in fewer blocks than others, so the samples are centred on the measured error
     # (Lahiri, "Resampling Methods for Dependent Data", Springer 2003, section 2.7).
     expected = sums.sum(axis=0).ravel() / lengths.sum()
     mean_squares *= (total / n_windows).ravel() / np.where(expected > 0, expected, 1.0)
@@ -141,6 +141,6 @@ def _starts(trajectory: Trajectory, horizon: int, stride: int) -> np.ndarray:
 
 
 def _stride(trajectories: Sequence[Trajectory], horizon: int, stride: int) -> int:
-    """The stride, widened by a whole factor if there were too many windows."""
+    """The stride, multiplied by an integer if there are too many windows."""
     n_windows = sum(len(_starts(trajectory, horizon, stride)) for trajectory in trajectories)
     return stride * max(1, -(-n_windows // MAXIMUM_WINDOWS))

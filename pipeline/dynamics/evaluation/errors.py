@@ -13,9 +13,7 @@ from pipeline.logs.tuples import Trajectory
 OPEN_LOOP_HORIZON = 80  # steps
 OPEN_LOOP_STRIDE = 20  # rows between window starts
 WINDOWS_AT_ONCE = 4096  # per call of a predictor, so that memory does not grow with the log
-DIVERGED = (
-    1e6  # rad or m: larger errors, and those that are no number, count as this, so that sums stay finite
-)
+DIVERGED = 1e6  # rad or m: larger and non-finite errors count as this, so that sums stay finite
 
 
 class Predictor(Protocol):
@@ -46,8 +44,8 @@ class PredictionErrors:
     Attributes:
         one_step_rmse: (n_joint,) rad or m.
         open_loop_rmse_80: (n_joint,) rad or m.
-        n_windows: Open-loop windows.
-        n_steps: One-step predictions.
+        n_windows: Number of open-loop windows.
+        n_steps: Number of one-step predictions.
     """
 
     one_step_rmse: np.ndarray
@@ -59,12 +57,12 @@ class PredictionErrors:
 def prediction_errors(
     predictor: Predictor, trajectories: Sequence[Trajectory], place: str = "logs"
 ) -> PredictionErrors:
-    """Both errors at once; see `one_step_rmse` and `open_loop_rmse_80`.
+    """Both errors; see `one_step_rmse` and `open_loop_rmse_80`.
 
     Args:
         predictor: The model.
-        trajectories: What it is judged on.
-        place: Where they are from, for the message.
+        trajectories: The test data.
+        place: Origin of the data, for the message.
 
     Raises:
         InputError: No trajectory is long enough.
@@ -117,7 +115,7 @@ def open_loop_residuals(
 
 
 def finite(values: np.ndarray) -> np.ndarray:
-    """The values between ± `DIVERGED`; what is no number becomes `DIVERGED`."""
+    """The values clipped to ± `DIVERGED`; NaN becomes `DIVERGED`."""
     return np.clip(np.nan_to_num(values, nan=DIVERGED), -DIVERGED, DIVERGED)
 
 

@@ -1,9 +1,8 @@
 """Behaviour outside the training distribution: constant commands from random configurations.
 
-A policy exploits what is wrong here: a joint that flies through its limits, that creeps though nothing is
-commanded, that does not stop, that moves faster than the machine ever did. Everything is measured on predicted
-positions alone, so that every `Predictor` is measured alike. All rollouts start from rest; predictors see rows
-at rest before it.
+A policy exploits errors here: a joint that passes its limits, creeps without a command, does not stop, or exceeds the
+machine's speed. Only predicted positions are measured, so that all predictors are treated equally. All rollouts start
+from rest, with rows at rest as history.
 """
 
 import itertools
@@ -18,23 +17,23 @@ from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
 ROLLOUTS_AT_ONCE = 256  # per call of a predictor
-SPEED_STEPS = 4  # a speed is a displacement over so many steps: noise of single steps counts little
-LIMIT_TOLERANCE = 0.01  # of a joint's range: less beyond a limit is compliance or noise
-UNBOUNDED_RANGES = 10.0  # further than so many ranges from the middle, a rollout counts as unbounded
+SPEED_STEPS = 4  # steps per displacement of a speed, which averages noise
+LIMIT_TOLERANCE = 0.01  # of a joint's range; a smaller excess is compliance or noise
+UNBOUNDED_RANGES = 10.0  # in joint ranges; a rollout further from the middle counts as unbounded
 
 
 @dataclass
 class ExtrapolationConfig:
-    """Which rollouts are made.
+    """Settings of the rollouts.
 
     Attributes:
-        seed: Draws the configurations.
+        seed: Seed of the configurations.
         configurations: Random configurations per pattern of commands.
         steps: Steps per rollout.
         motion_steps: For stopping: steps under command, after which all commands are zero.
         settle_steps: Steps of zero command after which the residual speed is measured.
-        all_combinations_up_to_joints: With at most so many joints every combination of -1, 0 and 1 is a pattern;
-            with more, each joint alone, and zero.
+        all_combinations_up_to_joints: Up to this number of joints, every combination of -1, 0 and 1 is a pattern;
+            beyond it, each joint alone, and zero.
     """
 
     seed: int
@@ -69,21 +68,21 @@ class ExtrapolationConfig:
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """What became of the rollouts, joint by joint; all arrays (n_joint,).
+    """Results of the rollouts by joint; all arrays (n_joint,).
 
     Attributes:
         left_limits: Share of the rollouts with the joint commanded in which it left its limits.
-        beyond_median: Median over the same rollouts of how far beyond, rad or m.
-        beyond_largest: The largest of them, rad or m.
+        beyond_median: Median excess over the limit in the same rollouts, rad or m.
+        beyond_largest: Largest excess, rad or m.
         moved_uncommanded: Largest displacement while others were commanded and the joint was not, until the first
             joint left its limits, rad or m.
         drift_at_rest: Largest displacement from rest without any command, rad or m.
         residual_speed_median: Median speed after `settle_steps` of zero command after motion, rad/s or m/s.
-        residual_speed_largest: The largest.
+        residual_speed_largest: Largest such speed, rad/s or m/s.
         creep_after_stop: Largest displacement from then until the end, rad or m.
         unbounded: Share of all rollouts that became infinite or left `UNBOUNDED_RANGES`.
         speed_ratio: Largest speed of all rollouts relative to the largest in the training rows.
-        speed_ratio_inside: The same until the first joint left its limits.
+        speed_ratio_inside: The same ratio until the first joint left its limits.
     """
 
     left_limits: np.ndarray
@@ -105,13 +104,13 @@ def extrapolate(
     training_speed: np.ndarray,
     config: ExtrapolationConfig,
 ) -> Extrapolation:
-    """Roll a predictor out under constant commands and measure what it does.
+    """Roll a predictor out under constant commands and measure its behaviour.
 
     Args:
         predictor: The model.
         machine: Its limits and rate.
         training_speed: (n_joint,) largest speeds in the training rows, see `largest_speed`.
-        config: Rollouts; equal seeds give equal rollouts, whatever the predictor.
+        config: Rollouts; equal seeds give equal rollouts for every predictor.
     """
     random = np.random.default_rng(config.seed)
     patterns = np.repeat(command_patterns(machine.n_joint, config), config.configurations, axis=0)
@@ -129,7 +128,7 @@ def extrapolate(
     beyond = beyond.clip(min=0.0)
     inside = _inside(constant, machine)
     displacement = np.abs(constant - starts[:, None])
-    settled = config.motion_steps + config.settle_steps - 1  # the row that the last of these steps predicts
+    settled = config.motion_steps + config.settle_steps - 1  # the row predicted by the last of these steps
     residual = np.abs(stopping[:, settled] - stopping[:, settled - SPEED_STEPS]) / (
         SPEED_STEPS * machine.dt_s
     )
@@ -184,7 +183,7 @@ def simulate_from_rest(
         q0, own = starts[first : first + ROLLOUTS_AT_ONCE], commands[first : first + ROLLOUTS_AT_ONCE]
         shape = (len(q0), length, n_joint)
         q, qd, a = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape)
-        q[:, : before + 1], qd[:, : before + 1] = q0[:, None], 0.0  # no predictor may look at later rows
+        q[:, : before + 1], qd[:, : before + 1] = q0[:, None], 0.0  # predictors must not use later rows
         a[:, before : before + horizon] = own
         q, qd, a = (array.reshape(-1, n_joint) for array in (q, qd, a))
         t_s = dt_s * np.arange(len(q0) * length)
@@ -198,7 +197,7 @@ def largest_speed(trajectories: Sequence[Trajectory], dt_s: float) -> np.ndarray
     """Largest speed of each joint in the training rows, (n_joint,), rad/s or m/s, over `SPEED_STEPS` steps."""
     speeds = []
     for trajectory in trajectories:
-        rows = trajectory.q[~trajectory.is_validation]  # they lie together, at the trajectory's beginning
+        rows = trajectory.q[~trajectory.is_validation]  # they form the trajectory's beginning
         if len(rows) > SPEED_STEPS:
             speeds.append(_speeds(rows[None], dt_s).max(axis=(0, 1)))
     if not speeds:
@@ -224,7 +223,7 @@ def _constant(patterns: np.ndarray, steps: int) -> np.ndarray:
 def _over(
     values: np.ndarray, chosen: np.ndarray, statistic: Callable[[np.ndarray], np.floating]
 ) -> np.ndarray:
-    """A statistic over each joint's chosen rollouts, (n_joint,); NaN where there is none."""
+    """A statistic over each joint's chosen rollouts, (n_joint,); NaN without rollouts."""
     return np.array(
         [
             statistic(values[rollouts, joint]) if rollouts.any() else np.nan

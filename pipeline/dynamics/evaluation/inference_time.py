@@ -1,4 +1,4 @@
-"""Measured time of one model step: a single state, compiled, as a controller that predicts step by step calls it."""
+"""Measured time of one compiled model step on a single state, as in a controller that predicts step by step."""
 
 import time
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.settings import TrainingConfig
 from pipeline.machine.specification import MachineSpecification
 
-WARM_UP_SHARE = 0.1  # of the timed calls: made beforehand, after the one that compiles
+WARM_UP_SHARE = 0.1  # warm-up calls as a share of the timed calls, after the compilation
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ def unit_scale_model(
     training: TrainingConfig,
     legendre_degree: int,
 ) -> DynamicsModel:
-    """A model of this size whose data-dependent scales are one: it takes the same time and is of the same size."""
+    """A model of this size with unit scales: time and size do not depend on the data."""
     ones = [1.0] * len(machine.joint_names)
     return DynamicsModel(
         ModelSpecification(
@@ -52,7 +52,7 @@ def unit_scale_model(
 
 
 def count_parameters(model: DynamicsModel) -> int:
-    """Number of trained values."""
+    """Number of trained parameters."""
     shapes = jax.eval_shape(model.initialise, jax.random.key(0))
     return sum(leaf.size for leaf in jax.tree.leaves(shapes))
 

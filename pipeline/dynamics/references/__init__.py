@@ -1,1 +1,1 @@
-"""Models that a control engineer would try first."""
+"""Reference models of system identification: ARX, NARX, grey box."""

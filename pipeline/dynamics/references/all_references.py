@@ -1,4 +1,4 @@
-"""The references that a control engineer would try first, fitted on the rows that the models learn from."""
+"""The references, fitted on the models' training rows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ class ArxConfig:
     """The linear references.
 
     Attributes:
-        lags: k, as the models have.
+        lags: k, as in the models.
         ridge: Penalty on the squared weights of the standardised inputs, per row.
     """
 

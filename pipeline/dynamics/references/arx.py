@@ -1,8 +1,8 @@
-"""A linear ARX model with the same lags as the network: the reference that a control engineer tries first.
+"""A linear ARX model with the network's lags: the simplest reference.
 
 Same inputs x̃ (paper, Eqs. x_t_pos and x_t_vel), same integration, but linear: residual = Wᵀ x̃ + b, fitted
 by ridge-regularised least squares on one-step residuals in float64 (Ljung, "System Identification", section
-4.2). Normalising the inputs would change nothing but the meaning of the ridge, so x̃ is standardised by its
+4.2). Normalisation of the inputs only changes the meaning of the ridge, so x̃ is standardised by its
 own rows.
 """
 
@@ -23,10 +23,10 @@ class ArxPredictor:
     Attributes:
         target: dq or dqdot.
         lags: k.
-        dt_s: Length of one time step.
+        dt_s: Time step.
         weights: (2n(k+1) + n, n_joint), on x̃ in physical units.
         intercept: (n_joint,).
-        limits: Lower and upper, (n_joint,), where positions end as those of `LearnedPredictor` do; None: they do not.
+        limits: Lower and upper, (n_joint,), at which positions stop as in `LearnedPredictor`; None: no stops.
     """
 
     target: Target
@@ -75,11 +75,11 @@ def fit_arx(
             (Fitting (q_{t+1} − q_t)/Δt − q̇_t instead predicts one step better, but then unfiltered velocities
             are fed back, and the rollout is unstable.)
         lags: k.
-        dt_s: Length of one time step.
+        dt_s: Time step.
         ridge: Penalty on the squared weights of the standardised inputs, per row; not on the intercept.
 
     Raises:
-        InputError: if no trajectory has lags + 2 training rows in a row.
+        InputError: if no trajectory has lags + 2 consecutive training rows.
     """
     inputs, outputs = [], []
     for trajectory in trajectories:

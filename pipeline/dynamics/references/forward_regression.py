@@ -1,8 +1,8 @@
 """Term selection by forward regression with orthogonal least squares (FROLS).
 
-Of all candidate terms the one that explains most of what is left of the output is selected, then candidates
-and output are made orthogonal to it, and so on. What a term explains is its error reduction ratio (ERR), its
-share of the output's energy. (Chen, Billings, Luo, "Orthogonal least squares methods and their application to
+In each step the candidate term that explains most of the remaining output is selected; then candidates and output
+are made orthogonal to it. The error reduction ratio (ERR) of a term is the share of the output's energy that it
+explains. (Chen, Billings, Luo, "Orthogonal least squares methods and their application to
 non-linear system identification", Int. J. Control 50(5), 1989; Korenberg, Billings, Liu, McIlroy, "Orthogonal
 parameter estimation algorithm for non-linear stochastic systems", Int. J. Control 48(1), 1988; Billings,
 "Nonlinear System Identification", Wiley 2013, chapter 3.)
@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# A candidate of whose energy less than this is left is a combination of the selected terms but for rounding.
+# A candidate with a smaller share of remaining energy is a combination of the selected terms, up to rounding.
 COLLINEAR = 1e-10
-# Less than this share of the output's energy is rounding: inner products carry half of float64's digits twice.
+# A smaller share of the output's energy is rounding, as inner products square the values.
 ROUNDING = 1e-12
 
 
@@ -34,7 +34,7 @@ class TermSelection:
     error_reduction_ratios: np.ndarray
 
     def first(self, n_terms: int) -> "TermSelection":
-        """The terms selected first."""
+        """The first `n_terms` terms."""
         return TermSelection(self.terms[:n_terms], self.error_reduction_ratios[:n_terms])
 
 
@@ -44,23 +44,23 @@ def select_terms(
     """Select the terms of one output; their number has the smallest Bayesian information criterion.
 
     The criterion of n terms is N ln(unexplained share) + n ln N (Billings 2013, section 3.3). The search ends
-    at `maximum_terms`, or where nothing but rounding is left unexplained.
+    at `maximum_terms`, or if only rounding remains unexplained.
 
     Args:
         gram: (n_candidates, n_candidates) float64, inner products of the candidates over the rows.
         correlation: (n_candidates,) inner products of the candidates with the output.
         energy: Inner product of the output with itself.
-        n_rows: N, rows that the inner products were summed over.
+        n_rows: N, number of rows in the inner products.
         maximum_terms: Most terms to select.
 
     Returns:
-        The terms; none if the output is zero.
+        The terms; empty if the output is zero.
     """
     left, explained = gram.copy(), correlation.copy()
     initial = np.diag(gram).copy()
     terms: list[int] = []
     ratios: list[float] = []
-    criteria = [0.0]  # of no term at all
+    criteria = [0.0]  # without terms
     unexplained = 1.0
     while energy > 0.0 and unexplained > ROUNDING and len(terms) < min(maximum_terms, len(gram)):
         remaining = np.diag(left)

@@ -2,14 +2,13 @@
 
     τ v̇(s) = −v(s) + g(a(s − θ)),   q̇(s) = v(s),   g(a) = K₊ a for a > 0, K₋ a for a < 0, 0 at rest
 
-the model that is drawn beside a hydraulic axis first (valve dead time, spool and pressure build-up as one lag,
-speeds that differ with the piston's areas). Commands are held over a time step, so the discretisation is exact,
-also for a dead time that is no multiple of the step. It is started from the measured position and the
-velocity estimate of the start row.
+the usual first model of a hydraulic axis (valve dead time, spool and pressure build-up as one lag, speeds that differ
+with the piston's areas). Commands are held over a time step, so the discretisation is exact for any dead time. A
+simulation starts from the measured position and the velocity estimate of the start row.
 
-Fitted by the error of simulations over many steps, not of one (Ljung, "System Identification", section 10.5 on
-output-error models): positions are linear in the gains, which least squares gives for any θ and τ; θ and τ are
-searched on a grid that is refined around its best point.
+The fit minimises the error of simulations over many steps (Ljung, "System Identification", section 10.5 on
+output-error models). Positions are linear in the gains, which follow by least squares for given θ and τ. A grid
+search over θ and τ is refined around its best point.
 """
 
 from collections.abc import Sequence
@@ -21,12 +20,12 @@ from pipeline.dynamics.training.windows import window_starts
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 
-REFINED_POINTS = 9  # along each axis of a refined grid, which spans two steps of the last one
+REFINED_POINTS = 9  # per axis of a refined grid, which spans two steps of the previous one
 
 
 @dataclass
 class GreyBoxConfig:
-    """How the grey-box model is fitted.
+    """Settings of the grey-box fit.
 
     Attributes:
         horizon: Steps simulated from each start row.
@@ -67,7 +66,7 @@ class GreyBoxPredictor:
     """A fitted grey-box model.
 
     Attributes:
-        dt_s: Length of one time step.
+        dt_s: Time step.
         dead_time_s: (n_joint,) θ.
         lag_s: (n_joint,) τ.
         gain_positive: (n_joint,) K₊, speed at command 1, rad/s or m/s.
@@ -108,10 +107,10 @@ class GreyBoxPredictor:
 def fit_grey_box(trajectories: Sequence[Trajectory], config: GreyBoxConfig, dt_s: float) -> GreyBoxPredictor:
     """Fit every joint's four parameters on the training rows.
 
-    A gain of a direction in which a joint was never commanded is zero.
+    The gain is zero in a direction without commands.
 
     Args:
-        trajectories: Rows with their split; only windows of training rows are used, each row in one window.
+        trajectories: Rows with their split; only disjoint windows of training rows are used.
         config: Horizon and grid.
         dt_s: Length of one time step.
 
@@ -175,10 +174,10 @@ def _refined(grid: np.ndarray, best: float, lower: float, upper: float) -> np.nd
 def _gains(
     displacement: np.ndarray, free: np.ndarray, positive: np.ndarray, negative: np.ndarray
 ) -> tuple[float, tuple[float, float]]:
-    """The gains by least squares, and what is left of the squared error."""
+    """The gains by least squares, and the remaining squared error."""
     forced = (displacement - free).ravel()
     responses = np.stack([positive.ravel(), negative.ravel()])
-    # The least-norm solution: zero for a direction that was never commanded.
+    # The least-norm solution is zero for a direction without commands.
     gains = np.linalg.pinv(responses @ responses.T, hermitian=True) @ (responses @ forced)
     return float(np.sum((forced - gains @ responses) ** 2)), (float(gains[0]), float(gains[1]))
 
@@ -186,10 +185,10 @@ def _gains(
 def _responses(
     commands: np.ndarray, velocity: np.ndarray, before: int, dead_time_s: float, lag_s: float, dt_s: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Displacements after each step: of the initial velocity, and of positive and negative commands at gain one.
+    """Displacements after each step due to the initial velocity, and to positive and negative commands at gain one.
 
     Args:
-        commands: (W, before + H) of one joint.
+        commands: (W, before + H), commands of one joint.
         velocity: (W,) initial velocities.
         before: Rows of commands before the start row.
         dead_time_s: θ.
@@ -199,11 +198,11 @@ def _responses(
     Returns:
         Three arrays (W, H).
     """
-    # Here, as `identify` and the report know this module for its settings alone, and the import takes two seconds.
+    # Imported here, as other modules need only the settings and the import takes two seconds.
     from scipy.signal import lfilter
 
     whole = int(dead_time_s / dt_s)
-    late_s = dead_time_s - whole * dt_s  # within a step, the older command still acts for so long
+    late_s = dead_time_s - whole * dt_s  # time within a step during which the older command acts
     early_s = dt_s - late_s
     late, early = np.exp(-late_s / lag_s), np.exp(-early_s / lag_s)
     decay = late * early

@@ -2,14 +2,14 @@
 
     motion[t+1] = Σ θ_i · x_i · x_i',   x, x' ∈ {1, motion[t−l], a[t−m], q[t]}
 
-of all joints, for the lags l and m of two stated sets: every product of up to two variables is a candidate,
-FROLS selects (`forward_regression`), least squares fits. `motion` is the velocity estimate (dqdot) or the
+of all joints, for the lags l and m of two given sets. Every product of up to two variables is a candidate; FROLS
+selects (`forward_regression`) and least squares fits. `motion` is the velocity estimate (dqdot) or the
 displacement of the last step (dq), so that q[t+1] = q[t] + Δt · motion[t+1], or q[t] + motion[t+1].
 (Billings, "Nonlinear System Identification", Wiley 2013; the same method as SysIdentPy's FROLS.)
 
-Terms are selected by their one-step error, and a polynomial that predicts one step well may diverge when its
-own predictions are fed back. So the number of terms is the one, of those that the information criterion
-allows, whose simulations of the training rows err least (Piroddi, Spinelli, "An identification algorithm for
+Terms are selected by their one-step error, and a polynomial that predicts one step well may diverge in simulation.
+So, among the numbers of terms that the information criterion allows, the one with the smallest simulation error on the
+training rows is chosen (Piroddi, Spinelli, "An identification algorithm for
 polynomial NARX models based on simulation error minimization", Int. J. Control 76(17), 2003).
 """
 
@@ -26,20 +26,20 @@ from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 
 CHUNK_ROWS = 2048  # rows whose candidates are in memory at once
-FEWER = 2  # numbers of terms that are tried: the most, and each this many times fewer than the last
+TERM_NUMBER_FACTOR = 2  # factor between the tried numbers of terms
 
 
 @dataclass
 class NarxConfig:
-    """What may become a term, and how many do.
+    """Candidate terms and their number.
 
     Attributes:
-        target: dq or dqdot: what `motion` is.
+        target: dq or dqdot: meaning of `motion`.
         motion_lags: l; zero is the newest.
         command_lags: m; zero is the command about to act.
         maximum_terms: Most terms per joint.
-        maximum_rows: Of more training rows every n-th is used for the selection and the fit.
-        simulation_horizon: Steps of the simulations that the number of terms is chosen by.
+        maximum_rows: Most training rows for selection and fit; of more, every n-th is used.
+        simulation_horizon: Steps of the simulations that determine the number of terms.
     """
 
     target: Target
@@ -68,9 +68,9 @@ class NarxPredictor:
     Attributes:
         config: Lags and target.
         dt_s: Length of one time step.
-        first: (n_terms,) index of each term's first variable in `_variables`, of all joints' terms.
-        second: (n_terms,) of its second; variable 0 is the constant 1.
-        coefficients: (n_terms, n_joint); zero where a joint has not selected the term.
+        first: (n_terms,) index of each term's first variable in `_variables`, over all joints' terms.
+        second: (n_terms,) index of its second variable; variable 0 is the constant 1.
+        coefficients: (n_terms, n_joint); zero if a joint has not selected the term.
         error_reduction_ratios: (n_terms, n_joint); zero likewise.
     """
 
@@ -83,11 +83,11 @@ class NarxPredictor:
 
     @property
     def rows_before(self) -> int:
-        """The longest lag; a displacement needs one row more."""
+        """The longest lag; a displacement needs one more row."""
         return _rows_before(self.config)
 
     def predict(self, trajectory: Trajectory, starts: np.ndarray, horizon: int) -> np.ndarray:
-        """See `errors.Predictor.predict`. A polynomial may diverge: then predictions are infinite or NaN."""
+        """See `errors.Predictor.predict`. Predictions of a diverging polynomial are infinite or NaN."""
         config = self.config
         motion = _motion(trajectory, config.target)[starts[:, None] + np.arange(-max(config.motion_lags), 1)]
         commands = trajectory.a[starts[:, None] + np.arange(-max(config.command_lags), horizon)]
@@ -126,8 +126,8 @@ def fit_narx(trajectories: Sequence[Trajectory], config: NarxConfig, dt_s: float
         dt_s: Length of one time step.
 
     Raises:
-        InputError: if no trajectory has as many training rows in a row as the longest lag needs, or a lag is
-            longer than the rows before the first judged one.
+        InputError: if no trajectory has enough consecutive training rows for the longest lag, or a lag exceeds the
+            history before the first judged row.
     """
     x, y = _rows(trajectories, config)
     first, second = np.triu_indices(x.shape[1])  # every pair of variables once; (0, 0) is the constant
@@ -153,7 +153,7 @@ def fit_narx(trajectories: Sequence[Trajectory], config: NarxConfig, dt_s: float
         error = _simulation_error(predictor, trajectories)
         if best is None or error < smallest:
             best, smallest = predictor, error
-        n_terms //= FEWER
+        n_terms //= TERM_NUMBER_FACTOR
     return best
 
 
@@ -192,7 +192,7 @@ def _fitted(
 
 
 def _simulation_error(predictor: NarxPredictor, trajectories: Sequence[Trajectory]) -> float:
-    """Squared error of simulations of the training rows, each joint's in units of its squared displacement."""
+    """Squared error of simulations of the training rows, relative to each joint's squared displacement."""
     horizon = predictor.config.simulation_horizon
     error, motion = np.zeros((2, predictor.coefficients.shape[1]))
     for trajectory in trajectories:
@@ -208,7 +208,7 @@ def _simulation_error(predictor: NarxPredictor, trajectories: Sequence[Trajector
 
 
 def _rows(trajectories: Sequence[Trajectory], config: NarxConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Variables (N, n_variables) and the motion that follows (N, n_joint), of training rows."""
+    """Variables (N, n_variables) and the next motion (N, n_joint), of training rows."""
     before = _rows_before(config)
     ends_of = []
     for trajectory in trajectories:

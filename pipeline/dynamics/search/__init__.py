@@ -1,1 +1,1 @@
-"""What is searched over hyper-parameters, and which trial is selected."""
+"""Search over hyper-parameters, and selection of a trial."""

@@ -1,4 +1,4 @@
-"""The hyper-parameters that are searched (paper, Table "Search spaces for the dynamic models hyperparameters")."""
+"""The search space of hyper-parameters (paper, Table "Search spaces for the dynamic models hyperparameters")."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class SearchSpace:
 
     Attributes:
         lags: k.
-        learning_rate: Of the optimiser.
+        learning_rate: Learning rate of the optimiser.
         batch_size: Windows per update.
         horizon: H of the training loss.
         layers: Number of hidden layers.
@@ -62,7 +62,7 @@ class SearchSpace:
 
 
 def propose(space: SearchSpace, choose: Choose) -> TrainingConfig:
-    """One point of the space; each layer's units are chosen on their own."""
+    """One point of the space; each layer's units are chosen independently."""
     layers = choose("layers", space.layers)
     return TrainingConfig(
         hidden=[choose(f"units_{layer}", space.units) for layer in range(1, layers + 1)],

@@ -1,8 +1,8 @@
-"""Which of the tried models is selected (paper, section "Training and evaluation of models for the arm dynamics").
+"""Selection of a model among the trials (paper, section "Training and evaluation of models for the arm dynamics").
 
 "Since the top ranked models only differ by a slight margin with respect to L|eval, we filter those with higher
-lags k and prefer smaller models due to their faster inference time." Written down: of the models within a relative
-margin of the best L|eval, the first in the order of the criteria `prefer`.
+lags k and prefer smaller models due to their faster inference time." As a rule: of the models within a relative margin
+of the best L|eval, the first in the order of the criteria `prefer` is selected.
 """
 
 import enum
@@ -15,7 +15,7 @@ from pipeline.errors import InputError
 
 
 class Criterion(enum.StrEnum):
-    """What is preferred to be small."""
+    """Criteria of which small values are preferred."""
 
     lags = "lags"
     n_parameters = "n_parameters"
@@ -36,9 +36,9 @@ class SelectionRule:
     """Section `search.selection`.
 
     Attributes:
-        margin: Models whose L|eval is at most (1 + margin) times the smallest are as good as the best.
-        prefer: Criteria by which one of these is taken; a later one decides where all earlier ones are equal. What
-            none decides, L|eval and then the order of the trials do.
+        margin: Models whose L|eval is at most (1 + margin) times the smallest count as equal.
+        prefer: Criteria of the choice among these; a later one decides ties of the earlier ones. L|eval and then the
+            order of the trials decide the remaining ties.
     """
 
     margin: float
@@ -59,11 +59,11 @@ class ModelCandidate:
     """A trained model of the search.
 
     Attributes:
-        trial: Its number within the study.
-        training: Its hyper-parameters.
+        trial: Number within the study.
+        training: Hyper-parameters.
         evaluation_loss: L|eval, rad².
-        n_parameters: Size.
-        inference_time_s: Median time of one step; NaN where it was not measured.
+        n_parameters: Number of the network's parameters.
+        inference_time_s: Median time of one step; NaN if not measured.
     """
 
     trial: int
@@ -73,7 +73,7 @@ class ModelCandidate:
     inference_time_s: float = math.nan
 
     def value(self, criterion: Criterion) -> float:
-        """What the criterion compares."""
+        """Value of the criterion."""
         return {
             Criterion.lags: float(self.training.lags),
             Criterion.n_parameters: float(self.n_parameters),
@@ -83,10 +83,10 @@ class ModelCandidate:
 
 
 def best(candidates: Sequence[ModelCandidate]) -> ModelCandidate:
-    """The candidate with the smallest L|eval; of equal ones the earliest.
+    """The candidate with the smallest L|eval; among equal ones the earliest.
 
     Raises:
-        InputError: if there is none.
+        InputError: if there are no candidates.
     """
     if not candidates:
         raise InputError("select: no trial of the search was completed; search with other hyper-parameters")
@@ -94,7 +94,7 @@ def best(candidates: Sequence[ModelCandidate]) -> ModelCandidate:
 
 
 def within_margin(candidates: Sequence[ModelCandidate], rule: SelectionRule) -> list[ModelCandidate]:
-    """Candidates that count as good as the best, which is one of them, in the order of the trials."""
+    """Candidates within the margin, the best included, in the order of the trials."""
     limit = (1.0 + rule.margin) * best(candidates).evaluation_loss
     good = [candidate for candidate in candidates if candidate.evaluation_loss <= limit]
     return sorted(good, key=lambda candidate: candidate.trial)
@@ -104,7 +104,7 @@ def select(candidates: Sequence[ModelCandidate], rule: SelectionRule) -> ModelCa
     """The candidate that the rule selects.
 
     Raises:
-        InputError: if there is none.
+        InputError: if there are no candidates.
         ValueError: if the rule compares an inference time that was not measured.
     """
     good = within_margin(candidates, rule)
@@ -123,7 +123,7 @@ def select(candidates: Sequence[ModelCandidate], rule: SelectionRule) -> ModelCa
 
 
 def explain(winner: ModelCandidate, candidates: Sequence[ModelCandidate], rule: SelectionRule) -> str:
-    """Why `winner` was selected and not the candidate with the smallest L|eval, in one sentence."""
+    """Why `winner` was selected instead of the candidate with the smallest L|eval, in one sentence."""
     first = best(candidates)
     if winner.trial == first.trial:
         return f"The best L|eval, and none within {rule.margin:.1%} of it was preferable."

@@ -18,21 +18,21 @@ _LAYERS = "-"  # between the units of the hidden layers: 512-128
 
 @dataclass(frozen=True)
 class TrialRow:
-    """A finished trial. What a trial has none of is None, an empty cell.
+    """A finished trial. Missing values are None, and empty cells in the table.
 
     Attributes:
         trial: Number within the study.
         state: complete, pruned, diverged or given_up.
         evaluation_loss: L|eval, rad².
         training: Hyper-parameters.
-        seed: Of the training.
-        epochs: Epochs trained.
+        seed: Seed of the training.
+        epochs: Number of epochs trained.
         best_epoch: The epoch with the smallest L|eval.
-        n_parameters: Size of the network.
+        n_parameters: Number of the network's parameters.
         seconds: Wall time over all attempts, compilation included.
-        attempts: More than one where a worker died.
-        same_as: An earlier trial with equal hyper-parameters, whose result this is.
-        reason: Why there is no L|eval.
+        attempts: Number of attempts; more than one if a worker died.
+        same_as: Number of an earlier trial with equal hyper-parameters, whose result is copied.
+        reason: Why L|eval is missing.
     """
 
     trial: int
@@ -50,7 +50,7 @@ class TrialRow:
 
 
 def write_trials(path: Path, rows: Sequence[TrialRow]) -> None:
-    """Write the table in the order of the rows; it appears whole, as several workers may write it at once."""
+    """Write the table in the order of the rows, atomically, as several workers may write it."""
     text = io.StringIO()
     fields = [field.name for field in dataclasses.fields(TrialRow) if field.name != "training"]
     training = [field.name for field in dataclasses.fields(TrainingConfig)]
@@ -64,10 +64,10 @@ def write_trials(path: Path, rows: Sequence[TrialRow]) -> None:
 
 
 def read_candidates(path: Path) -> list[ModelCandidate]:
-    """The complete trials of a table; of those with equal hyper-parameters the first.
+    """The complete trials of a table; the first of those with equal hyper-parameters.
 
     Raises:
-        InputError: if the file is absent or is no such table.
+        InputError: if the file is missing or not a table of trials.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -81,7 +81,7 @@ def read_candidates(path: Path) -> list[ModelCandidate]:
                 candidates.append(_candidate(row))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"{path}: line {line} is no trial ({type(error).__name__}: {error}); run the stage search again"
+                f"{path}: line {line} is not a trial ({type(error).__name__}: {error}); run the stage search again"
             ) from error
     return candidates
 

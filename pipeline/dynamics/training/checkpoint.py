@@ -1,6 +1,6 @@
-"""Checkpoints of a training run with Orbax, so that a killed run goes on where it stood.
+"""Checkpoints of a training run with Orbax, from which a killed run resumes.
 
-For resuming only: Orbax folders differ from save to save, so artifacts are written by `store.py`.
+They serve resuming only: Orbax folders differ from save to save, so `store.py` writes artifacts.
 """
 
 import hashlib
@@ -14,10 +14,9 @@ State = TypeVar("State")
 
 
 class Checkpoints(Generic[State]):
-    """The latest state of one run, in a folder named by what the run computes.
+    """The latest state of one run, in a folder named by the run's identity.
 
-    A run with other data, settings or seed has another identity and so another folder: it never goes on
-    from this one.
+    A run with other data, settings or seed has another identity, and so never resumes from this folder.
     """
 
     def __init__(self, directory: Path | None, identity: str) -> None:
@@ -38,14 +37,14 @@ class Checkpoints(Generic[State]):
             )
 
     def restore(self, initial: State) -> State:
-        """The latest saved state, or `initial` where none was saved; both are the same tree of arrays."""
+        """The latest saved state, or else `initial`; both are the same tree of arrays."""
         if self._manager is None or self._manager.latest_step() is None:
             return initial
         template = jax.tree.map(ocp.utils.to_shape_dtype_struct, initial)
         return self._manager.restore(self._manager.latest_step(), args=ocp.args.StandardRestore(template))
 
     def save(self, step: int, state: State) -> None:
-        """Save the state after `step` epochs and drop the one before."""
+        """Save the state after `step` epochs and delete the previous one."""
         if self._manager is not None and step != self._manager.latest_step():
             self._manager.save(step, args=ocp.args.StandardSave(state))
 

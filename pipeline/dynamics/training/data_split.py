@@ -1,4 +1,4 @@
-"""Which rows are for learning and which for judgement; no row is for both."""
+"""Split of the data into training and test rows, which are disjoint."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ HELD_OUT, VALIDATION = "held_out", "validation"
 
 
 @dataclass(frozen=True)
-class Purposes:
-    """Trajectories by what they are for.
+class DataSplit:
+    """Trajectories by purpose.
 
     Attributes:
-        learning: To learn from, with their validation rows for early stopping and selection.
-        judged: To judge on.
-        judged_on: `held_out`, or `validation` where nothing was held out: rows that early stopping saw.
+        learning: Training data, with their validation rows for early stopping and selection.
+        judged: Test data.
+        judged_on: `held_out`, or `validation` without held-out data: rows that early stopping used.
     """
 
     learning: list[Trajectory]
@@ -28,17 +28,16 @@ class Purposes:
 
 def split_by_purpose(
     tuples: Path, held_out: Path | None, hold_out: Sequence[str], machine: MachineSpecification
-) -> Purposes:
+) -> DataSplit:
     """Read tuples and split them by purpose.
 
     Args:
-        tuples: Folder to learn from.
-        held_out: Folder of recordings that nothing learns from; it may be empty.
-        hold_out: Names of trajectories in `tuples` to keep for judgement instead.
-        machine: The machine.
+        tuples: Folder of the training data.
+        held_out: Folder of held-out recordings; it may be empty.
+        hold_out: Names of trajectories in `tuples` to hold out instead.
 
     Raises:
-        InputError: A folder or a trajectory is missing, or nothing is left to learn from.
+        InputError: A folder or a trajectory is missing, or no training data are left.
     """
     learning = read_tuples(tuples, machine)
     names = [trajectory.name for trajectory in learning]
@@ -56,5 +55,5 @@ def split_by_purpose(
     if held_out is not None and any(held_out.glob(f"*{SUFFIX}")):
         judged += read_tuples(held_out, machine)
     if judged:
-        return Purposes(learning, judged, HELD_OUT)
-    return Purposes(learning, [validation_part(trajectory) for trajectory in learning], VALIDATION)
+        return DataSplit(learning, judged, HELD_OUT)
+    return DataSplit(learning, [validation_part(trajectory) for trajectory in learning], VALIDATION)

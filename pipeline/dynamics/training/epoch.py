@@ -17,7 +17,7 @@ from pipeline.dynamics.training.windows import TrainingRows, gather_windows
 def build_optimiser(
     training: TrainingConfig, identify: IdentifyConfig, n_batches: int
 ) -> optax.GradientTransformation:
-    """Adam, with the clipping and the decay that the configuration states."""
+    """Adam, with the configured clipping and decay."""
     rate: optax.ScalarOrSchedule = training.learning_rate
     if identify.cosine_decay:
         rate = optax.cosine_decay_schedule(

@@ -1,4 +1,4 @@
-"""Identification: the H-step loss is minimised by back-propagation through time (paper, "Training details").
+"""Identification: minimisation of the H-step loss by back-propagation through time (paper, "Training details").
 
 An epoch visits every training window once in shuffled order (or `batches_per_epoch` batches of them, drawn
 afresh each epoch), and runs as one compiled call; rows stay on the device. After each epoch L|eval is
@@ -31,11 +31,11 @@ from pipeline.machine.specification import MachineSpecification
 
 
 class TrainingDivergedError(InputError):
-    """L|eval was never finite, whatever the data: the hyper-parameters are to blame."""
+    """L|eval was never finite, which is due to the hyper-parameters."""
 
 
 class TrainingState(NamedTuple):
-    """All that training carries from epoch to epoch; a checkpoint holds exactly this."""
+    """State of a training between epochs, which is the content of a checkpoint."""
 
     epoch: jax.Array  # epochs done
     parameters: Parameters
@@ -43,17 +43,17 @@ class TrainingState(NamedTuple):
     best_parameters: Parameters
     best_loss: jax.Array  # smallest L|eval so far
     best_epoch: jax.Array
-    training_loss: jax.Array  # (maximum_epochs,), mean over the epoch's batches; NaN where not reached
-    evaluation_loss: jax.Array  # (maximum_epochs,), L|eval after the epoch; NaN where not reached
+    training_loss: jax.Array  # (maximum_epochs,), mean over the epoch's batches; NaN for later epochs
+    evaluation_loss: jax.Array  # (maximum_epochs,), L|eval after the epoch; NaN for later epochs
 
 
 @dataclass(frozen=True)
 class FitResult:
-    """What identification returns.
+    """Result of identification.
 
     Attributes:
         model: The dynamics model.
-        parameters: Those with the smallest L|eval.
+        parameters: Parameters with the smallest L|eval.
         curves: Columns `epoch`, `training_loss`, `evaluation_loss`, one value per epoch.
         metrics: Flat figures: `evaluation_loss` (the smallest), `best_epoch`, `epochs`, `n_parameters`,
             `training_windows`.
@@ -82,16 +82,16 @@ def fit(
     """Identify a dynamics model from logged rows.
 
     Args:
-        trajectories: Rows with their split; those for training, and those for L|eval and early stopping.
+        trajectories: Rows with their split into training and validation (L|eval, early stopping).
         machine: Joints, limits, rate, and the scale of errors.
         parameterization: mlp or kan.
         target: dq or dqdot.
         training: Size of the network, lags, horizon, batch size, learning rate, epochs.
-        identify: What all trainings share.
+        identify: Common settings of all trainings.
         seed: Initial parameters and the order of the windows. The evaluation windows follow `identify.seed`.
         progress: Called after each epoch with (epoch from 1, mean training loss, L|eval).
-        checkpoint_directory: Where the state is kept for resuming; None keeps none. A run that was killed
-            and is started again with the same arguments returns what an uninterrupted run returns.
+        checkpoint_directory: Folder of the state for resuming, or None. A killed run that is restarted with the same
+            arguments gives the result of an uninterrupted run.
 
     Raises:
         InputError: if the rows are too short, or a joint never moves.
@@ -164,7 +164,7 @@ def after_epoch(
     training_loss: jax.Array,
     evaluation_loss: jax.Array,
 ) -> TrainingState:
-    """Bookkeeping at the end of an epoch: curves, and the best parameters so far."""
+    """Update the curves and the best parameters at the end of an epoch."""
     better = evaluation_loss < state.best_loss
     return TrainingState(
         epoch=state.epoch + 1,

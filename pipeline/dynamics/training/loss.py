@@ -25,8 +25,8 @@ def open_loop_loss(
         history: At t_i, batch (B, ...).
         commands: (B, H, n_joint), a_{t_i} … a_{t_i+H-1}.
         q: (B, H, n_joint), measured q_{t_i+1} … q_{t_i+H}.
-        error_scale: (n_joint,), what errors are divided by: ones where all joints share a unit, as in the
-            paper, and the joint ranges where they do not (`MachineSpecification.error_scale`).
+        error_scale: (n_joint,), divisor of errors: one if all joints share a unit, as in the paper, else the joint
+            ranges (`MachineSpecification.error_scale`).
 
     Returns:
         Scalar, rad² (or m², or 1).

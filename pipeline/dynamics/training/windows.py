@@ -2,8 +2,8 @@
 
 The rows of all trajectories lie one after another in one buffer. A window that starts at row s uses rows
 s-k-1 … s as history (k lags) and rows s … s+H as the horizon: commands of rows s … s+H-1, configurations of
-rows s+1 … s+H. It lies in one trajectory. It belongs to a split (`train` or `validation`) if rows s … s+H
-all do; its history may reach back into the rows before, whatever their split, as a predictor in use would.
+rows s+1 … s+H. It lies in one trajectory. It belongs to a split (`train` or `validation`) if all rows
+s … s+H do; its history may reach back into earlier rows of any split, as for a predictor in use.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,7 @@ from pipeline.dynamics.model.features import History
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 
-# The contract (section 3) starts its first error window at this row, so that all models are judged on the
-# same rows.
+# First row of the contract's error windows (section 3), so that all models are judged on the same rows.
 FIRST_JUDGED_ROW = 40
 
 
@@ -70,7 +69,7 @@ def window_starts(
 
     Args:
         trajectories: In the order given to `stack_rows`.
-        validation: Which split: the validation rows (True) or the training rows (False).
+        validation: Whether the split is the validation rows (True) or the training rows (False).
         first_row: Earliest start row within a trajectory; at least lags + 1.
         horizon: H.
 
@@ -93,7 +92,7 @@ def evaluation_starts(
 ) -> np.ndarray:
     """The fixed evaluation windows of L|eval: drawn without replacement from the validation rows.
 
-    They depend on the rows, the horizon and the seed only, not on a model's lags, so that models compare.
+    They depend only on the rows, the horizon and the seed, not on a model's lags, so that models are comparable.
 
     Raises:
         InputError: if the validation rows hold fewer than `n_windows` windows.

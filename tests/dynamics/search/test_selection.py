@@ -164,10 +164,10 @@ def test_a_damaged_table_names_file_and_line(tmp_path):
         read_candidates(path)
     write_trials(path, [row(0), row(1)])
     path.write_text(path.read_text().replace("1,complete,0.0", "1,complete,much"))
-    with pytest.raises(InputError, match=r"trials\.csv: line 3 is no trial"):
+    with pytest.raises(InputError, match=r"trials\.csv: line 3 is not a trial"):
         read_candidates(path)
     path.write_text("a,b\n1,2\n")
-    with pytest.raises(InputError, match="line 2 is no trial"):
+    with pytest.raises(InputError, match="line 2 is not a trial"):
         read_candidates(path)
 
 
