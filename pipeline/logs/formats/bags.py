@@ -5,9 +5,9 @@ from pathlib import Path
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.discover import LogEntry, LogFormat
-from pipeline.logs.formats.mcap_file import read_mcap
-from pipeline.logs.formats.rosbag1_file import read_rosbag1
-from pipeline.logs.formats.sqlite3_file import read_sqlite3
+from pipeline.logs.formats.mcap.file import read_mcap
+from pipeline.logs.formats.rosbag1.file import read_rosbag1
+from pipeline.logs.formats.sqlite3.file import read_sqlite3
 from pipeline.logs.formats.tables import read_table
 from pipeline.logs.messages.columns import ColumnStore, MemoryStore
 from pipeline.logs.messages.command_sources import command_adapter

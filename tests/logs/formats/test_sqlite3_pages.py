@@ -7,9 +7,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pipeline.errors import InputError
-from pipeline.logs.formats import sqlite3_file
-from pipeline.logs.formats.sqlite3_file import read_sqlite3
-from pipeline.logs.formats.sqlite3_pages import UnusualError
+from pipeline.logs.formats.sqlite3 import file as sqlite3_file
+from pipeline.logs.formats.sqlite3.file import read_sqlite3
+from pipeline.logs.formats.sqlite3.pages import UnusualError
 from pipeline.logs.messages.message_blocks import ReadingLedger
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session

@@ -7,7 +7,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
-from pipeline.logs.formats.mcap_file import read_mcap
+from pipeline.logs.formats.mcap.file import read_mcap
 from pipeline.logs.messages.message_blocks import ReadingLedger
 from pipeline.logs.messages.message_definitions import (
     DefinitionError,

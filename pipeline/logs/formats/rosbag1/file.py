@@ -14,8 +14,8 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
 from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
-from pipeline.logs.formats.rosbag1_index import find_messages, index_entries
-from pipeline.logs.formats.rosbag1_record import (
+from pipeline.logs.formats.rosbag1.index import find_messages, index_entries
+from pipeline.logs.formats.rosbag1.record import (
     BAG_HEADER,
     CHUNK,
     CHUNK_INFO,

@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
 from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records
-from pipeline.logs.formats.mcap_index import ENTRY_WORDS, find_messages
+from pipeline.logs.formats.mcap.index import ENTRY_WORDS, find_messages
 from pipeline.logs.formats.message_compression import plain_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.messages.message_blocks import BlockColumns, LoggedTopic, MessageBlock, ReadingLedger

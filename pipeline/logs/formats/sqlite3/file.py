@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES
 from pipeline.logs.formats.message_compression import plain_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
-from pipeline.logs.formats.sqlite3_pages import PageRows, UnusualError, cut_rows, rows_in_pages
+from pipeline.logs.formats.sqlite3.pages import PageRows, UnusualError, cut_rows, rows_in_pages
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import full_type_name
 from pipeline.logs.messages.raw_log import Note, NoteKind

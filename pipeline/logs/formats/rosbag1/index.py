@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.logs.formats.indexed_chunk import IndexedRecords, records_at
-from pipeline.logs.formats.rosbag1_record import (
+from pipeline.logs.formats.rosbag1.record import (
     TIME,
     WORD,
     HeaderLayout,
