@@ -17,6 +17,7 @@ from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.ppo import PPOConfig, train
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.effects.augmented_model import AugmentedModel
+from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
 from pipeline.machine.kinematics import Arm
@@ -93,6 +94,31 @@ class Ablation:
     episodes: EpisodesConfig
     action_repeats: int
     ppo: PPOConfig
+
+    @classmethod
+    def of_model(
+        cls,
+        model: Path,
+        machine: MachineSpecification,
+        arm: Arm,
+        reward: RewardConfig,
+        episodes: EpisodesConfig,
+        action_repeats: int,
+        ppo: PPOConfig,
+        settings: RewardAblationConfig,
+    ) -> "Ablation":
+        """What the cells share on a saved model, trained by the section `ppo` for as long as the ablation's says."""
+        dynamics, parameters = load_dynamics(model, machine)
+        training = dataclasses.replace(
+            ppo.for_model(dynamics.specification),
+            model_kinds=ppo.model_kinds,  # finished cells are known by the section as it stands
+            training_steps=settings.training_steps,
+            evaluated_at_steps=settings.evaluated_at_steps,
+        )
+        fingerprint = dynamics_fingerprint(model)
+        return cls(
+            machine, arm, dynamics, parameters, fingerprint, reward, episodes, action_repeats, training
+        )
 
     def rewarded(self, cell: AblationCell) -> RewardConfig:
         """The reward with the cell's terms alone."""

@@ -105,3 +105,13 @@ class IdentifyConfig:
             raise InputError(
                 f"identify.velocity_limit_quantile is {self.velocity_limit_quantile}; it must be in (0, 1]"
             )
+
+    def training_of(self, kind: str) -> TrainingConfig:
+        """What the search selected for a model kind, `<parameterization>_<target>`.
+
+        Raises:
+            InputError: Nothing was selected for it.
+        """
+        if kind not in self.selected:
+            raise InputError(f"identify.selected has no {kind}; it has {', '.join(self.selected)}")
+        return self.selected[kind]

@@ -4,28 +4,16 @@ that were seen, and what safety did."""
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from omegaconf import MISSING
 
 from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
 from pipeline.configuration.paths import InputLogs, InputModel, OutputFile
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.deployment.graph_topics import GraphRecord, read_graph_topics
-from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
-from pipeline.dynamics.evaluation.errors import Predictor, prediction_errors
-from pipeline.effects.store import load_predictor
+from pipeline.deployment.evaluate_logs import evaluate_logs
 from pipeline.files.atomic import write_whole
-from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.messages.raw_log import RawLog
-from pipeline.logs.trajectories import LogTrajectories, make_trajectories
-from pipeline.machine.kinematics import load_arm
-from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.episodes import EpisodesConfig
-from pipeline.reaching.logged_trials import logged_trials, reaching_summary
 from pipeline.tracking import StageRun, flatten_metrics
 
 
@@ -45,25 +33,21 @@ class EvaluateLogsStage(PipelineConfiguration):
 @stage(EvaluateLogsStage)
 def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
     """Write one JSON file (contract, section 3)."""
-    machine, output = configuration.machine, Path(configuration.output)
-    if configuration.allow_empty and not Path(configuration.logs).exists():
-        note = f"{configuration.logs}: no logs"
+    machine, logs, output = configuration.machine, configuration.logs, Path(configuration.output)
+    if configuration.allow_empty and not Path(logs).exists():
+        note = f"{logs}: no logs"
         write_whole(output, (json.dumps({"note": note}, indent=1) + "\n").encode())
         print(f"evaluate_logs: {note}")
         return
-    predictor = predictor_of(Path(configuration.model), machine)
-    entries = find_logs(Path(configuration.logs))
-    raw = [read_log(entry, machine) for entry in entries]
-    logs = [
-        make_trajectories(log, machine, configuration.ingest, configuration.control.loop_tracker)
-        for log in raw
-    ]
-    evaluation = evaluate_model(predictor, logs, machine, configuration.logs)
-    reaching = evaluate_reaching(logs, machine, configuration.episodes.steps)
-    if reaching is not None:
-        evaluation["reaching"] = reaching
-    if any(log.targets is not None for log in raw):
-        evaluation |= evaluate_deployment(raw, [read_graph_topics(entry) for entry in entries])
+    evaluation = evaluate_logs(
+        Path(configuration.model),
+        Path(logs),
+        machine,
+        MACHINE_DIRECTORY,
+        configuration.ingest,
+        configuration.control.loop_tracker,
+        configuration.episodes.steps,
+    )
     content = json.dumps(evaluation, indent=1, sort_keys=True, allow_nan=False) + "\n"
     write_whole(output, content.encode())
     for name in ("one_step_rmse", "open_loop_rmse_80"):
@@ -71,66 +55,6 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
         print(f"{name}: " + ", ".join(f"{joint} {value:.5f} {unit}" for joint, unit, value in values))
     run.metrics(flatten_metrics({key: value for key, value in evaluation.items() if key != "safety"}))
     run.artifact(output)
-
-
-def predictor_of(path: Path, machine: MachineSpecification) -> Predictor:
-    """The saved model with its effects, which must be of this machine."""
-    return load_predictor(path, machine=machine)
-
-
-def evaluate_model(
-    predictor: Predictor, logs: list[LogTrajectories], machine: MachineSpecification, place: str = "logs"
-) -> dict[str, Any]:
-    """One-step and open-loop errors over all logs, which are from `place`, per joint in rad or m."""
-    trajectories = [trajectory for log in logs for trajectory in log.trajectories]
-    errors = prediction_errors(predictor, trajectories, place)
-
-    def by_joint(values: np.ndarray) -> dict[str, float]:
-        return dict(zip(machine.joint_names, values.tolist(), strict=True))
-
-    return {
-        "one_step_rmse": by_joint(errors.one_step_rmse),
-        "open_loop_rmse_80": by_joint(errors.open_loop_rmse_80),
-        "n_windows": errors.n_windows,
-        "n_steps": errors.n_steps,
-    }
-
-
-def evaluate_reaching(
-    logs: list[LogTrajectories], machine: MachineSpecification, maximum_ticks: int
-) -> dict[str, Any] | None:
-    """Metrics of the trials in the logs; None where there are none, or the machine's arm is not described."""
-    trials = [
-        trial
-        for log in logs
-        if log.targets is not None
-        for trial in logged_trials(log.trajectories, log.targets, maximum_ticks)
-    ]
-    if not trials:
-        return None
-    if machine.arm is None or machine.workspace is None:
-        print(
-            f"evaluate_logs: the logs hold {len(trials)} target poses, but conf/machine/{machine.name}.yaml has "
-            "no section arm or workspace; reaching is not evaluated"
-        )
-        return None
-    return reaching_summary(trials, machine, load_arm(machine, MACHINE_DIRECTORY))
-
-
-def evaluate_deployment(logs: list[RawLog], records: list[GraphRecord]) -> dict[str, Any]:
-    """Delays that were seen, and where the graph recorded itself what safety did; over the logs with targets."""
-    pairs = [(log, record) for log, record in zip(logs, records, strict=True) if log.targets is not None]
-    samples = [delay_samples(log, record) for log, record in pairs]
-    found: dict[str, Any] = {"delays": delays_seen(samples, [record for _, record in pairs])}
-    said = [safety_events(log.name, log, record) for log, record in pairs if any(record)]
-    if said:
-        found["safety"] = safety_seen(said)
-        stops = [event for event in found["safety"]["events"] if event["who"] == "control_supervisor"]
-        for stop in stops:
-            print(
-                f"emergency stop after {stop['t']:.2f} s of {stop['log']}: {stop['rule']}, {stop['detail']}"
-            )
-    return found
 
 
 if __name__ == "__main__":

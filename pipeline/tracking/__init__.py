@@ -6,8 +6,17 @@ The library does not import this package; stages pass it plain numbers and files
 from pipeline.tracking.configuration import TrackingConfiguration
 from pipeline.tracking.lineage import dvc_hashes
 from pipeline.tracking.metrics import flatten_metrics
-from pipeline.tracking.progress import progress_bar
+from pipeline.tracking.progress import ProgressBar, Stopwatch, progress_bar
 from pipeline.tracking.stage_run import StageRun
 from pipeline.tracking.track import track
 
-__all__ = ["StageRun", "TrackingConfiguration", "dvc_hashes", "flatten_metrics", "progress_bar", "track"]
+__all__ = [
+    "ProgressBar",
+    "StageRun",
+    "Stopwatch",
+    "TrackingConfiguration",
+    "dvc_hashes",
+    "flatten_metrics",
+    "progress_bar",
+    "track",
+]

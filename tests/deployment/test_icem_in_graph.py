@@ -3,22 +3,25 @@
 import copy
 import dataclasses
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import numpy as np
 import pytest
 from flax.serialization import msgpack_restore
 
-from pipeline.configuration.load import ControlConfiguration, load_section
+from pipeline.configuration.load import load_section
 from pipeline.control.evaluate import controller_evaluation
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_controller
 from pipeline.control.icem.variant import RewardVariant, variant_reward
+from pipeline.deployment import compose
 from pipeline.deployment.component import Computation, nanoseconds
 from pipeline.deployment.components.autonomous_server import DecisionRequest
 from pipeline.deployment.components.controllers import ControllerKind, ControllerState, IcemController
 from pipeline.deployment.components.goals import goal_solver
 from pipeline.deployment.components.termination import TerminalConditions
+from pipeline.deployment.compose import GraphSettings, controller_delays, planner_effort
 from pipeline.deployment.drivers.machine import LearnedStep
 from pipeline.deployment.messages import JointState, ReachGoal, Topic
 from pipeline.deployment.transports.simulated_time.delays import (
@@ -38,13 +41,10 @@ from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
 from pipeline.effects.store import ActiveEffects, save_effects
 from pipeline.errors import InputError
-from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.logged_trials import trial_traces
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
-from pipeline.stages import sim2sim
-from pipeline.stages.sim2sim import Sim2SimStage, controller_delays, planner_effort
 from tests.deployment.machines import MIDDLE, arm, bobcat, paper, specification
 from tests.reaching.lag import lag_dynamics
 
@@ -129,12 +129,17 @@ def test_a_model_with_effects_around_it_is_refused(parts, config) -> None:
         IcemController(task, config, REPEATS, SEED)
 
 
+def settings_with(**own: Any) -> GraphSettings:
+    names = (field.name for field in dataclasses.fields(GraphSettings))
+    return GraphSettings(**(dict.fromkeys(names) | own))
+
+
 def test_one_controller_is_named_and_no_more() -> None:
-    assert Sim2SimStage(policy="ppo").kind is ControllerKind.ppo
-    assert Sim2SimStage(variant=RewardVariant.icem).kind is ControllerKind.icem
+    assert settings_with(policy="ppo").kind is ControllerKind.ppo
+    assert settings_with(variant=RewardVariant.icem).kind is ControllerKind.icem
     for policy, variant in ((None, None), ("ppo", RewardVariant.icem)):
         with pytest.raises(InputError, match="name one controller"):
-            _ = Sim2SimStage(policy=policy, variant=variant).kind
+            _ = settings_with(policy=policy, variant=variant).kind
 
 
 def test_a_planner_s_decisions_take_their_own_time(tmp_path) -> None:
@@ -163,12 +168,12 @@ def test_delays_of_another_planner_are_not_this_one_s(tmp_path, capsys, monkeypa
     path, effort = tmp_path / "delays.json", PlannerEffort(model_steps=5984, model_parameters=14468)
     save_delays(path, no_delays() | {PLANNING: Distribution.constant(0.2)}, {"planner": effort._asdict()})
     deployment = SimpleNamespace(delays=str(path), unmeasured_planning_s=0.09)
-    stage = Sim2SimStage(variant=RewardVariant.icem, deployment=deployment)
-    monkeypatch.setattr(sim2sim, "planner_effort", lambda _: effort)
-    assert controller_delays(stage)["inference"].quantiles_s[0] == 0.2
+    settings = settings_with(variant=RewardVariant.icem, deployment=deployment)
+    monkeypatch.setattr(compose, "planner_effort", lambda _: effort)
+    assert controller_delays(settings)["inference"].quantiles_s[0] == 0.2
     assert not capsys.readouterr().out
-    monkeypatch.setattr(sim2sim, "planner_effort", lambda _: effort._replace(model_steps=200_000))
-    assert controller_delays(stage)["inference"].quantiles_s[0] == 0.09
+    monkeypatch.setattr(compose, "planner_effort", lambda _: effort._replace(model_steps=200_000))
+    assert controller_delays(settings)["inference"].quantiles_s[0] == 0.09
     assert "0.09 s" in capsys.readouterr().out
 
 
@@ -177,19 +182,17 @@ def test_a_decision_costs_what_the_network_does_whatever_effects_lie_around_it(
 ) -> None:
     model = DynamicsModel(specification())
     save_model(tmp_path, model, model.initialise(jax.random.key(0)), {}, {}, {})
-    stage = Sim2SimStage(
-        model=str(tmp_path), icem=config, control=ControlConfiguration(REPEATS, LoopTrackerConfig(10.0, 60.0))
-    )
+    settings = settings_with(model=str(tmp_path), icem=config, action_repeats=REPEATS)
     n_saved = sum(
         value.size
         for value in jax.tree.leaves(msgpack_restore((tmp_path / "parameters.msgpack").read_bytes()))
     )
     effort = PlannerEffort(config.model_steps(REPEATS), n_saved)
-    assert planner_effort(stage) == effort
+    assert planner_effort(settings) == effort
     setting = Setting(bobcat().dt_s, bobcat().lower, bobcat().upper, np.ones(bobcat().n_joint))
     slower = {"ratio_positive": np.full(bobcat().n_joint, 0.7)}
     save_effects(tmp_path, ActiveEffects(setting, {"gain": Gain(setting).neutral() | slower}, {}))
-    assert planner_effort(stage) == effort
+    assert planner_effort(settings) == effort
 
 
 def test_nothing_is_compiled_once_a_server_has_rehearsed(parts: GraphParts) -> None:

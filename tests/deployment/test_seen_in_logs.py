@@ -8,6 +8,7 @@ from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from pipeline.deployment.components.recording import Recorder
+from pipeline.deployment.evaluate_logs import evaluate_deployment
 from pipeline.deployment.graph_topics import DEFINITIONS, read_graph_topics
 from pipeline.deployment.messages import (
     EmergencyStop,
@@ -22,7 +23,6 @@ from pipeline.deployment.messages import (
 from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
-from pipeline.stages.evaluate_logs import evaluate_deployment
 from tests.deployment.machines import MIDDLE, bobcat
 
 BEGIN_NS = 1_775_000_000_000_000_000

@@ -10,14 +10,13 @@ from pipeline.configuration.load import load_machine
 from pipeline.control.checkpoint import Checkpoint, is_checkpoint, load_checkpoint, save_checkpoint
 from pipeline.control.chunks import evaluate_in_chunks, is_chunk
 from pipeline.control.evaluate import EvaluatedEpisodes
-from pipeline.dynamics.training.checkpoint import Checkpoints
+from pipeline.dynamics.training.checkpoint import Checkpoints, is_training
 from pipeline.errors import InputError
 from pipeline.files.checkpoint_cleanup import remove_checkpoints
 from pipeline.logs.formats.writer import write_bag
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.metrics import Traces
 from pipeline.reaching.reward import RewardTerms
-from pipeline.stages.identify import is_training
 from tests.stages.command import run_stage
 
 MINE = (

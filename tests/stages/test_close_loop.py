@@ -16,16 +16,16 @@ import numpy as np
 import pytest
 
 from pipeline.configuration.load import load_machine, load_section
+from pipeline.deployment.evaluate_logs import evaluate_model
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.model.store import save_model
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Setting
-from pipeline.effects.store import ActiveEffects, load_effects, save_effects
+from pipeline.effects.store import ActiveEffects, load_effects, load_predictor, save_effects
 from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.trajectories import LogTrajectories, load_logs
-from pipeline.stages.evaluate_logs import evaluate_model, predictor_of
 from tests.stages.command import run_stage
 
 ROOT = Path(__file__).parents[2]
@@ -337,4 +337,4 @@ def test_the_model_after_is_better_on_logs_that_the_loop_never_saw(
 
 
 def evaluated(folder: Path, logs: list[LogTrajectories]) -> dict[str, Any]:
-    return evaluate_model(predictor_of(folder, MACHINE), logs, MACHINE)
+    return evaluate_model(load_predictor(folder, machine=MACHINE), logs, MACHINE)

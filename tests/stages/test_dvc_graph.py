@@ -13,6 +13,7 @@ import yaml
 ROOT = Path(__file__).parents[2]
 # The frame around a stage decides nothing of its outputs.
 FRAME = {
+    "pipeline.configuration.graph",
     "pipeline.configuration.load",
     "pipeline.configuration.paths",
     "pipeline.configuration.stage",

@@ -8,17 +8,17 @@ import jax
 import numpy as np
 import pytest
 
-from pipeline.configuration.load import load_machine, load_section
+from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_section
+from pipeline.deployment.evaluate_logs import evaluate_model, evaluate_reaching
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.model.store import save_model
 from pipeline.effects.effect import Setting
-from pipeline.effects.store import ActiveEffects, save_effects
+from pipeline.effects.store import ActiveEffects, load_predictor, save_effects
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.raw_log import TargetPoses
 from pipeline.logs.trajectories import load_logs
-from pipeline.stages.evaluate_logs import evaluate_model, evaluate_reaching, predictor_of
 from tests.dynamics import reference
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session
@@ -186,25 +186,25 @@ def test_a_mistake_is_one_line_and_status_2(folder, overrides, said):
 def test_models_that_cannot_be_used_are_named(folder, model, parameters):
     machine = load_machine("bobcat_e10")
     with pytest.raises(InputError, match=r"nowhere/meta\.json: No such file or directory"):
-        predictor_of(folder / "nowhere", machine)
+        load_predictor(folder / "nowhere", machine=machine)
     joints = ["swing", "boom", "arm", "hammer"]
     other = DynamicsModel(ModelSpecification(**(vars(model.specification) | {"joints": joints})))
     save_model(folder / "other", other, parameters, {}, {}, {})
     with pytest.raises(
         InputError, match=r"other: the model is of joints swing .*, hammer \[-2.2, 0.5\] at 20 Hz"
     ):
-        predictor_of(folder / "other", machine)
+        load_predictor(folder / "other", machine=machine)
     save_model(folder / "mixed", model, parameters, {}, {}, {})
     setting = Setting(0.05, np.zeros(2), np.ones(2), np.ones(2))
     save_effects(folder / "mixed", ActiveEffects(setting, {}, {}))
     with pytest.raises(InputError, match=r"effects\.json: effects of 2 joints .* the model has 4 joints"):
-        predictor_of(folder / "mixed", machine)
+        load_predictor(folder / "mixed", machine=machine)
 
 
 def test_logs_that_cannot_be_used_are_named(folder, tmp_path, config, loop_tracker):
     machine = load_machine("bobcat_e10")
     recording(100, seed=3).write(tmp_path / "short/drive", machine)
-    predictor = predictor_of(folder / "model", machine)
+    predictor = load_predictor(folder / "model", machine=machine)
     logs = load_logs(tmp_path / "short", machine, config, loop_tracker)
     with pytest.raises(InputError, match="field_day: no trajectory is longer than 120 rows"):
         evaluate_model(predictor, logs, machine, "field_day")
@@ -218,7 +218,7 @@ def test_targets_of_a_machine_without_a_described_arm_are_left_alone(capsys, tmp
     targets = TargetPoses(np.array([START_NS]), np.ones((1, 3)), np.ones((1, 4)), "base_link")
     recording(100, seed=3, targets=targets).write(tmp_path / "drive", machine)
     logs = load_logs(tmp_path, machine, config, loop_tracker)
-    assert evaluate_reaching(logs, machine, 500)["n_episodes"] == 1
+    assert evaluate_reaching(logs, machine, MACHINE_DIRECTORY, 500)["n_episodes"] == 1
     machine.arm = None
-    assert evaluate_reaching(logs, machine, 500) is None
+    assert evaluate_reaching(logs, machine, MACHINE_DIRECTORY, 500) is None
     assert "has no section arm or workspace" in capsys.readouterr().out

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from pipeline.configuration.overrides import override, replaced, settled
 from pipeline.control.icem.variant import RewardVariant
-from pipeline.stages.processes.overrides import override, replaced, settled
 
 VALUES = [
     "/x/run (1)",

@@ -7,9 +7,8 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.files.path_checks import refuse_unusable
-from pipeline.stages.graph_node import refuse_others_logs
-from pipeline.stages.run_graph import FOLDERS
-from pipeline.stages.sim2real import refuse_others_log
+from pipeline.testbench.successive_targets import refuse_others_log
+from pipeline.testbench.target_run import LOGS, SIMULATED, refuse_others_logs
 from tests.stages.command import run_stage
 
 START_TIME = "2026-04-01T09:00:00+00:00"
@@ -29,10 +28,10 @@ def test_run_graph_deletes_no_logs_of_ones_own(place: str, tmp_path: Path) -> No
 def test_run_graph_takes_an_earlier_runs_bags_for_its_own(tmp_path: Path) -> None:
     (tmp_path / "logs/targets").mkdir(parents=True)
     (tmp_path / "results.json").write_text("[]")
-    refuse_others_logs(tmp_path, FOLDERS)
+    refuse_others_logs(tmp_path, (LOGS, SIMULATED))
     (tmp_path / "simulated/another").mkdir(parents=True)
     with pytest.raises(InputError, match="simulated: holds logs that this stage did not write"):
-        refuse_others_logs(tmp_path, FOLDERS)
+        refuse_others_logs(tmp_path, (LOGS, SIMULATED))
 
 
 def test_sim2real_deletes_no_log_of_ones_own(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from pipeline.plant.sealed.seal import open_seal
 from pipeline.stages import close_loop  # noqa: F401  its schema
-from pipeline.stages.record import operator_and_sessions
+from pipeline.testbench.recording import operator_and_sessions
 from tests.stages.command import run_stage
 
 pytestmark = pytest.mark.slow

@@ -20,16 +20,19 @@ import yaml
 from optuna.storages import BaseStorage
 from optuna.trial import TrialState
 
-from pipeline.configuration.load import load_machine
+from pipeline.configuration.load import load_machine, load_section
 from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.search.search_space import Choose
 from pipeline.dynamics.settings import TrainingConfig
 from pipeline.dynamics.training import fit as fit_module
+from pipeline.dynamics.training.data_split import split_by_purpose
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, write_tuples
 from pipeline.machine.specification import JointSpecification, MachineSpecification
-from pipeline.stages.search import SearchStage, Trainer, learning_part
+from pipeline.stages.search import SearchStage
+from pipeline.study.configuration import SearchConfig
+from pipeline.study.search import SearchedKind, Trainer
 from pipeline.study.settings import Pruner
 from pipeline.study.storage import open_storage
 from pipeline.study.trials import TrialOutcome
@@ -286,9 +289,7 @@ def test_nothing_to_select_from_is_one_line(folder: Path) -> None:
 
 def test_what_is_held_out_is_not_searched_on(tuples: Path) -> None:
     def learning(hold_out: list[str]) -> list[Trajectory]:
-        return learning_part(
-            SimpleNamespace(tuples=str(tuples), hold_out=hold_out, machine=load_machine("bobcat_e10"))
-        )
+        return split_by_purpose(tuples, None, hold_out, load_machine("bobcat_e10")).learning
 
     assert [trajectory.name for trajectory in learning([])] == ["log"]
     with pytest.raises(InputError, match="no such trajectory"):
@@ -302,20 +303,20 @@ def test_a_total_below_one_is_refused() -> None:
         SearchStage(n_trials=0, storage="a.journal")
 
 
-def small_search(**changes: Any) -> SimpleNamespace:
-    """What a `Trainer` reads of the stage's configuration."""
+def small_search(trajectories: list[Trajectory], **changes: Any) -> SearchedKind:
     machine = MachineSpecification(
         name="two_joints",
         rate_hz=20.0,
         joints=[JointSpecification("lift", -1.0, 1.0), JointSpecification("turn", -1.0, 1.0)],
     )
-    kind = {"model": Parameterization.mlp, "target": Target.dqdot}
-    return SimpleNamespace(machine=machine, identify=make_identify(**changes), **kind)
+    search = load_section("search", SearchConfig)
+    kind = Parameterization.mlp, Target.dqdot
+    return SearchedKind(machine, make_identify(**changes), search, *kind, trajectories)
 
 
 def test_a_pruned_training_closes_and_a_retry_would_go_on_from_it(tmp_path: Path) -> None:
     log = [lag_trajectory(0, n_rows=300, n_validation=80)]
-    trainer = Trainer(small_search(), log, tmp_path / "checkpoints")
+    trainer = Trainer(small_search(log), tmp_path / "checkpoints")
     settings = study_settings(pruner=Pruner.median, startup_trials=1)
     study: Study[TrainingConfig] = Study(str(tmp_path / "a.journal"), "study", settings, 6)
 
@@ -350,4 +351,4 @@ def test_a_diverging_training_is_a_divergence(
         monkeypatch.setattr(fit_module, "compile_evaluation", lambda *_: lambda *_: np.float32(np.inf))
     trial = SimpleNamespace(number=0, report=lambda epoch, evaluation_loss: None)
     with pytest.raises(DivergedError, match="no finite L"):
-        Trainer(small_search(), log, tmp_path)(make_training(hidden=[4], learning_rate=rate), trial)
+        Trainer(small_search(log), tmp_path)(make_training(hidden=[4], learning_rate=rate), trial)

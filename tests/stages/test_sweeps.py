@@ -65,19 +65,20 @@ def test_each_job_of_a_sweep_joins_a_graph_of_its_own_with_its_own_overrides(
 ) -> None:
     seen = []
 
-    def apart(function: object, configuration: run_graph.RunGraphStage, overrides: list[str]) -> tuple:
+    def apart(function: object, *_: object) -> tuple:
         assert function is run_graph.run_targets
-        seen.append((configuration.targets, overrides))
         return [], Recorder()
 
-    monkeypatch.setattr("pipeline.stages.processes.own_process.in_own_process", apart)
-    for name in ("write_run", "simulate", "write_bag_of"):
+    monkeypatch.setattr("pipeline.configuration.own_process.in_own_process", apart)
+    monkeypatch.setattr(run_graph, "settings_of", lambda _, keys: seen.append([keys.targets]) or keys)
+    monkeypatch.setattr(run_graph, "node_commands", lambda _, overrides: seen[-1].append(overrides))
+    for name in ("write_run", "simulate_targets", "write_bag_of"):
         monkeypatch.setattr(run_graph, name, lambda *_: None)
     monkeypatch.setattr(run_graph, "trials_of", lambda *_: [])
     output = "output='out (${targets})/${hydra:job.num}'"
     result = run_stage("run_graph", "-m", "model=a", "policy=b", "targets=1,2", output, folder=tmp_path)
     assert result.returncode == 0, result.stderr
     assert seen == [
-        (n + 1, ["model=a", "policy=b", f"targets={n + 1}", f"output='out ({n + 1})/{n}'", "tracking=none"])
+        [n + 1, ["model=a", "policy=b", f"targets={n + 1}", f"output='out ({n + 1})/{n}'", "tracking=none"]]
         for n in range(2)
     ]

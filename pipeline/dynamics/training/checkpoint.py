@@ -4,6 +4,7 @@ They serve resuming only: Orbax folders differ from save to save, so `store.py` 
 """
 
 import hashlib
+import re
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -52,3 +53,9 @@ class Checkpoints(Generic[State]):
         """Finish writing."""
         if self._manager is not None:
             self._manager.close()
+
+
+def is_training(path: Path) -> bool:
+    """Whether it is a folder of `Checkpoints`: named by a digest, a folder in it for each epoch kept."""
+    is_named = re.fullmatch("[0-9a-f]{16}", path.name) is not None
+    return is_named and path.is_dir() and all(entry.name.split(".")[0].isdigit() for entry in path.iterdir())

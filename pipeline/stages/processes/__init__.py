@@ -1,1 +1,1 @@
-"""Processes that a stage starts: with which overrides, and each in a graph of its own."""
+"""Processes beside the stages."""

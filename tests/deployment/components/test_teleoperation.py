@@ -8,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,13 +24,15 @@ from pipeline.deployment.components.supervisor_rules import build_rules
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.messages import GoalOutcome, JointState, MachineCommand, ReachResult, Topic
+from pipeline.deployment.nodes import Driver
 from pipeline.deployment.transports.simulated_time.delays import no_delays
 from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
 from pipeline.errors import InputError
 from pipeline.logs.tuples import read_tuples
-from pipeline.stages import teleoperate
-from pipeline.stages.graph_node import Driver, kept_if_cut_off
-from pipeline.stages.teleoperate import GraphKind, Sticks, TeleoperateStage, kept
+from pipeline.stages.teleoperate import TeleoperateStage
+from pipeline.testbench import teleoperation
+from pipeline.testbench.target_run import kept_if_cut_off
+from pipeline.testbench.teleoperation import GraphKind, Sticks, kept
 from tests.deployment.machines import MIDDLE, SPEED, Integrator, bobcat, estimator, paper
 from tests.deployment.test_ros_trial import PACKAGES
 from tests.ros_graph import requires_debian
@@ -108,10 +109,9 @@ def test_what_does_not_go_together_is_refused(keys: dict, said: str) -> None:
 
 
 def test_what_was_recorded_outlives_whatever_ends_the_recording(tmp_path: Path) -> None:
-    configuration = TeleoperateStage(**stage_keys() | {"output": str(tmp_path), "machine": bobcat()})
     for number, end in enumerate((InputError("a node ended"), KeyboardInterrupt(), ValueError("a mistake"))):
         expected = pytest.raises(type(end), match=str(end)) if str(end) else contextlib.nullcontext()
-        with expected, kept(spoken_to(begun_s=10 * number), configuration):
+        with expected, kept(spoken_to(begun_s=10 * number), bobcat(), tmp_path):
             raise end
         assert len(list((tmp_path / "logs").iterdir())) == number + 1
     for bag in (tmp_path / "logs").iterdir():
@@ -119,27 +119,25 @@ def test_what_was_recorded_outlives_whatever_ends_the_recording(tmp_path: Path) 
 
 
 def test_where_nothing_was_recorded_the_cause_is_told(tmp_path: Path) -> None:
-    configuration = TeleoperateStage(**stage_keys() | {"output": str(tmp_path), "machine": bobcat()})
-    with pytest.raises(InputError, match="no stick was moved"), kept(Recorder(), configuration):
+    with pytest.raises(InputError, match="no stick was moved"), kept(Recorder(), bobcat(), tmp_path):
         pass
-    with pytest.raises(InputError, match="a node ended"), kept(Recorder(), configuration):
+    with pytest.raises(InputError, match="a node ended"), kept(Recorder(), bobcat(), tmp_path):
         raise InputError("a node ended")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("end", [InputError("a goal did not end"), KeyboardInterrupt()])
 def test_goals_that_were_pursued_outlive_one_that_never_ends(end: BaseException, tmp_path: Path) -> None:
-    configuration = SimpleNamespace(output=str(tmp_path), machine=bobcat())
     recorder = spoken_to(begun_s=10)
     recorder(Topic.result, ReachResult(12 * NANOSECONDS, 0, GoalOutcome.reached, 200), 12 * NANOSECONDS)
-    with pytest.raises(type(end)), kept_if_cut_off(configuration, recorder):
+    with pytest.raises(type(end)), kept_if_cut_off(tmp_path, bobcat(), recorder):
         raise end
     assert [result["outcome"] for result in json.loads((tmp_path / "results.json").read_text())] == [
         "reached"
     ]
     (bag,) = (tmp_path / "logs").iterdir()
     assert {"/joint_states", "/joint_commands"} <= {topic for topic, _, _ in heard(bag)}
-    with pytest.raises(type(end)), kept_if_cut_off(configuration, Recorder()):  # nothing was heard
+    with pytest.raises(type(end)), kept_if_cut_off(tmp_path, bobcat(), Recorder()):  # nothing was heard
         raise end
     assert len(list((tmp_path / "logs").iterdir())) == 1
 
@@ -239,7 +237,7 @@ def test_who_has_seen_enough_of_simulated_time_keeps_it(
         graph.run(graph.time_ns + nanoseconds(2.0))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(teleoperate, "run_at_real_time", interrupted)
+    monkeypatch.setattr(teleoperation, "run_at_real_time", interrupted)
     result = run_stage(
         "teleoperate",
         f"output={tmp_path}",

@@ -1,13 +1,16 @@
 """Agreement of the simulated and the real graph: differences between trials of the same targets."""
 
+import json
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
 
 CONFIDENCE = 0.95
 COMPARED = {  # metric of a trial (`pipeline.reaching.logged_trials.reaching_summary`) -> its name in tables
@@ -48,6 +51,16 @@ class PairedDifference(NamedTuple):
     def contains_zero(self) -> bool:
         """Whether the pairs are compatible with a zero difference."""
         return abs(self.difference) <= self.half_width
+
+
+def write_agreement(output: Path, real: Trials, simulated: Trials) -> str:
+    """Write `agreement.json` and `agreement.md`, and give the table that is in the latter."""
+    differences = paired_differences(real, simulated)
+    content = {name: row._asdict() for name, row in differences.items()}
+    (output / "agreement.json").write_text(json.dumps(content, indent=1) + "\n")
+    table = agreement_table(differences)
+    write_whole(output / "agreement.md", table.encode())
+    return table
 
 
 def paired_differences(real: Trials, simulated: Trials) -> dict[str, PairedDifference]:

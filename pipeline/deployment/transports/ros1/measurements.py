@@ -1,13 +1,20 @@
 """The nodes' measurements of the real graph, as delay distributions and as a real-time table."""
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.deployment.transports.simulated_time.delays import PLANNING, Distribution
+from pipeline.deployment.transports.simulated_time.delays import (
+    PLANNING,
+    Distribution,
+    PlannerEffort,
+    save_delays,
+)
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
 
 WARM_UP = 40  # dropped first samples of each kind: connections, first calls
 DECISIONS = ("autonomous_server", "computation DecisionRequest")
@@ -96,3 +103,39 @@ def real_time_table(runs: Mapping[str, Measured], decision_s: float) -> str:
         cells += f" {int((decisions > decision_s).sum())} of {len(decisions)} | | |"
     lines.append(f"| decisions later than the next one is due ({1e3 * decision_s:g} ms) |{cells}")
     return "\n".join(lines) + "\n"
+
+
+def write_measurements(
+    delays: Path,
+    output: Path,
+    runs: Mapping[str, Measured],
+    targets: int,
+    planner: PlannerEffort | None,
+    decision_s: float,
+    load_before: float,
+) -> str:
+    """Write the file of delays, and the real-time table into the folder `output`; the table.
+
+    Args:
+        delays: The file.
+        output: A folder.
+        runs: What was measured with "PPO" and, if there was a planner, with "iCEM".
+        targets: How many were pursued in each.
+        planner: What a decision of the planner costs.
+        decision_s: Time from one decision to the next.
+        load_before: Average load of this computer before the runs.
+    """
+    how = {
+        "command": "measure_delays",
+        "targets": targets,
+        "controllers": list(runs),
+        "cores": len(os.sched_getaffinity(0)),
+        "load_average_before": round(load_before, 2),
+        "load_average_after": round(os.getloadavg()[0], 2),
+    }
+    if planner is not None:
+        how["planner"] = planner._asdict()
+    save_delays(delays, distributions(runs["PPO"], runs.get("iCEM")), how)
+    table = real_time_table(runs, decision_s)
+    write_whole(output / "real_time.md", table.encode())
+    return table

@@ -1,0 +1,86 @@
+"""Keys of every stage that runs the graph, the library's settings from them, and the commands of its nodes."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import TypeVar
+
+from omegaconf import MISSING
+
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
+from pipeline.configuration.paths import InputModel, OutputFolder
+from pipeline.configuration.stage import PipelineConfiguration
+from pipeline.control.icem.config import IcemConfig
+from pipeline.control.icem.variant import RewardVariant
+from pipeline.deployment.compose import GraphSettings
+from pipeline.deployment.nodes import AUTONOMOUS, DRIVERS, NODES, Driver
+from pipeline.deployment.settings import DeploymentConfig
+from pipeline.deployment.transports.ros1.can_bus import CanBusConfig
+from pipeline.errors import InputError
+from pipeline.reaching.episodes import EpisodesConfig
+from pipeline.reaching.reward import RewardConfig
+
+S = TypeVar("S", bound=GraphSettings)
+
+
+@dataclass
+class ControllerKeys(PipelineConfiguration):
+    """Keys of every stage whose graph has a controller in it."""
+
+    control: ControlConfiguration = MISSING
+    episodes: EpisodesConfig = MISSING
+    reward: RewardConfig = MISSING
+    icem: IcemConfig = MISSING
+    deployment: DeploymentConfig = MISSING
+    model: InputModel = MISSING
+    policy: InputModel | None = None
+    variant: RewardVariant | None = None
+    output: OutputFolder = MISSING
+
+
+@dataclass
+class GraphKeys(ControllerKeys):
+    """Keys of every stage that runs the real graph."""
+
+    targets: int = MISSING
+    driver: Driver = Driver.simulated
+    plant_seed: int = MISSING
+    operator_seed: int = MISSING
+    live_port: int | None = None
+    can: CanBusConfig = MISSING
+
+    def __post_init__(self) -> None:
+        if isinstance(self.targets, int) and self.targets < 1:
+            raise InputError(f"targets is {self.targets}; it must be at least 1")
+
+
+def settings_of(kind: type[S], configuration: ControllerKeys) -> S:
+    """The library's settings from a stage's keys of the same names."""
+    own = {name: getattr(configuration, name) for name in _names(kind) & _names(type(configuration))}
+    control = configuration.control
+    return kind(
+        machine_directory=MACHINE_DIRECTORY,
+        action_repeats=control.action_repeats,
+        loop_tracker=control.loop_tracker,
+        **own,
+    )
+
+
+def node_commands(
+    driver: Driver, overrides: Sequence[str], commanding: Sequence[str] = AUTONOMOUS
+) -> dict[str, list[str]]:
+    """The commands of all nodes, with those overrides of this command that a node knows.
+
+    Args:
+        driver: What stands in the machine's place.
+        overrides: Of this command.
+        commanding: Nodes that commands come from.
+    """
+    known = _names(GraphKeys) - {"tracking"} | {"profile"}
+    passed = [word for word in overrides if word.lstrip("+~").split("=")[0].split(".")[0] in known]
+    command = [sys.executable, "-m", "pipeline.stages.graph_node", *passed]
+    return {name: [*command, f"node={name}"] for name in (*DRIVERS[driver], *NODES, *commanding)}
+
+
+def _names(kind: type) -> set[str]:
+    return {field.name for field in fields(kind)}

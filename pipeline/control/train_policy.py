@@ -1,0 +1,97 @@
+"""A reaching policy is learned on an identified model with PPO, and saved with what it was learned from."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.control.curve import CurvePoint, write_curve
+from pipeline.control.policy import Policy, save_policy
+from pipeline.control.ppo import PPOConfig, train
+from pipeline.effects.store import dynamics_fingerprint, load_dynamics
+from pipeline.machine.kinematics import Arm
+from pipeline.machine.specification import MachineSpecification
+from pipeline.reaching.environment import ReachingEnvironment
+from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses
+from pipeline.reaching.reward import RewardConfig
+from pipeline.reaching.task import ReachingTask
+
+
+@dataclass(frozen=True)
+class TrainedPolicy:
+    """A policy and how it was learned.
+
+    Attributes:
+        curve: Metrics at each point of the learning curve.
+        metrics: Those of the point that the policy is from.
+        lineage: What it was learned from.
+    """
+
+    policy: Policy
+    curve: list[CurvePoint]
+    metrics: dict[str, Any]
+    lineage: dict[str, Any]
+
+    def save(self, output: Path) -> None:
+        """Write the policy folder."""
+        save_policy(output, self.policy, self.lineage)
+        write_curve(output / "curves.csv", self.curve)
+        (output / "metrics.json").write_text(json.dumps(self.metrics, indent=1) + "\n")
+
+
+def train_policy(
+    model: Path,
+    machine: MachineSpecification,
+    arm: Arm,
+    ppo: PPOConfig,
+    episodes: EpisodesConfig,
+    reward: RewardConfig,
+    action_repeats: int,
+    seed: int,
+    progress: Callable[[CurvePoint, int], None] = lambda point, steps: None,
+    checkpoints: Path | None = None,
+) -> TrainedPolicy:
+    """Train one policy on a saved model.
+
+    Args:
+        model: Folder of the model.
+        machine: Of which the model is.
+        arm: Its kinematics.
+        ppo: Section `ppo` of a profile.
+        episodes: Which targets, how long, how many of each kind.
+        reward: Section `reward` of a profile.
+        action_repeats: Ticks of the machine per decision.
+        seed: Of the targets and of the training.
+        progress: Called with each point of the learning curve and the number of steps of the training in total.
+        checkpoints: Folder from which a killed training goes on; None: it does not.
+    """
+    dynamics, parameters = load_dynamics(model)
+    settings = ppo.for_model(dynamics.specification)
+    environment = ReachingEnvironment(
+        ReachingTask(machine, arm, dynamics, parameters, reward),
+        learning_poses(machine, arm, episodes, seed),
+        action_repeats,
+        episodes.steps,
+    )
+    # The curve is measured on episodes of its own: those of the evaluation decide nothing here.
+    curve_episodes = evaluation_episodes(machine, arm, episodes, episodes.curve_seed, settings.curve_episodes)
+    result = train(
+        environment,
+        settings,
+        seed,
+        curve_episodes,
+        lambda point: progress(point, settings.training_steps),
+        checkpoints,
+    )
+    kept = next(point for point in result.curve if point.steps == result.policy_steps)
+    lineage = {
+        "seed": seed,
+        "steps": result.policy_steps,
+        "machine": machine.name,
+        "model": dynamics_fingerprint(model),
+        "action_repeats": action_repeats,
+    }
+    return TrainedPolicy(
+        result.policy, result.curve, {"steps": kept.steps, **kept.metrics.as_dict()}, lineage
+    )

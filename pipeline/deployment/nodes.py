@@ -1,0 +1,52 @@
+"""The nodes of the ROS 1 graph, and the settings that they share."""
+
+import enum
+from dataclasses import dataclass
+
+from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
+from pipeline.deployment.compose import GraphSettings
+from pipeline.deployment.transports.ros1.can_bus import CanBusConfig
+
+NODES = ("control_interface", "control_supervisor")
+AUTONOMOUS = ("autonomous_server",)
+TELEOPERATED = ("teleoperation_server",)
+JOYSTICK = ScriptedJoystick.name
+OPERATOR = "operator"  # gives the targets
+
+
+class Driver(enum.StrEnum):
+    """What stands in the machine's place."""
+
+    simulated = "simulated"  # bobcat_e10_sim_driver with the learned model
+    plant = "plant"  # bobcat_e10_sim_driver with the plant, a stand-in for the excavator
+    can = "can"  # the machine's own drivers; at the other end of the bus a simulated PLC
+
+
+DRIVERS = {
+    Driver.simulated: ("bobcat_e10_sim_driver",),
+    Driver.plant: ("bobcat_e10_sim_driver",),
+    Driver.can: ("plc", "emcb_200u_driver", "bobcat_e10_driver"),
+}
+KNOWN_NODES = (
+    *(*NODES, *AUTONOMOUS, *TELEOPERATED, JOYSTICK),
+    *(*DRIVERS[Driver.simulated], *DRIVERS[Driver.can], OPERATOR),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeSettings(GraphSettings):
+    """What the nodes are built from.
+
+    Attributes:
+        targets: How many of the evaluation's targets are pursued.
+        plant_seed: Of the plant's process variation and its encoders' noise.
+        operator_seed: Of the scripted joystick.
+        live_port: Of a live view; None: nobody watches.
+    """
+
+    targets: int
+    driver: Driver
+    plant_seed: int
+    operator_seed: int
+    can: CanBusConfig
+    live_port: int | None = None

@@ -1,0 +1,111 @@
+"""Successive targets on the plant, a stand-in for the excavator, recorded as a bag (Sim2Real)."""
+
+import json
+import shutil
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.deployment.component import Component, nanoseconds
+from pipeline.deployment.components.control_supervisor import ControlSupervisor
+from pipeline.deployment.components.controllers import ControllerKind
+from pipeline.deployment.components.goals import known_configurations
+from pipeline.deployment.components.recording import Recorder
+from pipeline.deployment.components.supervisor_rules import build_rules
+from pipeline.deployment.components.velocity_estimator import VelocityEstimator
+from pipeline.deployment.compose import GraphSettings, controller_delays, first_episodes
+from pipeline.deployment.successive import run_successive
+from pipeline.deployment.trials import GraphParts
+from pipeline.files.atomic import write_whole
+from pipeline.logs.formats.recorded_folders import refuse_foreign
+from pipeline.machine.specification import MachineSpecification
+from pipeline.plant.parameters import Parameters
+from pipeline.reaching.episodes import Episodes
+from pipeline.testbench.plant_machine import PlantMachine
+
+GOALS = "goals.json"  # how they ended
+
+
+def target_episodes(settings: GraphSettings) -> Episodes:
+    """The first episodes of the evaluation, as many as the controller is given."""
+    deployment = settings.deployment
+    plans = settings.kind is ControllerKind.icem
+    return first_episodes(settings, deployment.planner_targets if plans else deployment.targets)
+
+
+def pursue(
+    settings: GraphSettings,
+    parts: GraphParts,
+    episodes: Episodes,
+    parameters: Parameters,
+    plant_seed: int,
+    start_ns: int,
+    progress: Callable[[int], None],
+) -> Recorder:
+    """Pursue the targets on the plant, one after the other from the first episode's start.
+
+    Args:
+        settings: What the parts are composed of.
+        parts: The graph.
+        episodes: Whose targets are pursued.
+        parameters: Of the plant.
+        plant_seed: Of its process variation and its encoders' noise.
+        start_ns: Absolute time of the beginning.
+        progress: Called with the number of targets done.
+    """
+    machine, rules = settings.machine, settings.deployment.supervisor
+    supervisor: tuple[Component, ...] = ()
+    if rules.rules:
+        built = build_rules(machine, rules, settings.machine_directory)
+        supervisor = (ControlSupervisor(built, rules.period_s),)
+    return run_successive(
+        parts.with_goals(known_configurations(parts.task.arm, episodes.targets)),
+        controller_delays(settings),
+        PlantMachine(parameters, plant_seed, np.asarray(episodes.starts[0], float)),
+        VelocityEstimator(nanoseconds(machine.dt_s), settings.loop_tracker),
+        episodes.targets,
+        start_ns,
+        supervisor,
+        progress,
+    )
+
+
+def write_pursuit(output: Path, bag: Path, recorder: Recorder, machine: MachineSpecification) -> Counter[str]:
+    """Write how the goals ended, and the bag in place of an earlier run's; how many ended how."""
+    outcomes = Counter(str(result.outcome) for result in recorder.results)
+    content = {
+        "outcomes": dict(outcomes),
+        "goals": [
+            {"goal": result.goal_id, "outcome": result.outcome, "ticks": result.n_ticks}
+            for result in recorder.results
+        ],
+        "stops": [{"rule": stop.rule, "detail": stop.detail} for stop in recorder.stops],
+    }
+    _write_goals(output, content)
+    shutil.rmtree(bag, ignore_errors=True)
+    recorder.write(bag, machine)
+    return outcomes
+
+
+def write_note(output: Path, machine: MachineSpecification) -> str:
+    """For a machine of which there is no plant: it has to drive itself."""
+    note = f"there is no simulated plant of {machine.name}; drive the machine, and evaluate its logs"
+    _write_goals(output, {"note": note})
+    return note
+
+
+def _write_goals(output: Path, content: object) -> None:
+    write_whole(output / GOALS, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def refuse_others_log(bag: Path) -> None:
+    """Raise `InputError` where the bag, which is made anew, stands for a log that is no earlier run's."""
+    is_run = (bag.parents[1] / GOALS).exists()  # written before the bag
+    refuse_foreign(
+        [bag.parent],
+        lambda entry: entry.name != bag.name or is_run,
+        "sim2real",
+        "move it away, or name another output or start_time",
+    )
