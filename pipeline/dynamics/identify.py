@@ -13,7 +13,7 @@ from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.model.store import save_model
 from pipeline.dynamics.references.arx import fit_arx
 from pipeline.dynamics.settings import IdentifyConfig
-from pipeline.dynamics.training.data_split import VALIDATION, Purposes
+from pipeline.dynamics.training.data_split import VALIDATION, DataSplit
 from pipeline.dynamics.training.fit import Progress, fit
 from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW
 from pipeline.machine.specification import MachineSpecification
@@ -44,7 +44,7 @@ class Identified:
 
 
 def identify(
-    rows: Purposes,
+    rows: DataSplit,
     machine: MachineSpecification,
     parameterization: Parameterization,
     target: Target,
