@@ -24,7 +24,7 @@ import numpy as np
 
 # A card's lengths hold for a joint with at least this range, rad. For a smaller range, such as a cylinder's stroke in
 # metres, they are scaled in proportion.
-CARDS_RANGE = 1.5
+REFERENCE_RANGE = 1.5
 
 Values = Mapping[str, jax.Array]
 State = Any
@@ -80,7 +80,7 @@ class Parameter:
         name: Name in the contract (section 4), if it has one.
         unit: `1`, `s`, `Hz`, `sign`, `length` (rad or m) or `speed` (rad/s or m/s).
         neutral: The value at which the effect is the identity.
-        lower: Smallest plausible value; lengths are for a joint of the cards' range (`Effect.sizes`).
+        lower: Smallest plausible value; lengths are for a joint of `REFERENCE_RANGE` (`Effect.sizes`).
         upper: Largest plausible value, likewise.
         grid: Values that the search tries, likewise; empty if the model is linear in the parameter (least squares).
         per_source: Whether the value is a row with one entry per joint (sources).
@@ -200,7 +200,7 @@ class Effect(ABC):
     def grid(self) -> list[dict[str, float]]:
         """Grid points of the nonlinear parameters: all combinations of their values.
 
-        Lengths are for a joint of the cards' range.
+        Lengths are for a joint of `REFERENCE_RANGE`.
         """
         tried = [parameter for parameter in self.card.parameters if parameter.grid]
         names = [parameter.name for parameter in tried]
@@ -214,7 +214,7 @@ class Effect(ABC):
         units = {parameter.name: parameter.unit for parameter in self.card.parameters}
         if units[name] != "length":
             return np.ones(self.setting.n_joint)
-        return np.minimum((self.setting.upper - self.setting.lower) / CARDS_RANGE, 1.0)
+        return np.minimum((self.setting.upper - self.setting.lower) / REFERENCE_RANGE, 1.0)
 
     def variants(self) -> list[Variant]:
         """Ways to free the linear parameters: by default all of them, each by itself."""

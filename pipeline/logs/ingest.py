@@ -30,7 +30,7 @@ SCHEMA_VERSION = 3  # raise it when the tuples or the report of a log change
 RECORD_SUFFIX = ".ingest.json"
 SCRATCH_SUFFIX = ".scratch"
 HASH_PIECE_BYTES = 1 << 22
-WORTH_A_PROCESS_BYTES = 1 << 29  # below, starting interpreters (2 s each) takes longer than it saves
+PARALLEL_FROM_BYTES = 1 << 29  # below, starting interpreters (2 s each) takes longer than it saves
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def _would_be_lost(path: Path, output: Path) -> bool:
 def _run(entries: list[LogEntry], settings: _Settings, n_processes: int) -> Iterator[tuple[str, _Outcome]]:
     n_bytes = sum(_size(path) for entry in entries for path in entry.files)
     n_processes = min(n_processes, len(entries))
-    if n_processes <= 1 or n_bytes < WORTH_A_PROCESS_BYTES:
+    if n_processes <= 1 or n_bytes < PARALLEL_FROM_BYTES:
         for entry in entries:
             yield entry.name, _ingest_one(entry, settings)
         return

@@ -27,7 +27,7 @@ from pipeline.reporting.figures.paths import path_figure, paths_of
 from pipeline.reporting.page import PNG, SVG, WEBP, Figure
 from pipeline.reporting.results.controllers import ControllerResult, by_controller
 from pipeline.reporting.results.deployments import Deployment
-from pipeline.reporting.results.files import existing, read_json
+from pipeline.reporting.results.files import read_json, require_file
 from pipeline.reporting.tables.counts import counts_text, seeds_text
 
 SUFFIXES = {PNG: ".png", SVG: ".svg", WEBP: ".webp"}
@@ -214,7 +214,7 @@ def load_pictures(directory: Path) -> Pictures:
     def load(entries: Mapping[str, Mapping[str, str]]) -> dict[str, Figure]:
         figures = {}
         for name, entry in entries.items():
-            path = existing(directory / entry["file"])
+            path = require_file(directory / entry["file"])
             figures[name] = Figure(
                 entry["title"], entry["caption"], path.read_bytes(), media_types[path.suffix]
             )

@@ -89,7 +89,7 @@ def test_failing_log_does_not_stop_the_others(run, folder, tmp_path):
 
 def test_side_by_side_gives_the_same_bytes(run, machine, folder, tmp_path, config, loop_tracker, monkeypatch):
     run()
-    monkeypatch.setattr(ingest_module, "WORTH_A_PROCESS_BYTES", 0)
+    monkeypatch.setattr(ingest_module, "PARALLEL_FROM_BYTES", 0)
     ingest(machine, folder, tmp_path / "parallel", config, loop_tracker, n_processes=2)
     assert contents(tmp_path / "parallel") == contents(tmp_path / "tuples")
 

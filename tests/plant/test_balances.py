@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.plant.machines.characterise import quiet
+from pipeline.plant.machines.characterise import without_variation
 from pipeline.plant.physics.load import dynamics, potential_energy
 from pipeline.plant.physics.oil import effective_bulk_modulus
 from pipeline.plant.scratch import allocate
@@ -97,7 +97,7 @@ def test_every_litre_of_the_pump_is_accounted_for(trial):
 
 def test_consumed_flow_never_exceeds_the_pump(nominal):
     """All four spools open: what the chambers take is at most what pump and compressed supply give."""
-    plant = Plant(quiet(nominal), 0, MIDDLE)
+    plant = Plant(without_variation(nominal), 0, MIDDLE)
     plant.run(np.zeros((20, 4)))
     before = plant.state.volume_m3.copy()
     for _ in range(150):

@@ -38,10 +38,10 @@ class CanDriver(Component):
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
         """Publish the frames that came since the last tick, stamped with this one."""
-        return [Publication(Topic.can_from_machine, frame) for frame in received(self._bus, now_ns)]
+        return [Publication(Topic.can_from_machine, frame) for frame in read_frames(self._bus, now_ns)]
 
 
-def received(bus: can.BusABC, now_ns: int) -> list[CanFrame]:
+def read_frames(bus: can.BusABC, now_ns: int) -> list[CanFrame]:
     """All waiting data frames of a bus, stamped `now_ns`; error and remote frames are dropped."""
     frames = []
     try:

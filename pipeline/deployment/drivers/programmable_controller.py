@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.deployment.component import Component, Output, nanoseconds
 from pipeline.deployment.drivers.can_frames import CanFrames
-from pipeline.deployment.drivers.emcb_200u_driver import received
+from pipeline.deployment.drivers.emcb_200u_driver import read_frames
 from pipeline.deployment.drivers.machine import Machine
 from pipeline.deployment.messages import CanFrame
 from pipeline.deployment.settings import DriverConfig
@@ -39,7 +39,7 @@ class ProgrammableController(Component):
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
         """One cycle: read frames, set outputs, move the machine, send encoder frames."""
-        for frame in received(self._bus, now_ns):
+        for frame in read_frames(self._bus, now_ns):
             command = self._frames.read_command(frame)
             if self._frames.is_emergency(frame):
                 self._is_stopped = True

@@ -27,8 +27,8 @@ HOST = "127.0.0.1"
 PROTOCOL = Subprotocol("foxglove.websocket.v1")
 MESSAGE_DATA = struct.Struct("<BIQ")  # opcode, subscription, time in ns; the message follows
 MESSAGE_DATA_OPCODE = 1
-GREETING_S = 1.0  # time for a handshake, and at the end for a viewer's close
-WAITING = 256  # queued messages for a slow viewer; further ones are dropped
+HANDSHAKE_S = 1.0  # time for a handshake, and at the end for a viewer's close
+QUEUE_LENGTH = 256  # queued messages for a slow viewer; further ones are dropped
 
 
 class Channel(NamedTuple):
@@ -44,7 +44,7 @@ class _Viewer:
     def __init__(self, connection: ServerConnection) -> None:
         self.connection = connection
         self.subscriptions: dict[int, int] = {}  # by channel
-        self._waiting: queue.Queue[bytes | None] = queue.Queue(WAITING)
+        self._waiting: queue.Queue[bytes | None] = queue.Queue(QUEUE_LENGTH)
 
     def offer(self, channel: int, time_ns: int, data: bytes) -> None:
         """Queue a message without waiting for the network."""
@@ -103,8 +103,8 @@ class LiveServer:
                 port,
                 subprotocols=[PROTOCOL],
                 compression=None,
-                open_timeout=GREETING_S,
-                close_timeout=GREETING_S,
+                open_timeout=HANDSHAKE_S,
+                close_timeout=HANDSHAKE_S,
             )
         except (OSError, OverflowError) as error:
             raise InputError(f"live_port={port}: {error}; name another port") from None
@@ -125,10 +125,10 @@ class LiveServer:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        impatience = threading.Timer(GREETING_S, self._cut_off)
-        impatience.start()
+        close_timer = threading.Timer(HANDSHAKE_S, self._cut_off)
+        close_timer.start()
         self._server.shutdown()
-        impatience.cancel()
+        close_timer.cancel()
         self._thread.join()
 
     def _cut_off(self) -> None:

@@ -12,7 +12,7 @@ from pipeline.deployment.graph_topics import GraphRecord
 from pipeline.deployment.messages import Message, Topic
 from pipeline.deployment.transports.simulated_time.graph import Tap
 from pipeline.deployment.viewing.live_server import Channel, LiveServer
-from pipeline.deployment.viewing.visual_topics import STORE, TOPICS, moving_topics, standing_topics
+from pipeline.deployment.viewing.visual_topics import STORE, TOPICS, changing_topics, constant_topics
 from pipeline.logs.messages.raw_log import RawLog
 from pipeline.machine.specification import MachineSpecification
 
@@ -43,7 +43,7 @@ class LiveView:
         if topic is not Topic.joint_states or len(heard.states) < PAIR:
             return
         if self._due_ns is None:
-            for standing in standing_topics(self._machine, self._directory, time_ns):
+            for standing in constant_topics(self._machine, self._directory, time_ns):
                 self._server.publish(standing.name, *standing.messages[-1])
         elif time_ns < self._due_ns:
             del heard.states[:-PAIR]
@@ -54,7 +54,7 @@ class LiveView:
             [(result.stamp_ns, result) for result in heard.results],
             [(stop.stamp_ns, stop) for stop in heard.stops],
         )
-        for moving in moving_topics(self._log(), record, self._machine, self._directory):
+        for moving in changing_topics(self._log(), record, self._machine, self._directory):
             newest = moving.messages[-1:] if moving.name in ("/tf", "/joints") else moving.messages
             for message_ns, content in newest:
                 self._server.publish(moving.name, message_ns, content)

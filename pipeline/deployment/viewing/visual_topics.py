@@ -61,12 +61,12 @@ def visual_topics(
     """
     start_ns = int(as_array(log.joint_log_time_ns)[0])
     return [
-        *standing_topics(machine, directory, start_ns),
-        *moving_topics(log, graph, machine, directory),
+        *constant_topics(machine, directory, start_ns),
+        *changing_topics(log, graph, machine, directory),
     ]
 
 
-def standing_topics(machine: MachineSpecification, directory: Path, time_ns: int) -> list[RecordedTopic]:
+def constant_topics(machine: MachineSpecification, directory: Path, time_ns: int) -> list[RecordedTopic]:
     """Constant topics, each with one message: the robot description, its fixed frames, W+.
 
     Args:
@@ -88,7 +88,7 @@ def standing_topics(machine: MachineSpecification, directory: Path, time_ns: int
     ]
 
 
-def moving_topics(
+def changing_topics(
     log: RawLog, graph: GraphRecord, machine: MachineSpecification, directory: Path
 ) -> list[RecordedTopic]:
     """Topics that change: frames, positions and commands, targets, events; see `visual_topics` for the arguments."""

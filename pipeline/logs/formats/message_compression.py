@@ -16,7 +16,7 @@ FRAME_MAGIC = np.frombuffer(b"\x28\xb5\x2f\xfd", np.uint8)
 BATCH_BYTES = 1 << 23  # of decompressed messages in one block
 
 
-def plain_messages(block: MessageBlock, ledger: ReadingLedger) -> Iterator[MessageBlock]:
+def decompressed_messages(block: MessageBlock, ledger: ReadingLedger) -> Iterator[MessageBlock]:
     """Yield a block as it is, or its messages decompressed, in blocks of bounded size.
 
     A message that cannot be decompressed is dropped and counted as damage, as is a message without zstd's mark among

@@ -21,7 +21,7 @@ MAXIMUM_BRACES = 8
 MAXIMUM_NUMBER_CHARACTERS = 32
 
 
-def prepared_idl(text: str) -> str:
+def simplified_idl(text: str) -> str:
     """Return a definition without comments, includes and annotations, one space between its tokens.
 
     Raises:

@@ -23,7 +23,7 @@ SAG_S = 4.0  # short, so that the joint hardly leaves its position
 FINE_PERIOD_S = 0.010  # control period of manoeuvres, for the sake of time resolution
 
 
-def quiet(parameters: Parameters) -> Parameters:
+def without_variation(parameters: Parameters) -> Parameters:
     """The same machine without process variation, at a fine control period and fixed temperature."""
     parameters = parameters.change("pilot", noise_std=0.0, controller_cycle_s=parameters.numerics.substep_s)
     parameters = parameters.change("supply", ripple_std=0.0, relief_wander_std=0.0)
@@ -61,7 +61,7 @@ def respond(
         others: commands (n,) of all joints, of which the joint's own is replaced; zero by default.
         rest_s: rest before.
     """
-    silent = quiet(parameters)
+    silent = without_variation(parameters)
     begin = start_for(parameters, joint, direction) if start is None else start
     plant = Plant(silent, 0, begin)
     command = np.zeros(plant.n_joint) if others is None else np.array(others)
@@ -127,7 +127,7 @@ def sag_rate(
     parameters: Parameters, joint: int, duration_s: float = 10.0, start: np.ndarray | None = None
 ) -> float:
     """Speed at zero command after the first second, from `start` (n,), rad, or the middle configuration; rad/s."""
-    plant = Plant(quiet(parameters), 0, np.array(MIDDLE_RAD) if start is None else start)
+    plant = Plant(without_variation(parameters), 0, np.array(MIDDLE_RAD) if start is None else start)
     angle = plant.run(np.zeros((round(duration_s / FINE_PERIOD_S), plant.n_joint))).angle_rad[:, joint]
     n_skip = round(SETTLE_S / FINE_PERIOD_S)
     return float((angle[-1] - angle[n_skip]) / (FINE_PERIOD_S * (angle.size - 1 - n_skip)))
@@ -190,7 +190,7 @@ def ringing(
 ) -> Ringing | None:
     """Oscillation of the speed after a full-speed stop, by peaks and logarithmic decrement; None if none."""
     begin = start_for(parameters, joint, direction) if start is None else start
-    plant = Plant(quiet(parameters), 0, begin)
+    plant = Plant(without_variation(parameters), 0, begin)
     command = np.zeros(plant.n_joint)
     command[joint] = direction
     n_move = round(1.5 / FINE_PERIOD_S)

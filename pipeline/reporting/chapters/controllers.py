@@ -8,15 +8,17 @@ from pipeline.reporting.results.controllers import ControllerResult, by_controll
 from pipeline.reporting.tables.evaluation import comparison_table, differences
 
 FOLD_ABOVE = 4  # sentences; a longer list is folded
-LOOKS = "What it looks like"
+FILMS_TITLE = "What it looks like"
 
 
 def film_section(films: Mapping[str, Figure], unavailable: str | None) -> Section:
     """A film per controller, or the reason why films are missing."""
     if not films:
-        return Section(LOOKS, f"No picture: {unavailable}" if unavailable else "No controller was evaluated.")
+        return Section(
+            FILMS_TITLE, f"No picture: {unavailable}" if unavailable else "No controller was evaluated."
+        )
     return Section(
-        LOOKS,
+        FILMS_TITLE,
         "The same evaluation episode, the first one, with each controller, on the learned model and in real time.",
         list(films.values()),
         paragraphs=[

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.reporting.results.controllers import ControllerResult, read_controllers
 from pipeline.reporting.results.deployments import Deployment, read_deployments
-from pipeline.reporting.results.files import existing, read_json
+from pipeline.reporting.results.files import read_json, require_file
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def read_results(
 
 def _model(folder: Path) -> ModelResult:
     meta = read_json(folder / "meta.json")
-    with np.load(existing(folder / "open_loop.npz"), allow_pickle=False) as content:
+    with np.load(require_file(folder / "open_loop.npz"), allow_pickle=False) as content:
         open_loop = dict(content)
     return ModelResult(
         folder.name, meta["specification"], meta["metadata"], read_json(folder / "metrics.json"), open_loop

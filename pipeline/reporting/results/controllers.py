@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.reporting.results.files import existing, read_json
+from pipeline.reporting.results.files import read_json, require_file
 from pipeline.reporting.results.paper import ALGORITHM_NAMES, BRAX_EVALUATION, KIND_NAMES
 
 TRAINED = "ppo"  # the algorithm that is trained, in artifacts/ppo; the others plan
@@ -139,7 +139,7 @@ def _read(artifacts: Path, name: str, seed: str) -> ControllerResult:
         kind,
         int(seed.removeprefix("seed_")),
         metrics,
-        np.loadtxt(existing(evaluation / "success_rates.csv"), delimiter=",", ndmin=2),
+        np.loadtxt(require_file(evaluation / "success_rates.csv"), delimiter=",", ndmin=2),
         evaluation,
         _read_curve(training / "curves.csv") if trained else [],
         read_json(training / "meta.json") if trained else planning,
@@ -147,5 +147,5 @@ def _read(artifacts: Path, name: str, seed: str) -> ControllerResult:
 
 
 def _read_curve(path: Path) -> list[dict[str, float]]:
-    with existing(path).open(newline="") as file:
+    with require_file(path).open(newline="") as file:
         return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.reaching.metrics import Traces, load_traces, reaching_metrics, success_rate_matrix
 from pipeline.reporting.results.controllers import ControllerResult
-from pipeline.reporting.results.files import existing, read_json
+from pipeline.reporting.results.files import read_json, require_file
 from pipeline.reporting.results.paper import DEPLOYED
 
 
@@ -106,11 +106,11 @@ def first_trials(traces: Traces, n: int) -> Traces:
 
 
 def _deployment(artifacts: Path, name: str, evaluated: ControllerResult | None) -> Deployment:
-    graph = load_traces(existing(artifacts / "sim2sim" / name / "traces.npz"))
+    graph = load_traces(require_file(artifacts / "sim2sim" / name / "traces.npz"))
     n_episodes = len(graph.q)
     sim2sim = [_drive(name, Where.graph, graph)]
     if evaluated is not None:
-        brax = load_traces(existing(evaluated.evaluation / "traces.npz"))
+        brax = load_traces(require_file(evaluated.evaluation / "traces.npz"))
         if len(brax.q) >= n_episodes:
             sim2sim.insert(0, _drive(name, Where.brax, first_trials(brax, n_episodes)))
     path = artifacts / "evaluate_logs" / name / "time_out.json"

@@ -7,7 +7,7 @@ from typing import Any
 from pipeline.errors import InputError
 
 
-def existing(path: Path) -> Path:
+def require_file(path: Path) -> Path:
     """Return the path if it exists.
 
     Raises:
@@ -25,6 +25,6 @@ def read_json(path: Path) -> dict[str, Any]:
         InputError: The file is missing or not JSON.
     """
     try:
-        return json.loads(existing(path).read_text(encoding="utf-8"))
+        return json.loads(require_file(path).read_text(encoding="utf-8"))
     except json.JSONDecodeError as error:
         raise InputError(f"{path}: not JSON ({error}); run the stage that writes it again") from error

@@ -9,7 +9,7 @@ from pipeline.reporting.results.paper import METRIC_COLUMNS, Published
 # A difference is reported if it exceeds both thresholds: combined standard deviations, and a practical size (20 reward
 # units of 500 ticks, one episode in twenty, 5 cm of depth, 20 cm of path).
 DEVIATIONS = 2.0
-NOTABLE = {
+PRACTICAL_THRESHOLDS = {
     "average_return": 20.0,
     "sr_002_002": 0.05,
     "sr_004_004": 0.05,
@@ -71,7 +71,7 @@ def is_large(metric: str, values: Sequence[float], published: Published) -> bool
     deviation = statistics.stdev(values) if len(values) > 1 else 0.0
     combined = (deviation**2 + published.deviation**2) ** 0.5
     difference = abs(statistics.fmean(values) - published.mean)
-    return difference > DEVIATIONS * combined and difference > NOTABLE[metric]
+    return difference > DEVIATIONS * combined and difference > PRACTICAL_THRESHOLDS[metric]
 
 
 def _reason(metric: str, mean: float, published: Published, circumstances: Circumstances) -> str:

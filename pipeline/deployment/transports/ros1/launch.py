@@ -16,7 +16,12 @@ from pipeline.errors import InputError
 
 HOST = "127.0.0.1"
 START_S, STOP_S, POLL_S = 60.0, 30.0, 0.05
-DIES_WITH_US = ("setpriv", "--pdeathsig", "TERM", "--")  # Debian's tool; works even if this process is killed
+PARENT_DEATH_SIGNAL = (
+    "setpriv",
+    "--pdeathsig",
+    "TERM",
+    "--",
+)  # Debian's tool; works even if this process is killed
 
 
 @contextlib.contextmanager
@@ -87,7 +92,7 @@ def require_running(processes: Mapping[str, subprocess.Popen[bytes]], folder: Pa
 def _start(command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
     with log.open("wb") as stream:
         return subprocess.Popen(
-            [*DIES_WITH_US, *command],
+            [*PARENT_DEATH_SIGNAL, *command],
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=subprocess.STDOUT,

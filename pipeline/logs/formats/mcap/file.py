@@ -16,7 +16,7 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
 from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records
 from pipeline.logs.formats.mcap.index import ENTRY_WORDS, find_messages
-from pipeline.logs.formats.message_compression import plain_messages
+from pipeline.logs.formats.message_compression import decompressed_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.messages.message_blocks import BlockColumns, LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import full_type_name
@@ -47,7 +47,7 @@ def read_mcap(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Ite
         if opened.file.read(len(MAGIC)) != MAGIC:
             raise InputError(f"{path}: not an MCAP file (its first bytes are not MCAP's); remove it")
         for block in _Scan(opened, wanted).blocks():
-            yield from plain_messages(block, opened.ledger)
+            yield from decompressed_messages(block, opened.ledger)
 
 
 class _Scan:

@@ -15,9 +15,9 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES
-from pipeline.logs.formats.message_compression import plain_messages
+from pipeline.logs.formats.message_compression import decompressed_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
-from pipeline.logs.formats.sqlite3.pages import PageRows, UnusualError, cut_rows, rows_in_pages
+from pipeline.logs.formats.sqlite3.pages import PageRows, UnusualError, rows_in_pages, truncated_rows
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import full_type_name
 from pipeline.logs.messages.raw_log import Note, NoteKind
@@ -145,7 +145,7 @@ class _Messages:
         """Yield rows in the order of recording; continue after damaged pages."""
         query = QUERY.format(
             wanted=_listed(self.wanted),
-            cut=_listed(cut_rows(self.opened.file, self.opened.size)),
+            cut=_listed(truncated_rows(self.opened.file, self.opened.size)),
         )
         batch: list[Row] = []
         n_batch_bytes = attempts = 0
@@ -229,7 +229,7 @@ class _Messages:
             self.ledger.count(topic, n_own)
             if number in self.wanted:
                 block = MessageBlock(topic, rows.time_ns[own], rows.data, rows.start[own], rows.length[own])
-                yield from plain_messages(block, self.ledger)
+                yield from decompressed_messages(block, self.ledger)
 
 
 def _listed(numbers: set[int]) -> str:

@@ -84,7 +84,7 @@ def rows_in_pages(
             yield rows
 
 
-def cut_rows(file: BufferedReader, size: int) -> set[int]:
+def truncated_rows(file: BufferedReader, size: int) -> set[int]:
     """Return the rows that the file's end truncates.
 
     SQLite pads the last page with zeros, and would return such rows as if they were complete.
