@@ -12,6 +12,7 @@ from pipeline.discrepancy.selection.selected_effect import SelectedEffect, value
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.dynamics.training.fit import fit
 from pipeline.effects.store import ActiveEffects, predictor
@@ -91,11 +92,15 @@ def model(nominal: list[Trajectory]):  # type: ignore[no-untyped-def]
 def settings() -> CloseLoopConfig:
     """A smaller budget."""
     config = load_section("close_loop", CloseLoopConfig, "paper")
-    return replace(
-        config,
-        diagnosis=replace(config.diagnosis, updates=800),
-        baselines=replace(config.baselines, learning_rates=[1e-3], maximum_epochs=2),
-    )
+    return replace(config, diagnosis=replace(config.diagnosis, updates=800))
+
+
+@pytest.fixture(autouse=True)
+def untrained_baselines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing here is said of the trained baselines, which have tests of their own."""
+    baselines = "pipeline.discrepancy.baselines.all_baselines"
+    monkeypatch.setattr(f"{baselines}.fine_tune", lambda model, parameters, *_: parameters)
+    monkeypatch.setattr(f"{baselines}.fit_residual_network", lambda *model, **_: LearnedPredictor(*model[:2]))
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +115,7 @@ def close(nominal, measured, model, usual: NominalBehaviour | None) -> tuple[Loo
     return loop, loop.run().document
 
 
+@pytest.mark.long
 def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     measured = [record("measured_1", 11, 4000, slower=0.7), record("measured_2", 12, 4000, slower=0.7)]
     loop, document = close(nominal, measured, model, None)  # which learns for itself what nominal logs say
@@ -139,6 +145,7 @@ def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> 
     )
 
 
+@pytest.mark.long
 def test_what_sets_in_mid_way_is_found_with_its_moment(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     onset = 2400
     measured = [
@@ -154,6 +161,7 @@ def test_what_sets_in_mid_way_is_found_with_its_moment(nominal, model, usual) ->
     assert effect["onset"]["t"] == pytest.approx(DT_S * onset, abs=10.0)
 
 
+@pytest.mark.long
 def test_a_channel_that_is_late_from_mid_way_on_is_one_cause(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     onset, late_rows = 2400, 3
     measured = [

@@ -202,7 +202,10 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip(f"{case.relative_to(ROOT.parent)}: the practice cases are not there")
     folder = tmp_path_factory.mktemp("practice")
     logs = f"nominal={case / 'nominal'}", f"measured={case / 'measured'}"
-    smaller = "close_loop.diagnosis.updates=2000", "close_loop.baselines.maximum_epochs=3"
+    smaller = (
+        "close_loop.diagnosis.updates=2000",
+        "close_loop.baselines={learning_rates:[1e-3],batches_per_epoch:5,maximum_epochs:1}",
+    )
     process = start(folder, *logs, "output=out", *smaller)
     said, errors = process.communicate(timeout=580)
     assert process.returncode == 0, errors
