@@ -19,8 +19,6 @@ from pipeline.dynamics.model.network import Parameterization
 from pipeline.errors import InputError
 from tests.reaching.lag import model_specification
 
-pytestmark = pytest.mark.slow
-
 POINT = 80 * 5120  # steps between two points of the curve
 
 
@@ -37,6 +35,7 @@ def trained(environment, small, episodes, tmp_path_factory):
     return train(environment, small, 7, episodes, points.append, directory), points, directory
 
 
+@pytest.mark.long
 def test_curve_has_the_asked_points_and_the_kept_policy_is_of_one(trained):
     result, points, _ = trained
     # 128 sequences x 10 decisions x 4 ticks = 5120 steps a batch, 80 batches a point
@@ -46,6 +45,7 @@ def test_curve_has_the_asked_points_and_the_kept_policy_is_of_one(trained):
     assert all(point.metrics.n_episodes == 16 for point in result.curve)
 
 
+@pytest.mark.long
 def test_a_finished_training_is_not_repeated(trained, environment, small, episodes, monkeypatch):
     monkeypatch.setattr(ppo.ppo, "train", None)  # would fail if it were called
     points = []
@@ -59,6 +59,7 @@ class Killed(Exception):
     pass
 
 
+@pytest.mark.long
 def test_an_interrupted_training_goes_on_from_its_checkpoint(
     trained, environment, small, episodes, tmp_path, monkeypatch
 ):
@@ -115,11 +116,13 @@ def test_every_episode_that_ppo_learns_from_has_a_target_of_its_own(
     assert n_seen - 4 <= len(np.unique(targets, axis=0)) <= n_seen
 
 
+@pytest.mark.long
 def test_a_checkpoint_of_another_training_is_not_taken(trained, environment, small, episodes):
     other = ppo._identity(environment, dataclasses.replace(small, discount=0.9), 7, episodes)
     assert load_checkpoint(trained[2], other) is None
 
 
+@pytest.mark.long
 def test_learns_to_approach_the_target(trained):
     untrained, _, learned = (point.metrics.average_return for point in trained[0].curve)
     assert learned > 0.9 * untrained  # returns are negative: at least a tenth better
@@ -133,6 +136,7 @@ def test_linear_decay_is_a_schedule_and_an_array():
     np.testing.assert_allclose(jnp.array(decay), 1e-3)
 
 
+@pytest.mark.long
 def test_curve_file_is_tidy(trained, tmp_path):
     write_curve(tmp_path / "curves.csv", trained[0].curve)
     with (tmp_path / "curves.csv").open() as file:

@@ -4,6 +4,7 @@ import dataclasses
 from functools import cache
 
 import numpy as np
+import pytest
 
 from pipeline.discrepancy.baselines.continued_training import BaselinesConfig
 from pipeline.dynamics.model.dynamics_model import Target
@@ -11,13 +12,19 @@ from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.training.fit import FitResult, fit
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointSpecification, MachineSpecification
-from tests.dynamics.conftest import lag_trajectory, make_identify, make_training
+from tests.dynamics.conftest import KINDS, lag_trajectory, make_identify, make_training
 
 MACHINE = MachineSpecification(
     name="two_joints",
     rate_hz=20.0,
     joints=[JointSpecification("lift", -1.0, 1.0), JointSpecification("turn", -1.0, 1.0)],
 )
+
+# KANs compile for tens of seconds.
+TRAINED_KINDS = [
+    pytest.param(kind, id="_".join(kind), marks=pytest.mark.long if kind[0] == "kan" else [])
+    for kind in KINDS
+]
 
 
 def make_settings(**changes) -> BaselinesConfig:

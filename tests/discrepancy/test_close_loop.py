@@ -179,6 +179,7 @@ def test_a_channel_that_is_late_from_mid_way_on_is_one_cause(nominal, model, usu
     assert upper - lower > 2 * 1.96 * DT_S * np.sqrt((1 / 2 + 1 / 2) / 12)
 
 
+@pytest.mark.long
 def test_a_leak_slows_its_joint_under_way_and_is_one_effect(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     sag = (-0.02, -0.04, -0.05)
     _, document = close(

@@ -57,6 +57,7 @@ def expected(published, trajectory):
     return predictor.predict(trajectory, np.array([N_MEASURED - 1]), HORIZON)[0]
 
 
+@pytest.mark.long
 def test_a_version_has_signature_and_example_and_predicts_as_the_folder_does(published, asked):
     trajectory, rows = asked
     mlflow.set_tracking_uri(published[0])
@@ -70,6 +71,7 @@ def test_a_version_has_signature_and_example_and_predicts_as_the_folder_does(pub
     assert predicted.index.tolist() == list(range(N_MEASURED, N_MEASURED + HORIZON))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "words"),
     [

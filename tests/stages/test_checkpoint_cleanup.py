@@ -84,7 +84,7 @@ def test_a_file_of_another_program_is_not_taken_for_a_checkpoint(tmp_path: Path)
         load_checkpoint(tmp_path, "training")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_finished_run_leaves_what_it_did_not_write(tmp_path: Path) -> None:
     machine, random = load_machine("bobcat_e10"), np.random.default_rng(0)
     stamps = 1_700_000_000_000_000_000 + np.arange(2000, dtype=np.int64) * 20_000_000

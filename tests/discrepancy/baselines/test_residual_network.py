@@ -10,14 +10,14 @@ from pipeline.dynamics.evaluation.errors import open_loop_rmse_80
 from pipeline.dynamics.model.network import apply
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.model.rollout import rollout
-from tests.discrepancy.slower_machine import MACHINE, make_settings, nominal, slower
+from tests.discrepancy.slower_machine import MACHINE, TRAINED_KINDS, make_settings, nominal, slower
 from tests.dynamics import reference
 from tests.dynamics.conftest import KINDS, lag_trajectory, move_biases, random_trajectory
 
 T = 7
 
 
-@pytest.fixture(params=KINDS, ids="_".join)
+@pytest.fixture(params=TRAINED_KINDS)
 def kind(request):
     return request.param
 
