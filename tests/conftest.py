@@ -17,7 +17,7 @@ settings.load_profile("untimed")
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     _compiled = tempfile.TemporaryDirectory(prefix="compiled-", ignore_cleanup_errors=True)
     os.environ["JAX_COMPILATION_CACHE_DIR"] = _compiled.name
-    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
     os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"  # XLA tells of every program that it finds there
     os.environ.setdefault("NUMBA_CACHE_DIR", _compiled.name)
 
