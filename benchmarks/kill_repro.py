@@ -36,7 +36,7 @@ SMALL = {
     "seeds": "[0]",
     "icem_variants": "[icem]",
     "frames_per_second": "2",
-}  # as `make demo`
+}  # as `make graph-smoke`
 NOT_DEPLOYED = re.compile(r"^  icem_double_dagger_.*\n", re.M)
 # Run times differ from run to run by their nature.
 NOT_COMPARED = re.compile(r"(^|[._])(seconds|step_time|wall)")

@@ -81,7 +81,7 @@ def read_results(
         models,
         judgements,
         evaluated,
-        _closed_loop(artifacts / "close_loop"),
+        read_closed_loop(artifacts / "close_loop"),
         read_deployments(artifacts, evaluated),
     )
 
@@ -100,6 +100,7 @@ def _judgement(folder: Path) -> JudgementResult:
     return JudgementResult(folder.name, read_json(folder / "comparisons.json"), figures)
 
 
-def _closed_loop(folder: Path) -> ClosedLoopResult:
+def read_closed_loop(folder: Path) -> ClosedLoopResult:
+    """What `close_loop` and `unseal` left in one folder."""
     document, judgement = (read_json(folder / name) for name in ("closed_loop.json", "judgement.json"))
     return ClosedLoopResult(document, judgement, folder / "report.html")
