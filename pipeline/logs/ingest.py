@@ -10,6 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 from pipeline.errors import InputError
 from pipeline.files.atomic import PARTIAL_SUFFIX, write_whole
@@ -126,6 +127,21 @@ def ingest(
             summary.n_skipped += skipped
     _remove_stale(output_directory, {report.name for report in summary.reports})
     return summary
+
+
+def read_summary(directory: Path) -> IngestSummary:
+    """What became of the logs whose tuples are in the folder, by the records beside them; logs that failed have none.
+
+    Raises:
+        InputError: A record cannot be read.
+    """
+    reports = []
+    for path in directory.glob(f"*{RECORD_SUFFIX}"):
+        try:
+            reports.append(_report(json.loads(path.read_text(encoding="utf-8"))))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{path}: is not what ingest writes ({error}); run ingest again") from error
+    return IngestSummary(sorted(reports, key=lambda report: report.name))
 
 
 def write_metrics(summary: IngestSummary, path: Path) -> None:
@@ -295,11 +311,15 @@ def _read_record(path: Path, fingerprint: str, tuples_path: Path) -> QualityRepo
         record = json.loads(path.read_text(encoding="utf-8"))
         if record["fingerprint"] != fingerprint or record["tuples"] != _file_digest(tuples_path):
             return None
-        report = record["report"]
-        notes = [Note(NoteKind(note["kind"]), note["text"], note["count"]) for note in report["notes"]]
-        return QualityReport(report["name"], report["metrics"], notes, report["findings"])
+        return _report(record)
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def _report(record: dict[str, Any]) -> QualityReport:
+    report = record["report"]
+    notes = [Note(NoteKind(note["kind"]), note["text"], note["count"]) for note in report["notes"]]
+    return QualityReport(report["name"], report["metrics"], notes, report["findings"])
 
 
 def _file_digest(path: Path) -> str:

@@ -6,12 +6,11 @@ from pathlib import Path
 from omegaconf import MISSING
 
 from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
+from pipeline.configuration.pages import write_page
 from pipeline.configuration.paths import OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.logs.ingest import ingest, write_metrics
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.machine.chain import read_chain
-from pipeline.reporting.quality import quality_page
 from pipeline.tracking import StageRun, flatten_metrics
 
 
@@ -25,6 +24,7 @@ class IngestStage(PipelineConfiguration):
     output: OutputFolder = MISSING
     report: OutputFolder = MISSING
     allow_empty: bool = False
+    page: bool = True
 
 
 @stage(IngestStage)
@@ -41,16 +41,15 @@ def main(configuration: IngestStage, run: StageRun) -> None:
     )
     report_directory = Path(configuration.report)
     write_metrics(summary, report_directory / "quality.json")
-    machine = configuration.machine
-    arm = read_chain(machine, MACHINE_DIRECTORY) if machine.arm is not None else None
-    page = quality_page(machine, arm, summary, Path(configuration.output))
-    (report_directory / "quality.html").write_text(page, encoding="utf-8")
+    if configuration.page:
+        tuples = Path(configuration.output)
+        write_page("quality", configuration.machine, MACHINE_DIRECTORY, summary, tuples, report_directory)
     for report in summary.reports:
         print(f"{report.name}: {report.metrics['n_rows']} rows, {report.metrics['duration_s']:.0f} s")
         for finding in report.findings:
             print(f"  {finding}")
     run.metrics(flatten_metrics({key: value for key, value in summary.metrics().items() if "/" not in key}))
-    for name in ("quality.json", "quality.html"):
+    for name in ("quality.json", *(["quality.html"] if configuration.page else [])):
         run.artifact(report_directory / name)
     summary.raise_if_failed()
 

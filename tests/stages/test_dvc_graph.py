@@ -18,6 +18,7 @@ FRAME = {
     "pipeline.configuration.paths",
     "pipeline.configuration.stage",
     "pipeline.configuration.number_checks",
+    "pipeline.configuration.pages",
     "pipeline.files.checkpoint_cleanup",
     "pipeline.files.path_checks",
     "pipeline.tracking",

@@ -10,6 +10,8 @@ from pipeline.discrepancy.families.supply_variation import supply_candidates
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.families.time_varying_gain import course_candidates
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal
+from pipeline.effects.catalogue import KNOWN
+from pipeline.errors import InputError
 
 TRIED = {SUPPLY: supply_candidates, COURSE: course_candidates}
 WITHOUT_WRAPPER = tuple(TRIED)
@@ -30,3 +32,17 @@ def screen_without_wrapper(
     """One candidate per joint of each such family; arguments as of `screen`."""
     tried = [candidates for family, candidates in TRIED.items() if family not in excluded]
     return [one for candidates in tried for one in candidates(simulation, active, rows, nominal)]
+
+
+def refuse_unknown(excluded: Collection[str]) -> None:
+    """Check families that are not to be tried.
+
+    Raises:
+        InputError: One of them is not tried anyway.
+    """
+    known = [*KNOWN, *WITHOUT_WRAPPER]
+    for family in excluded:
+        if family not in known:
+            raise InputError(
+                f"close_loop.exclude has {family}, which is not tried anyway; choose from {', '.join(known)}"
+            )

@@ -86,6 +86,11 @@ def find_logs(directory: Path) -> list[LogEntry]:
     return _with_unique_names(entries, directory)
 
 
+def is_empty_folder(path: Path) -> bool:
+    """Whether it is a folder with nothing in it."""
+    return path.is_dir() and not any(path.iterdir())
+
+
 def _entries(directory: Path, met: set[Path]) -> list[LogEntry]:
     """Find the logs of a folder; `met` holds the folders searched already, to which links may lead back."""
     met.add(directory.resolve())

@@ -2,12 +2,21 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from pipeline.dynamics.evaluation.extrapolation import SPEED_STEPS, Extrapolation, ExtrapolationConfig
+from pipeline.dynamics.comparison import (
+    INDIFFERENT_BELOW,
+    ONE_STEP,
+    OPEN_LOOP,
+    ComparedFigure,
+    error_figures,
+    extrapolation_figures,
+    growth_figures,
+)
+from pipeline.dynamics.evaluation.extrapolation import SPEED_STEPS, ExtrapolationConfig
 from pipeline.dynamics.judgement import ModelJudgement
 from pipeline.dynamics.references.grey_box import GreyBoxPredictor
 from pipeline.dynamics.references.narx import NarxPredictor
@@ -26,7 +35,7 @@ JUDGED_ON = {
     HELD_OUT: "On a recording that neither training nor selection saw.",
     VALIDATION: "On the validation rows, which early stopping saw: nothing was held out.",
 }
-GROWTH_HORIZONS_S = (0.05, 0.5, 1.0, 2.0, 4.0, 10.0, 20.0, 50.0)
+ERROR_LABELS = {ONE_STEP: "one step", OPEN_LOOP: "open loop, 80 steps"}
 EXTRAPOLATION_LABELS = {  # quantity and unit; shares and ratios are dimensionless
     "left_limits": ("leaves its limits under constant command, share", ""),
     "beyond_median": ("beyond its limits, median", "{unit}"),
@@ -122,12 +131,13 @@ class ReferenceComparison:
         return "tie" if any(name in self.references for name in best) else _names(best)
 
     def _best(self, quantity: str, values: Mapping[str, float]) -> list[str]:
-        ranks = self._ranks(quantity, values)
-        return [name for name, rank in ranks.items() if rank == min(ranks.values())]
+        return self._figure(quantity, values).best()
 
     def _ranks(self, quantity: str, values: Mapping[str, float]) -> dict[str, float]:
-        floor = self.indifferent_below.get(quantity, 0.0)
-        return {name: np.inf if np.isnan(value) else max(value, floor) for name, value in values.items()}
+        return self._figure(quantity, values).ranks()
+
+    def _figure(self, quantity: str, values: Mapping[str, float]) -> ComparedFigure:
+        return ComparedFigure(quantity, 0, values, self.indifferent_below.get(quantity, 0.0))
 
     def markdown(self) -> str:
         """The sentence, and the table below it."""
@@ -147,6 +157,26 @@ class ReferenceComparison:
         return ["predictor", "quantity", "joint", "unit", "value"], rows
 
 
+def _rows(
+    figures: Sequence[ComparedFigure],
+    machine: MachineSpecification,
+    label: Callable[[str], str],
+    unit: Callable[[str], str] = lambda quantity: "{unit}",
+) -> list[tuple[tuple[str, str, str], Mapping[str, float]]]:
+    """With words for quantity, joint and unit."""
+    return [
+        (
+            (
+                label(figure.quantity),
+                machine.joint_names[figure.joint],
+                unit(figure.quantity).format(unit=machine.units[figure.joint]),
+            ),
+            figure.values,
+        )
+        for figure in figures
+    ]
+
+
 def error_comparison(
     judgements: Mapping[str, ModelJudgement],
     references: Sequence[str],
@@ -155,15 +185,7 @@ def error_comparison(
 ) -> ReferenceComparison:
     """One-step and open-loop errors (contract, section 3)."""
     any_ = next(iter(judgements.values())).errors
-    sources: dict[str, Callable[[ModelJudgement], np.ndarray]] = {
-        "one step": lambda judgement: judgement.errors.one_step_rmse,
-        "open loop, 80 steps": lambda judgement: judgement.errors.open_loop_rmse_80,
-    }
-    rows = [
-        ((quantity, joint, unit), {name: float(read(one)[j]) for name, one in judgements.items()})
-        for quantity, read in sources.items()
-        for j, (joint, unit) in enumerate(zip(machine.joint_names, machine.units, strict=True))
-    ]
+    rows = _rows(error_figures(judgements), machine, lambda quantity: ERROR_LABELS[quantity])
     title = (
         f"Root mean square errors over {any_.n_steps} single steps and {any_.n_windows} windows of 80 steps"
     )
@@ -178,16 +200,7 @@ def growth_comparison(
 ) -> ReferenceComparison:
     """Error after several horizons; the CSV and the figure show the bands."""
     any_ = next(iter(judgements.values())).growth
-    steps = [round(horizon_s / machine.dt_s) for horizon_s in GROWTH_HORIZONS_S]
-    steps = [step for step in dict.fromkeys(steps) if 1 <= step <= len(any_.rmse)]
-    rows = [
-        (
-            (f"after {step * machine.dt_s:g} s", joint, unit),
-            {name: float(one.growth.rmse[step - 1, j]) for name, one in judgements.items()},
-        )
-        for step in steps
-        for j, (joint, unit) in enumerate(zip(machine.joint_names, machine.units, strict=True))
-    ]
+    rows = _rows(growth_figures(judgements, machine.dt_s), machine, lambda horizon_s: f"after {horizon_s} s")
     note = (
         f"Root mean square over {any_.n_windows} overlapping windows; {100 * confidence:g} % bands (moving-block "
         f"bootstrap, {any_.n_blocks} independent stretches) stand in error_growth.csv."
@@ -221,15 +234,12 @@ def extrapolation_comparison(
     config: ExtrapolationConfig,
 ) -> ReferenceComparison:
     """Behaviour under constant commands from random configurations."""
-    rows = []
-    for quantity in fields(Extrapolation):
-        label, unit = EXTRAPOLATION_LABELS[quantity.name]
-        for j, joint in enumerate(machine.joint_names):
-            values = {
-                name: float(getattr(one.extrapolation, quantity.name)[j]) for name, one in judgements.items()
-            }
-            if not all(np.isnan(value) for value in values.values()):
-                rows.append(((label, joint, unit.format(unit=machine.units[j])), values))
+    rows = _rows(
+        extrapolation_figures(judgements),
+        machine,
+        lambda quantity: EXTRAPOLATION_LABELS[quantity][0],
+        lambda quantity: EXTRAPOLATION_LABELS[quantity][1],
+    )
     notes = [
         f"From rest at random configurations inside the limits, {config.steps} steps of constant commands "
         f"({config.configurations} configurations per pattern); for stopping, {config.motion_steps} steps of "
@@ -238,7 +248,7 @@ def extrapolation_comparison(
         "No predictor is given the joint limits here: an environment adds end stops of its own.",
         "A speed ratio above 1 is faster than the machine ever was in the training rows; values below 1 are alike.",
     ]
-    ratios = {EXTRAPOLATION_LABELS[name][0]: 1.0 for name in ("speed_ratio", "speed_ratio_inside")}
+    ratios = {EXTRAPOLATION_LABELS[name][0]: floor for name, floor in INDIFFERENT_BELOW.items()}
     return ReferenceComparison("Behaviour outside the training distribution", rows, references, notes, ratios)
 
 

@@ -10,14 +10,14 @@ import time
 from pathlib import Path
 from unittest import mock
 
-from pipeline.configuration.stage import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
 from pipeline.dynamics.judgement import long_prediction
 from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW
 from pipeline.effects.store import load_predictor
 from pipeline.files.atomic import write_whole
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import load_trajectories
-from pipeline.reporting.demo import DemoStep, demo_page
+from pipeline.reporting.pages.demo import DemoStep, demo_page
 
 MACHINE = "bobcat_e10"
 FOLDER = Path("build/demo")

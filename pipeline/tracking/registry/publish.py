@@ -1,15 +1,16 @@
 """Log a model folder to a stage's run and register it."""
 
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import pipeline
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.logs.tuples import Trajectory
-from pipeline.tracking import StageRun
+from pipeline.tracking import StageRun, flatten_metrics
 from pipeline.tracking.registry import MODEL_FOLDER
 
 if TYPE_CHECKING:
@@ -58,6 +59,33 @@ def publish_dynamics_model(
         name=name,
         alias=alias,
     )
+
+
+def publish_closed_loop(
+    run: StageRun,
+    folder: Path,
+    document: Mapping[str, Any],
+    model: DynamicsModel,
+    machine_name: str,
+    trajectory: Trajectory,
+) -> None:
+    """Log the errors of a closed loop, and both models that it wrote, each with a nested run of its errors.
+
+    Args:
+        run: The stage's run.
+        folder: What `close_loop` wrote.
+        document: `closed_loop.json`.
+        model: The model that the loop was closed on.
+        machine_name: Goes into the registered model's name.
+        trajectory: Rows for the input example.
+    """
+    run.metrics(flatten_metrics({"error": document["error"], "baselines": document["baselines"]}))
+    for part in ("before", "after"):
+        with run.nested(part) as nested:  # under the names that identify's runs have
+            errors = {metric: values[part] for metric, values in document["error"].items()}
+            nested.metrics(flatten_metrics({"model": errors}))
+        name, registered = f"model_{part}", f"{machine_name}-closed_loop"
+        publish_dynamics_model(run, folder / name, model, registered, trajectory, name, part)
 
 
 def example_rows(

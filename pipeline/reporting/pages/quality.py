@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from pipeline.files.atomic import write_whole
 from pipeline.logs.ingest import IngestSummary
 from pipeline.logs.quality import QualityReport
 from pipeline.logs.tuples import SUFFIX, thinned_positions
-from pipeline.machine.chain import ArmChain
+from pipeline.machine.chain import ArmChain, read_chain
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.figures.clouds import MAXIMUM_POINTS, cloud_of
 from pipeline.reporting.figures.workspace import cloud_figure
@@ -40,6 +41,23 @@ CLOCK_COLUMNS = (
     ("drift [ppm]", "drift_ppm", "{:.1f}", 1.0),
 )
 STREAMS = ("joint_states", "commands")
+
+
+NAME = "quality.html"
+
+
+def write(
+    machine: MachineSpecification, machine_directory: Path, summary: IngestSummary, tuples: Path, folder: Path
+) -> None:
+    """Write the page into `folder`.
+
+    Args:
+        machine_directory: Folder `conf/machine`.
+        summary: Outcome of the ingestion.
+        tuples: Folder of the tuples.
+    """
+    arm = read_chain(machine, machine_directory) if machine.arm is not None else None
+    write_whole(folder / NAME, quality_page(machine, arm, summary, tuples).encode())
 
 
 def quality_page(

@@ -12,7 +12,7 @@ from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.episodes import load_episodes
 from pipeline.reaching.metrics import load_traces, success
 from pipeline.reporting.chapters.closed_loop import closed_loop_section
-from pipeline.reporting.closed_loop.quantities import number, readable_unit, significant
+from pipeline.reporting.closed_loop.quantities import readable_unit, significant
 from pipeline.reporting.closed_loop.verdict import affected_joints, held_out_error
 from pipeline.reporting.figures.film import episode_film, film_bytes
 from pipeline.reporting.figures.models import open_loop_prediction_figure
@@ -66,8 +66,12 @@ def demo_page(
     figures = [KeyFigure(reached, f"targets reached within {WITHIN[0]:g} m and {WITHIN[1]:g} rad")]
     for joint in affected_joints(document)[:1]:
         factor, unit = readable_unit(dict(zip(machine.joint_names, machine.units, strict=True))[joint])
-        before, after = (significant(factor * held_out_error(document, w, joint), 2) for w in ("before", "after"))
-        figures.append(KeyFigure(f"{before} → {after} {unit}", f"4-second error of the {joint}, before and after"))
+        before, after = (
+            significant(factor * held_out_error(document, w, joint), 2) for w in ("before", "after")
+        )
+        figures.append(
+            KeyFigure(f"{before} → {after} {unit}", f"4-second error of the {joint}, before and after")
+        )
     if "verdict_right" in result.judgement:
         word = "right" if result.judgement["verdict_right"] else "not right"
         figures.append(KeyFigure(word, "verdict, checked against the seal"))

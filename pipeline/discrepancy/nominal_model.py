@@ -1,0 +1,48 @@
+"""The model that the loop is closed on: the one that was given, or one identified from the nominal logs."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.network import Parameterization, Parameters
+from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.dynamics.training.fit import fit
+from pipeline.effects.unaugmented_model import load_plain_model_of
+from pipeline.errors import InputError
+from pipeline.logs.tuples import Trajectory
+from pipeline.machine.specification import MachineSpecification
+
+
+def nominal_model(
+    given: Path | None,
+    kind: str,
+    nominal: Sequence[Trajectory],
+    machine: MachineSpecification,
+    close_loop: CloseLoopConfig,
+    identify: IdentifyConfig,
+) -> tuple[DynamicsModel, Parameters]:
+    """Load the model, or identify it.
+
+    Args:
+        given: Folder of the model; None: it is identified.
+        kind: What is identified, `mlp_dqdot` for example.
+        nominal: Logs of the machine that the model describes.
+        machine: The machine.
+        close_loop: Section `close_loop`; its `baseline` says how the network is trained.
+        identify: Section `identify`.
+
+    Raises:
+        InputError: The model is of another machine, has effects already, or cannot be read; no such kind.
+    """
+    if given is not None:
+        return load_plain_model_of(given, machine)
+    parameterization, _, target = kind.partition("_")
+    try:
+        parts = Parameterization(parameterization), Target(target)
+    except ValueError as error:
+        raise InputError(
+            f"kind={kind}: not a model kind; use mlp_dq, mlp_dqdot, kan_dq or kan_dqdot"
+        ) from error
+    result = fit(nominal, machine, *parts, close_loop.baseline, identify, close_loop.seed)
+    return result.model, result.parameters

@@ -1,0 +1,102 @@
+"""What closing the loop leaves in its folder, and the record that its page is made from."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.discrepancy.verdict.report_data import ReportData
+from pipeline.discrepancy.verdict.result import ClosedLoop
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.model.store import save_model
+from pipeline.effects.store import FILE, ActiveEffects, save_effects
+from pipeline.effects.unaugmented_model import load_plain_model_of
+from pipeline.errors import InputError
+from pipeline.files.atomic import write_whole
+from pipeline.files.record_file import save_record
+from pipeline.logs.tuples import Trajectory
+from pipeline.machine.specification import MachineSpecification
+
+DOCUMENT, REPORT_DATA = "closed_loop.json", "report_data.npz"
+PARTS = ("before", "after")  # each with its model, `model_before` and `model_after`
+
+
+@dataclass(frozen=True)
+class LoopReport:
+    """What the page shows besides `closed_loop.json`.
+
+    Attributes:
+        machine: Its name.
+        nominal: Where the nominal logs are from, in the user's words.
+        measured: Likewise the measured logs.
+        data: None where the loop was not closed.
+    """
+
+    machine: str
+    nominal: str
+    measured: str
+    data: ReportData | None
+
+
+def write_closed_loop(
+    folder: Path,
+    result: ClosedLoop,
+    model: DynamicsModel,
+    parameters: Parameters,
+    trajectories: Sequence[Trajectory],
+    report: LoopReport,
+) -> None:
+    """Write `closed_loop.json`, `report_data.npz`, `model_before`, and `model_after` with the effects.
+
+    Args:
+        folder: Where to.
+        result: Of `close_loop`.
+        model: The model that the loop was closed on.
+        parameters: Its parameters.
+        trajectories: The nominal ones, named in the models' lineage.
+        report: What the page shows.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    lineage = {"machine": report.machine, "trajectories": [trajectory.name for trajectory in trajectories]}
+    _write_models(folder, model, parameters, lineage, result.effects)
+    save_record(folder / REPORT_DATA, report)
+    _write_document(folder, result.document)
+
+
+def write_note(
+    folder: Path, machine: MachineSpecification, given: Path | None, nominal: str, measured: str
+) -> str:
+    """Say that there was nothing to close the loop with, and return the sentence; the given model stays as it is.
+
+    Raises:
+        InputError: No model is given, it cannot be used, or a file cannot be written.
+    """
+    if given is None:
+        raise InputError(f"measured={measured}: holds no logs, and no model is named; name one")
+    note = f"{measured} holds no logs; name logs of the machine as it is (params.yaml: measured_logs)"
+    _write_models(folder, *load_plain_model_of(given, machine), {"machine": machine.name}, None)
+    save_record(folder / REPORT_DATA, LoopReport(machine.name, nominal, measured, None))
+    _write_document(folder, {"note": note})
+    return note
+
+
+def _write_models(
+    folder: Path,
+    model: DynamicsModel,
+    parameters: Parameters,
+    lineage: dict[str, Any],
+    effects: ActiveEffects | None,
+) -> None:
+    for part in PARTS:
+        save_model(folder / f"model_{part}", model, parameters, lineage, {}, {})
+        (folder / f"model_{part}" / FILE).unlink(missing_ok=True)
+    if effects is not None:
+        save_effects(folder / "model_after", effects)
+
+
+def _write_document(folder: Path, document: Mapping[str, Any]) -> None:
+    write_whole(folder / DOCUMENT, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
