@@ -62,7 +62,7 @@ search: env ## search hyper-parameters for all four model kinds, then select (ne
 
 .PHONY: control-level
 control-level: env ## policies from before and after closing the loop, on the changed machine (two hours, after `make repro`)
-	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro artifacts/control_level/dvc.yaml
+	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro experiments/control_level/dvc.yaml
 
 .PHONY: ablation
 ablation: env ## train PPO with terms of the reward left out (the paper's appendix; needs the model that `make repro` makes)

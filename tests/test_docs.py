@@ -7,6 +7,7 @@ every command that it would start is written down instead, and is then checked b
 import argparse
 import importlib
 import re
+import shlex
 import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from omegaconf import OmegaConf, open_dict
 from hydra_plugins.checked_sweeper import CheckedSweeper
 from pipeline.configuration.stage import check
 from pipeline.errors import InputError
+from pipeline.stages.processes.demo_steps import STEPS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -90,6 +92,9 @@ def starting(*words: str) -> list[Command]:
 
 STAGE = r"pipeline\.stages\.(?!processes\.)"
 STAGE_COMMANDS = [c for c in starting("python", "-m") if re.match(STAGE, c.words[2])]
+DEMO_COMMANDS = [
+    Command("make demo", ("python", "-m", *shlex.split(f"pipeline.stages.{command}"))) for _, command in STEPS
+]
 PROGRAM_COMMANDS = [
     c
     for c in starting("python")
@@ -108,7 +113,7 @@ def jobs(overrides: list[str]) -> list[list[str]]:
     return batch
 
 
-@pytest.mark.parametrize("command", STAGE_COMMANDS, ids=str)
+@pytest.mark.parametrize("command", [*STAGE_COMMANDS, *DEMO_COMMANDS], ids=str)
 def test_stages_take_the_pages_overrides(command: Command) -> None:
     """Composed and checked as the stage itself does it; nothing may be missing."""
     stage = command.words[2].removeprefix("pipeline.stages.")
