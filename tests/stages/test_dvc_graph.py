@@ -99,3 +99,9 @@ def test_the_stage_and_its_configuration_are_dependencies(name: str) -> None:
     dependencies = stages()[name]["deps"]
     assert f"pipeline/stages/{name}.py" in dependencies
     assert f"conf/{name}.yaml" in dependencies
+
+
+def test_only_pages_depend_on_how_results_are_told() -> None:
+    """A reworded sentence must not rerun the search."""
+    told = {name for name, content in stages().items() if "pipeline/reporting" in content["deps"]}
+    assert told == {"quality_page", "judgement_page", "loop_page", "pictures", "report"}
