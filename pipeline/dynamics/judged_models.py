@@ -9,7 +9,7 @@ from pipeline.dynamics.judgement import JudgeConfig, ModelJudgement, flat_metric
 from pipeline.dynamics.references.all_references import fit_references
 from pipeline.dynamics.references.grey_box import GreyBoxPredictor
 from pipeline.dynamics.references.narx import NarxPredictor
-from pipeline.dynamics.training.data_split import Purposes
+from pipeline.dynamics.training.data_split import DataSplit
 from pipeline.machine.specification import MachineSpecification
 
 RECORD = "judged.npz"
@@ -43,7 +43,7 @@ class JudgedModels:
 
 def judge_models(
     models: Mapping[str, Predictor],
-    rows: Purposes,
+    rows: DataSplit,
     machine: MachineSpecification,
     config: JudgeConfig,
     progress: Callable[[str], None] = lambda name: None,
