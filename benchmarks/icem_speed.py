@@ -129,15 +129,14 @@ def our_planner(held: bool, variant: str) -> tuple[dict, Callable[[int], float]]
     import jax.numpy as jnp
 
     from pipeline.control.icem.controller import icem_planner
+    from pipeline.control.icem.returns import sequence_returns
     from pipeline.control.icem.variant import RewardVariant, variant_reward
-    from pipeline.control.icem.windowed_returns import sequence_returns
 
     machine, arm, config, reward = parts(held)
     task, state = task_and_state(machine, arm, variant_reward(reward, RewardVariant(variant)))
-    returns = sequence_returns(task, config.horizon, config.ticks_per_entry(4), config.discount)
+    returns = sequence_returns(task, config.ticks_per_entry(4), config.discount)
     planner = icem_planner(task, config, 4, returns)
-    checked = jax.jit(lambda s, c: returns.evaluate(returns.prepare(s), c))
-    first = checked(state, jnp.asarray(checked_commands(config.horizon)))
+    first = jax.jit(returns)(state, jnp.asarray(checked_commands(config.horizon)))
     decide = jax.jit(planner.decide)
     # A state with elites: the first decision of an episode is not the usual one.
     planning, _ = decide(planner.begin(jax.random.key(0)), state)

@@ -15,8 +15,7 @@ from pipeline.control.checkpoint import identity
 from pipeline.control.curve import CurvePoint
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.ppo import PPOConfig, train
-from pipeline.dynamics.model.dynamics_model import DynamicsModel
-from pipeline.effects.augmented_model import AugmentedModel
+from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
@@ -87,7 +86,7 @@ class Ablation:
 
     machine: MachineSpecification
     arm: Arm
-    dynamics: DynamicsModel | AugmentedModel
+    dynamics: Dynamics
     parameters: Any
     fingerprint: str  # of the dynamics model and its effects
     reward: RewardConfig

@@ -9,11 +9,13 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 
-from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.dynamics import Dynamics, MeasuredHistory
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.features import History, push
 from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.model.specification import Target
+from pipeline.dynamics.model.stops import Stops
 from pipeline.effects.chain import Chain, ChainState, ChainValues
 from pipeline.effects.effect import Place, Signals
 
@@ -53,8 +55,10 @@ class AugmentedHistory(NamedTuple):
     time_s: jax.Array
 
 
-class AugmentedModel:
-    """Pure functions of (parameters, history, command), as in `DynamicsModel`."""
+class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
+    """A chain of effects around a frozen model; its rollouts are step by step."""
+
+    has_hidden_state = True  # of the effects
 
     def __init__(self, frozen: DynamicsModel, chain: Chain) -> None:
         self.frozen = frozen
@@ -69,18 +73,18 @@ class AugmentedModel:
             *measured, measured, self.chain.initial(batch), jnp.full(batch, WARM_S, q.dtype)
         )
 
-    def normalise_position(self, q: jax.Array) -> jax.Array:
-        """As the frozen model."""
-        return self.frozen.normalise_position(q)
-
-    def features(self, history: AugmentedHistory) -> jax.Array:
+    def features(self, history: MeasuredHistory) -> jax.Array:
         """The policy's x̃_t, from measured values."""
-        return self.frozen.features(History(history.motion, history.commands, history.q))
+        return self.frozen.features(history)
 
     def step(
-        self, parameters: AugmentedParameters, history: AugmentedHistory, command: jax.Array
+        self,
+        parameters: AugmentedParameters,
+        history: AugmentedHistory,
+        command: jax.Array,
+        stops: Stops | None = None,
     ) -> AugmentedHistory:
-        """Advance by one time step under `command` a_t (..., n_joint)."""
+        """See `Dynamics.step`."""
         values, dt_s = parameters.effects, self.specification.dt_s
         state, reaching = self.chain.commands(values, history.chain, command)
         before = history.nominal
@@ -96,7 +100,7 @@ class AugmentedModel:
         true = drive - ahead
         q = self.chain.measured(values, true)
         newest = q if is_dq else v * self.chain.sensor_scale(values, true)
-        return AugmentedHistory(
+        moved = AugmentedHistory(
             motion=push(history.motion, newest),
             commands=push(history.commands, command),
             q=q,
@@ -104,35 +108,21 @@ class AugmentedModel:
             chain=state,
             time_s=history.time_s + dt_s,
         )
+        return moved if stops is None else self._stopped(values, moved, stops)
 
-    def stopped(
-        self, parameters: AugmentedParameters, history: AugmentedHistory, lower: ArrayLike, upper: ArrayLike
-    ) -> AugmentedHistory:
-        """End stops: a joint beyond a limit (n_joint,), rad or m, is at it, with zero velocity.
-
-        Stops do not depend on encoder readings: they act on the true configuration, or on the drive.
-        """
-        nominal = self.frozen.stopped(parameters.network, history.nominal, lower, upper)
-        is_free = nominal.q == history.nominal.q
-        true = nominal.q - self.chain.ahead(parameters.effects, history.chain)
-        q = jnp.where(is_free, history.q, self.chain.measured(parameters.effects, true))
-        at_rest = q if self.specification.target is Target.dq else jnp.zeros_like(q)
-        newest = jnp.where(is_free, history.motion[..., -1, :], at_rest)
-        return history._replace(motion=history.motion.at[..., -1, :].set(newest), q=q, nominal=nominal)
-
-    def between_stops(
-        self, parameters: AugmentedParameters, history: AugmentedHistory, lower: ArrayLike, upper: ArrayLike
-    ) -> AugmentedHistory:
-        """As `stopped`, for predictions: see `DynamicsModel.between_stops`."""
-        before = history.nominal
-        drive, newest = self.frozen.between_stops(before.q, before.motion[..., -1, :], lower, upper)
-        true = drive - self.chain.ahead(parameters.effects, history.chain)
-        q = jnp.where(drive == before.q, history.q, self.chain.measured(parameters.effects, true))
-        is_dq = self.specification.target is Target.dq
+    def _stopped(self, values: ChainValues, history: AugmentedHistory, stops: Stops) -> AugmentedHistory:
+        """After the stops, which act on the true configuration, or on the drive, not on encoder readings."""
+        target, before = self.specification.target, history.nominal
+        drive, nominal_newest = stops.act(target, before.q, before.motion[..., -1, :])
+        is_free = drive == before.q
+        true = drive - self.chain.ahead(values, history.chain)
+        q = jnp.where(is_free, history.q, self.chain.measured(values, true))
+        keeps = is_free | (not stops.at_rest)
+        newest = q if target is Target.dq else jnp.where(keeps, history.motion[..., -1, :], 0.0)
         return history._replace(
-            motion=history.motion.at[..., -1, :].set(q) if is_dq else history.motion,
+            motion=history.motion.at[..., -1, :].set(newest),
             q=q,
-            nominal=before._replace(q=drive, motion=before.motion.at[..., -1, :].set(newest)),
+            nominal=before._replace(q=drive, motion=before.motion.at[..., -1, :].set(nominal_newest)),
         )
 
     @property

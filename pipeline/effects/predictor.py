@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.dynamics.model.features import History
 from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.model.stops import Stops
 from pipeline.effects.augmented_model import AugmentedHistory, AugmentedModel, AugmentedParameters
 from pipeline.effects.chain import Chain, ChainState, ChainValues, set_in
 from pipeline.effects.effect import Signals
@@ -156,14 +157,13 @@ class AugmentedPredictor:
         neutral = model.chain.neutral()
         lowest, highest = jax.lax.cummin(true)[starts], jax.lax.cummax(true)[starts]
         drive = history.nominal.q
-        stops = model.frozen.stops_beyond(jnp.minimum(lowest, drive), jnp.maximum(highest, drive))
+        lowest, highest = jnp.minimum(lowest, drive), jnp.maximum(highest, drive)
+        stops = Stops.of_log(model.specification, lowest, highest) if self._has_stops else None
 
         def advance(history: AugmentedHistory, row: tuple) -> tuple[AugmentedHistory, jax.Array]:
             command, share = row
             present = AugmentedParameters(parameters, set_in(values, neutral, share))
-            history = model.step(present, history, command)
-            if self._has_stops:
-                history = model.between_stops(present, history, *stops)
+            history = model.step(present, history, command, stops)
             return history, history.q
 
         shares = {family: jnp.moveaxis(of[future], 1, 0) for family, of in share.items()}

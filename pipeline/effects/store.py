@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.dynamics.evaluation.errors import Predictor
+from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
@@ -187,9 +188,7 @@ def load_predictor(
     return predictor(model, parameters, effects)
 
 
-def load_dynamics(
-    directory: Path, machine: MachineSpecification | None = None
-) -> tuple[DynamicsModel | AugmentedModel, Any]:
+def load_dynamics(directory: Path, machine: MachineSpecification | None = None) -> tuple[Dynamics, Any]:
     """Read a model folder of `identify` or `close_loop` as dynamics for control, with all effects set in.
 
     Args:

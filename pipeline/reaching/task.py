@@ -3,16 +3,15 @@
 The environment (policy learning), the evaluation and model predictive control all call `ReachingTask.tick`.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.model.dynamics_model import DynamicsModel
-from pipeline.dynamics.model.held_command import hold
+from pipeline.dynamics.model.dynamics import Dynamics, H, MeasuredHistory, P
 from pipeline.dynamics.model.specify import check_machine
-from pipeline.effects.augmented_model import AugmentedModel
+from pipeline.dynamics.model.stops import Stops
 from pipeline.machine.kinematics import Arm, Pose
 from pipeline.machine.poses import workspace_of
 from pipeline.machine.specification import MachineSpecification
@@ -41,13 +40,13 @@ class TaskState(NamedTuple):
     """What the task knows between two ticks; any leading axes.
 
     Attributes:
-        history: the dynamics' window, `History` or `AugmentedHistory`, before the next command.
+        history: the dynamics' own, before the next command.
         pose: of the chisel tip, of `history.q`.
         command: of the last tick, shape (..., n_joint); zero at the start of an episode.
         goal: the target.
     """
 
-    history: Any
+    history: MeasuredHistory
     pose: Pose
     command: jax.Array
     goal: Goal
@@ -84,8 +83,8 @@ class ReachingTask:
         self,
         machine: MachineSpecification,
         arm: Arm,
-        dynamics: DynamicsModel | AugmentedModel,
-        parameters: Any,
+        dynamics: Dynamics[P, H],
+        parameters: P,
         reward: RewardConfig,
     ) -> None:
         """Puts the parts together.
@@ -93,8 +92,8 @@ class ReachingTask:
         Args:
             machine: joint limits, kind of commands and workspace.
             arm: its kinematics.
-            dynamics: the learned model, or one with effects around it.
-            parameters: its parameters.
+            dynamics: the learned model, of any kind.
+            parameters: its parameters; values, not traced.
             reward: weights, thresholds and enabled terms.
 
         Raises:
@@ -103,12 +102,11 @@ class ReachingTask:
         check_machine(dynamics.specification, machine, "model")
         self.machine = machine
         self.arm = arm
-        self.dynamics: Any = dynamics  # both kinds begin, step and observe alike
+        self.dynamics: Dynamics = dynamics
         self.reward = reward
         self.parameters = parameters
         self._workspace = workspace_of(machine)
-        self._lower = np.asarray(machine.lower, np.float32)
-        self._upper = np.asarray(machine.upper, np.float32)
+        self.stops = Stops(np.asarray(machine.lower, np.float32), np.asarray(machine.upper, np.float32))
 
     @property
     def observation_size(self) -> int:
@@ -129,8 +127,7 @@ class ReachingTask:
 
     def tick(self, state: TaskState, command: jax.Array) -> tuple[TaskState, TickOutcome]:
         """Advance by one control period under `command` (..., n_joint), which the machine takes as it is."""
-        history = self.dynamics.step(self.parameters, state.history, command)
-        history = self.dynamics.stopped(self.parameters, history, self._lower, self._upper)
+        history = self.dynamics.step(self.parameters, state.history, command, self.stops)
         pose = self.arm.forward(history.q)
         outcome = self.outcome(history.q, pose, state.goal, command, state.command)
         return TaskState(history, pose, command, state.goal), outcome
@@ -146,9 +143,7 @@ class ReachingTask:
         Returns:
             The state after the last tick, and what every tick led to, (n_ticks, ...).
         """
-        if not isinstance(self.dynamics, DynamicsModel):
-            return jax.lax.scan(lambda state, _: self.tick(state, command), state, length=n_ticks)
-        history, q = hold(self.dynamics, self.parameters, state.history, command, n_ticks, self._at_stops)
+        history, q = self.dynamics.hold(self.parameters, state.history, command, n_ticks, self.stops)
         pose = tip_pose(self.arm.description, q)
         previous = jnp.concatenate([state.command[None], jnp.broadcast_to(command, q[1:].shape)])
         outcome = self.outcome(q, pose, state.goal, command, previous)
@@ -200,6 +195,3 @@ class ReachingTask:
             pitch=self.arm.pitch(q) - self.arm.pitch(goal.configuration),
             configuration=q - goal.configuration,
         )
-
-    def _at_stops(self, q: jax.Array, newest: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return self.dynamics.at_stops(q, newest, self._lower, self._upper)

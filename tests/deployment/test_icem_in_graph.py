@@ -124,7 +124,7 @@ def test_a_planner_that_sees_no_number_answers_none(parts) -> None:
 
 def test_a_model_with_effects_around_it_is_refused(parts, config) -> None:
     task = copy.copy(parts.task)
-    task.dynamics = object()
+    task.dynamics = SimpleNamespace(has_hidden_state=True)
     with pytest.raises(InputError, match="without effects"):
         IcemController(task, config, REPEATS, SEED)
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Parameterization, Target
-from pipeline.dynamics.model.held_command import hold
 from tests.dynamics.conftest import move_biases
 from tests.reaching.lag import model_specification, random_configurations
 
@@ -43,11 +42,7 @@ def test_holding_is_stepping(bobcat, parameterization, target, lags, n_steps):
     model, parameters = model_of(bobcat, parameterization, target, lags)
     start = random_configurations(bobcat, jax.random.key(1), BATCH)
     step = jax.jit(lambda history, command: model.step(parameters, history, command))
-    held = jax.jit(
-        lambda history, command: hold(
-            model, parameters, history, command, n_steps, lambda q, newest: (q, newest)
-        )
-    )
+    held = jax.jit(lambda history, command: model.hold(parameters, history, command, n_steps))
     single = at_once = model.initial_history(start)
     for command in commands(2):
         visited = []

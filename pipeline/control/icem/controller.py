@@ -7,8 +7,7 @@ import jax
 from pipeline.control.evaluate import EpisodeController
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.planner import Planner, PlannerState
-from pipeline.control.icem.returns import SequenceReturns
-from pipeline.control.icem.windowed_returns import sequence_returns
+from pipeline.control.icem.returns import SequenceReturns, sequence_returns
 from pipeline.reaching.task import ReachingTask, TaskState
 
 
@@ -21,14 +20,13 @@ def icem_planner(
         task: what to plan on; its reward is the planner's.
         config: budget and ingredients.
         action_repeats: ticks per decision.
-        returns: how sequences are rolled out; None: the fastest way for the task's dynamics.
+        returns: what sequences are worth; None: on the task's dynamics.
 
     Raises:
         InputError: the horizon is not longer than a decision.
     """
     if returns is None:
-        ticks = config.ticks_per_entry(action_repeats)
-        returns = sequence_returns(task, config.horizon, ticks, config.discount)
+        returns = sequence_returns(task, config.ticks_per_entry(action_repeats), config.discount)
     entries = config.entries_per_decision(action_repeats)
     return Planner(config, returns, task.command, task.machine.n_joint, entries)
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.noise import coloured_noise, synthesis_matrix
-from pipeline.control.icem.proposal import Proposal, fitted, moved_on, spread
+from pipeline.control.icem.proposal import Proposal, refit, sample_within_bounds, shift
 from pipeline.control.icem.returns import SequenceReturns
 from pipeline.reaching.task import TaskState
 
@@ -113,7 +113,6 @@ class Planner:
             The proposal after the last iteration, and the last iteration's elites.
         """
         config = self._config
-        prepared = self._returns.prepare(measured)
         keys = jax.random.split(key, config.iterations)
         last = config.iterations - 1
 
@@ -124,11 +123,11 @@ class Planner:
             proto = self._sample(key, proposal, n)
             if config.mean_in_last_iteration:
                 proto = proto.at[0].set(jnp.where(iteration == last, proposal.mean, proto[0]))
-            candidates = self._rank(prepared, proto)
+            candidates = self._rank(measured, proto)
             if config.keep_elites:
                 candidates = _joined(candidates, _first(kept, config.n_reused))
             elites = _best(candidates, config.elites)
-            return (fitted(proposal, elites.proto, config.momentum), elites), None
+            return (refit(proposal, elites.proto, config.momentum), elites), None
 
         # The first iteration, with elites of the last decision in place of those of the last iteration
         first_key, shift_key = jax.random.split(keys[0])
@@ -138,12 +137,12 @@ class Planner:
         if config.shift_elites:
             shifted = self._shifted(shift_key, proposal, _first(previous, config.n_reused))
             there = jnp.concatenate([jnp.ones(len(proto), bool), jnp.isfinite(shifted.returns)])
-            candidates = self._rank(prepared, jnp.concatenate([proto, shifted.proto]))
+            candidates = self._rank(measured, jnp.concatenate([proto, shifted.proto]))
             candidates = candidates._replace(returns=jnp.where(there, candidates.returns, -jnp.inf))
         else:
-            candidates = self._rank(prepared, proto)
+            candidates = self._rank(measured, proto)
         elites = _best(candidates, config.elites)
-        carry = fitted(proposal, elites.proto, config.momentum), elites
+        carry = refit(proposal, elites.proto, config.momentum), elites
 
         # Then runs of iterations with equally many samples, each compiled once
         iteration = 1
@@ -156,18 +155,18 @@ class Planner:
 
     def _sample(self, key: jax.Array, proposal: Proposal, n: int) -> jax.Array:
         noise = coloured_noise(key, self._synthesis, n, self._n_joint)
-        return spread(proposal, noise, self._config.bounds)
+        return sample_within_bounds(proposal, noise, self._config.bounds)
 
-    def _rank(self, prepared: object, proto: jax.Array) -> RankedPlans:
+    def _rank(self, measured: TaskState, proto: jax.Array) -> RankedPlans:
         """The sequences with their returns, in the order given; one that the model loses itself in is worth -inf."""
-        returns = self._returns.evaluate(prepared, self._command(proto))
+        returns = self._returns(measured, self._command(proto))
         return RankedPlans(proto, jnp.where(jnp.isnan(returns), -jnp.inf, returns))
 
     def _shifted(self, key: jax.Array, proposal: Proposal, elites: RankedPlans) -> RankedPlans:
         """Elites moved on in time, their last entries sampled anew; with the returns that they had."""
         n = self._entries_per_decision
         fresh = self._sample(key, proposal, len(elites.proto))
-        return elites._replace(proto=moved_on(elites.proto, n, fresh[:, -n:]))
+        return elites._replace(proto=shift(elites.proto, n, fresh[:, -n:]))
 
     def _next(self, proposal: Proposal) -> Proposal:
         """The proposal of the next decision: the mean moved on, its last entry repeated; σ_0."""
@@ -175,8 +174,8 @@ class Planner:
         mean, std = proposal
         initial = jnp.full_like(std, config.initial_std)
         return Proposal(
-            moved_on(mean, n, mean[-1:]) if config.shift_mean else jnp.zeros_like(mean),
-            initial if config.reset_std else moved_on(std, n, initial[:n]),
+            shift(mean, n, mean[-1:]) if config.shift_mean else jnp.zeros_like(mean),
+            initial if config.reset_std else shift(std, n, initial[:n]),
         )
 
 

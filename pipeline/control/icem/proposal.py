@@ -21,7 +21,7 @@ class Proposal(NamedTuple):
     std: jax.Array
 
 
-def spread(proposal: Proposal, noise: jax.Array, bounds: Bounds) -> jax.Array:
+def sample_within_bounds(proposal: Proposal, noise: jax.Array, bounds: Bounds) -> jax.Array:
     """Samples within [-1, 1] from noise of unit variance, both (N, H, n_joint).
 
     Clipped, what exceeds a bound lies on it. Truncated, every entry has the distribution of the Gaussian cut off at
@@ -37,12 +37,12 @@ def spread(proposal: Proposal, noise: jax.Array, bounds: Bounds) -> jax.Array:
     return jnp.clip(sample, -1.0, 1.0)  # only rounding is left to clip
 
 
-def fitted(proposal: Proposal, elites: jax.Array, momentum: float) -> Proposal:
+def refit(proposal: Proposal, elites: jax.Array, momentum: float) -> Proposal:
     """α old + (1 - α) new, of mean and of standard deviation; elites (K, H, n_joint)."""
     new = Proposal(elites.mean(axis=0), elites.std(axis=0))
     return jax.tree.map(lambda old, new: momentum * old + (1.0 - momentum) * new, proposal, new)
 
 
-def moved_on(entries: jax.Array, n: int, last: jax.Array) -> jax.Array:
+def shift(entries: jax.Array, n: int, last: jax.Array) -> jax.Array:
     """Entries (..., H, n_joint) without their first `n`, and `last` (..., n, n_joint) appended."""
     return jnp.concatenate([entries[..., n:, :], jnp.broadcast_to(last, entries[..., :n, :].shape)], axis=-2)

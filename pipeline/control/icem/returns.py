@@ -1,21 +1,39 @@
 """What a command sequence is worth: Σ_e γ^e Σ r over the ticks of entry e (paper, Eq. mpc_objective)."""
 
-from typing import Any, Protocol
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 
 from pipeline.reaching.task import ReachingTask, TaskState
+from pipeline.reaching.tip import tip_pose
+
+SequenceReturns = Callable[[TaskState, jax.Array], jax.Array]
+"""Returns (N,) of a state without leading axes, and of the machine's commands (N, H, n_joint)."""
 
 
-class SequenceReturns(Protocol):
-    """Returns of many sequences that begin in one state; pure functions, without batch axes of their own."""
+def sequence_returns(task: ReachingTask, ticks_per_entry: int, discount: float) -> SequenceReturns:
+    """Returns on the task's dynamics: all ticks are rolled out first, then judged at once.
 
-    def prepare(self, state: TaskState) -> Any:
-        """What all sequences from this state share; computed once per decision."""
+    Args:
+        task: its reward is the planner's.
+        ticks_per_entry: ticks that an entry is held for.
+        discount: γ per entry.
+    """
+    roll_out = task.dynamics.held_rollout(task.parameters, ticks_per_entry, task.stops)
 
-    def evaluate(self, prepared: Any, commands: jax.Array) -> jax.Array:
-        """Returns (N,) of commands (N, H, n_joint), which the machine takes as they are."""
+    def returns(state: TaskState, commands: jax.Array) -> jax.Array:
+        q = roll_out(state.history, commands)
+        # Within an entry the command does not change; from one to the next it may.
+        acting = jnp.swapaxes(commands, 0, 1)[:, None]
+        before = jnp.concatenate([jnp.broadcast_to(state.command, acting[:1].shape), acting[:-1]])
+        held = (*acting.shape[:1], q.shape[1] - 1, *acting.shape[2:])
+        previous = jnp.concatenate([before, jnp.broadcast_to(acting, held)], axis=1)
+        pose = tip_pose(task.arm.description, q)
+        outcome = task.outcome(q, pose, state.goal, jnp.broadcast_to(acting, q.shape), previous)
+        return discounted(outcome.reward, discount)
+
+    return returns
 
 
 def discounted(rewards: jax.Array, discount: float) -> jax.Array:
@@ -27,38 +45,3 @@ def discounted(rewards: jax.Array, discount: float) -> jax.Array:
     """
     weights = discount ** jnp.arange(rewards.shape[0], dtype=rewards.dtype)
     return jnp.tensordot(weights, rewards.sum(axis=1), axes=1)
-
-
-class TickReturns:
-    """By `ReachingTask.tick`, one tick after the other: for any dynamics that the task takes. The definition."""
-
-    def __init__(self, task: ReachingTask, ticks_per_entry: int, discount: float) -> None:
-        """Puts the parts together.
-
-        Args:
-            task: its reward is the planner's.
-            ticks_per_entry: ticks that an entry is held for.
-            discount: γ per entry.
-        """
-        self._task = task
-        self._ticks_per_entry = ticks_per_entry
-        self._discount = discount
-
-    def prepare(self, state: TaskState) -> TaskState:
-        """The state itself."""
-        return state
-
-    def evaluate(self, prepared: TaskState, commands: jax.Array) -> jax.Array:
-        """See `SequenceReturns.evaluate`."""
-        n = commands.shape[0]
-        first = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (n, *jnp.shape(leaf))), prepared)
-
-        def entry(state: TaskState, command: jax.Array) -> tuple[TaskState, jax.Array]:
-            def tick(state: TaskState, _: None) -> tuple[TaskState, jax.Array]:
-                state, outcome = self._task.tick(state, command)
-                return state, outcome.reward
-
-            return jax.lax.scan(tick, state, length=self._ticks_per_entry)
-
-        _, rewards = jax.lax.scan(entry, first, jnp.swapaxes(commands, 0, 1))
-        return discounted(rewards, self._discount)

@@ -12,7 +12,6 @@ from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_planner
 from pipeline.control.icem.planner import PlannerState
 from pipeline.control.policy import Policy
-from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.features import History
 from pipeline.errors import InputError
 from pipeline.reaching.task import Goal, ReachingTask, TaskState
@@ -95,7 +94,7 @@ class IcemController:
             InputError: the model has effects, whose states cannot be measured; or the horizon is not longer than a
                 decision.
         """
-        if not isinstance(task.dynamics, DynamicsModel):
+        if task.dynamics.has_hidden_state:
             raise InputError(
                 "iCEM plans from what is measured, and the states of effects around a model are not: "
                 "name a model without effects"

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.deployment.component import nanoseconds
+from pipeline.dynamics.model.dynamics import MeasuredHistory
 from pipeline.dynamics.model.dynamics_model import Target
-from pipeline.dynamics.model.features import History
 from pipeline.reaching.task import Goal, ReachingTask
 
 
@@ -47,7 +47,7 @@ class LearnedStep:
     def __init__(self, task: ReachingTask) -> None:
         self.task = task
 
-        def step(history: History, command: jax.Array) -> tuple[History, jax.Array]:
+        def step(history: MeasuredHistory, command: jax.Array) -> tuple[MeasuredHistory, jax.Array]:
             pose = task.arm.forward(history.q)
             state = task.begin_at(history.q, pose, Goal(history.q, pose))._replace(history=history)
             after = task.tick(state, command)[0].history  # the compiler removes the tick's other outputs
@@ -55,7 +55,7 @@ class LearnedStep:
 
         self._step = jax.jit(step)
 
-    def __call__(self, history: History, command: np.ndarray) -> tuple[History, np.ndarray]:
+    def __call__(self, history: MeasuredHistory, command: np.ndarray) -> tuple[MeasuredHistory, np.ndarray]:
         """History after one tick under `command`, its configuration and its newest motion, (2, n_joint), float64."""
         after, newest = self._step(history, command)
         return after, np.asarray(newest, np.float64)

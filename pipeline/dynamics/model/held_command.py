@@ -5,46 +5,34 @@ fill r rows in turn: adding up the kernel's rows that one of them meets, beforeh
 With 18 lags and r = 4 these are 6 rows instead of 19.
 """
 
-from collections.abc import Callable
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.features import History
 from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.model.stepwise_model import StepwiseModel
+from pipeline.dynamics.model.stops import Stops
 
-Correction = Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
+Array = TypeVar("Array", jax.Array, np.ndarray)
 
 
 def hold(
-    model: DynamicsModel,
+    model: StepwiseModel,
     parameters: Parameters,
     history: History,
     command: jax.Array,
     n_steps: int,
-    correct: Correction,
+    stops: Stops | None = None,
 ) -> tuple[History, jax.Array]:
-    """Advance by `n_steps` under `command`; equal, up to rounding, to as many calls of `model.step`.
-
-    Args:
-        model: the dynamics model.
-        parameters: θ.
-        history: before the command; any leading axes. Its commands were held like this one: from the newest row
-            back, every `n_steps` rows are equal.
-        command: a, (..., n_joint).
-        n_steps: steps that it is held for.
-        correct: applied after each step to q and the newest row of the motion, each (..., n_joint): end stops.
-
-    Returns:
-        The history after the last step, and q after each, (n_steps, ..., n_joint), rad or m.
-    """
+    """Advance by `n_steps` under one command; arguments and result as of `Dynamics.hold`, equal up to rounding."""
     network, n_rows = model.network, model.specification.lags + 1
     first, *others = network.layers(parameters)
     window = first.kernel.shape[0] // (2 * n_rows + 1) * n_rows
     by_motion, by_commands, by_q = jnp.split(first.kernel, [window, 2 * window])
-    kernels = _by_held_commands(by_commands, n_rows, n_steps)
+    kernels = by_held_commands(by_commands.reshape(n_rows, -1), np.arange(n_rows)[::-1], n_steps)
 
     held_before = history.commands[..., ::-n_steps, :][..., : kernels.shape[1] - 1, :]
     held = jnp.concatenate([command[..., None, :], held_before], axis=-2)
@@ -55,10 +43,8 @@ def hold(
     visited, appended = [], []
     for kernel in kernels:
         x = jnp.concatenate([motion, recent, network.expand(model.normalise_position(q))], axis=-1)
-        y = x @ jnp.concatenate([by_motion, kernel.reshape(-1, kernel.shape[-1]), by_q]) + first.bias
-        for layer in others:
-            y = network.activate(y) @ layer.kernel + layer.bias
-        q, newest = correct(*model.integrate(q, newest, model.scale_residual(y)))
+        y = x @ jnp.concatenate([by_motion, kernel.reshape(-1, by_q.shape[-1]), by_q]) + first.bias
+        q, newest, _ = model.finish_step(others, y, q, newest, stops)
         motion = jnp.concatenate([motion[..., row:], network.expand(model.normalise_motion(newest))], axis=-1)
         visited.append(q)
         appended.append(newest)
@@ -72,31 +58,25 @@ def hold(
     return after, jnp.stack(visited)
 
 
-def _by_held_commands(by_commands: jax.Array, n_rows: int, n_steps: int) -> jax.Array:
+def by_held_commands(rows: Array, steps_ago: np.ndarray, n_steps: int) -> Array:
     """Sums of the kernel's rows that each held command meets, step by step.
 
     In step s (from 0) the j-th command before the acting one is in the window's rows of n_steps j + s - (n_steps - 1)
     … n_steps j + s steps ago, as far as there are such rows.
 
     Args:
-        by_commands: (n_rows · expanded row, width), oldest first.
-        n_rows: k + 1.
+        rows: (k+1, m), the kernel's values by row of the window of commands.
+        steps_ago: (k+1,), age of each row; the acting command's is 0.
         n_steps: that commands are held for.
 
     Returns:
-        (n_steps, commands in the window, expanded row, width), the acting command first.
+        (n_steps, commands in the window, m), the acting command first.
     """
-    n_commands = 1 + -(-(n_rows - 1) // n_steps)
-    steps_ago = np.arange(n_rows)[::-1]
-    meets = np.stack(
-        [
-            (steps_ago - step + n_steps - 1) // n_steps == j
-            for step in range(n_steps)
-            for j in range(n_commands)
-        ]
-    )
-    summed = jnp.asarray(meets, by_commands.dtype) @ by_commands.reshape(n_rows, -1)
-    return summed.reshape(n_steps, n_commands, -1, by_commands.shape[-1])
+    n_commands = 1 + -(-(len(rows) - 1) // n_steps)
+    step, command = np.arange(n_steps)[:, None, None], np.arange(n_commands)[:, None]
+    meets = (steps_ago - step + n_steps - 1) // n_steps == command
+    summed = meets.reshape(-1, len(rows)).astype(rows.dtype) @ rows
+    return summed.reshape(n_steps, n_commands, -1)
 
 
 def _flat(rows: jax.Array) -> jax.Array:

@@ -4,34 +4,32 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.model.dynamics_model import DynamicsModel
-from pipeline.dynamics.model.network import Parameters
-from pipeline.dynamics.model.rollout import rollout, rollout_between_stops
+from pipeline.dynamics.model.dynamics import Dynamics, P
+from pipeline.dynamics.model.features import History
+from pipeline.dynamics.model.stops import Stops
 from pipeline.logs.tuples import Trajectory
 
 CHUNK = 256  # windows per call: one compilation per horizon, whatever the number of windows
 
 
 class LearnedPredictor:
-    """Open-loop predictions of a `DynamicsModel` with its parameters, in float32.
+    """Open-loop predictions of a model without hidden state, in float32.
 
     Args:
         model: The model.
-        parameters: θ.
+        parameters: Its parameters, θ.
         has_stops: Whether joints end at their limits, as they do in the environment that policies are trained in (or as
             far beyond as the log has shown them to be). A network alone goes on: few rows of a log tell it not to.
     """
 
-    def __init__(self, model: DynamicsModel, parameters: Parameters, has_stops: bool = True) -> None:
+    def __init__(self, model: Dynamics[P, History], parameters: P, has_stops: bool = True) -> None:
         self._model = model
         self._parameters = parameters
 
         def roll_out(parameters, q, qd, a, commands, lowest, highest):  # type: ignore[no-untyped-def]
             history = model.history_from_rows(q, qd, a)
-            if not has_stops:
-                return rollout(model, parameters, history, commands)
-            stops = model.stops_beyond(lowest, highest)
-            return rollout_between_stops(model, parameters, history, commands, stops)
+            stops = Stops.of_log(model.specification, lowest, highest) if has_stops else None
+            return model.roll_out(parameters, history, commands, stops)
 
         self._rollout = jax.jit(roll_out)
 

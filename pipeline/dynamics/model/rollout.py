@@ -1,6 +1,6 @@
 """Open-loop rollouts: logged commands in, predicted configurations out.
 
-`rollout_by_steps` is the definition, `rollout` the same at less cost, for training and evaluation, where
+`Dynamics.roll_out` is the definition, `rollout` the same at less cost, for training and evaluation, where
 all commands are known beforehand: rows are normalised and expanded once, not once per window that they lie
 in; windows of commands are cut from one buffer; and commands and motion enter the first layer apart, so
 that back-propagation carries no gradient to the commands unless it is asked for.
@@ -16,66 +16,42 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.features import History
 from pipeline.dynamics.model.network import Layer, Parameters
+from pipeline.dynamics.model.stepwise_model import StepwiseModel
+from pipeline.dynamics.model.stops import Stops
 
 Arrays = list[jax.Array]
 
 
-def rollout_by_steps(
-    model: DynamicsModel, parameters: Parameters, history: History, commands: jax.Array
-) -> jax.Array:
-    """Predict by calling `model.step` once per command.
-
-    Args:
-        model: The dynamics model.
-        parameters: θ.
-        history: Before the first command; leading batch axes (...).
-        commands: (..., H, n_joint), a_t … a_{t+H-1}.
-
-    Returns:
-        (..., H, n_joint): q̂_{t+1} … q̂_{t+H}, rad or m.
-    """
-
-    def advance(history: History, command: jax.Array) -> tuple[History, jax.Array]:
-        history = model.step(parameters, history, command)
-        return history, history.q
-
-    _, q = jax.lax.scan(advance, history, jnp.moveaxis(commands, -2, 0))
-    return jnp.moveaxis(q, 0, -2)
-
-
-def rollout(model: DynamicsModel, parameters: Parameters, history: History, commands: jax.Array) -> jax.Array:
-    """Predict in open loop; arguments and result as of `rollout_by_steps`, equal up to rounding.
-
-    Reverse-mode derivatives only, as of any function with a gradient of its own.
-    """
-    q = _scan(model, model.network.layers(parameters), history, commands)
-    return jnp.moveaxis(q, 0, -2)
-
-
-def rollout_between_stops(
-    model: DynamicsModel,
+def rollout(
+    model: StepwiseModel,
     parameters: Parameters,
     history: History,
     commands: jax.Array,
-    stops: tuple[jax.Array, jax.Array],
+    stops: Stops | None = None,
 ) -> jax.Array:
-    """As `rollout`, of joints that end at stops (lower and upper, (..., n_joint)): no derivative."""
-    q, _ = _scan_with_inputs(model, model.network.layers(parameters), history, commands, None, stops)
+    """Predict in open loop; arguments and result as of `Dynamics.roll_out`, equal up to rounding.
+
+    Reverse-mode derivatives only, as of any function with a gradient of its own; with stops, none.
+    """
+    layers = model.network.layers(parameters)
+    if stops is None:
+        q = _scan(model, layers, history, commands)
+    else:
+        q, _ = _scan_with_inputs(model, layers, history, commands, None, stops)
     return jnp.moveaxis(q, 0, -2)
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
-def _scan(model: DynamicsModel, layers: list[Layer], history: History, commands: jax.Array) -> jax.Array:
+def _scan(model: StepwiseModel, layers: list[Layer], history: History, commands: jax.Array) -> jax.Array:
     """The rollout with steps in front: (H, ..., n_joint)."""
     q, _ = _scan_with_inputs(model, layers, history, commands, outputs=None)
     return q
 
 
 def _scan_forward(
-    model: DynamicsModel, layers: list[Layer], history: History, commands: jax.Array
+    model: StepwiseModel, layers: list[Layer], history: History, commands: jax.Array
 ) -> tuple[jax.Array, Any]:
     steps_and_batch = (commands.shape[-2], *commands.shape[:-2])
     dtype = jnp.result_type(history.q, layers[0].kernel)
@@ -90,7 +66,7 @@ def _scan_forward(
     return q, (pull, inputs)
 
 
-def _scan_backward(model: DynamicsModel, residuals: Any, cotangent: jax.Array) -> tuple:
+def _scan_backward(model: StepwiseModel, residuals: Any, cotangent: jax.Array) -> tuple:
     pull, ((commands, motion), *inputs) = residuals
     from_history, from_commands, (first, *others) = pull(cotangent)
     window = commands.shape[-1]
@@ -106,12 +82,12 @@ _scan.defvjp(_scan_forward, _scan_backward)
 
 
 def _scan_with_inputs(
-    model: DynamicsModel,
+    model: StepwiseModel,
     layers: list[Layer],
     history: History,
     commands: jax.Array,
     outputs: Arrays | None,
-    stops: tuple[jax.Array, jax.Array] | None = None,
+    stops: Stops | None = None,
 ) -> tuple[jax.Array, list]:
     """Configurations, and what each layer's gradient needs, all with steps in front.
 
@@ -122,7 +98,7 @@ def _scan_with_inputs(
         commands: (..., H, n_joint).
         outputs: Per layer (H, ..., width), of any value: their cotangents will be those of the layer's output.
             None, if no gradient is wanted.
-        stops: Lower and upper, (..., n_joint), where joints end; None: they do not.
+        stops: Where joints end; None: they do not.
 
     Returns:
         (H, ..., n_joint), and, if a gradient is wanted, per layer its input (H, ..., ·): for the first the
@@ -143,22 +119,15 @@ def _scan_with_inputs(
         index, outputs = step
         acting = jax.lax.dynamic_slice_in_dim(known, index * row, window, axis=-1)
         moving = jnp.concatenate([motion, network.expand(model.normalise_position(q))], axis=-1)
-        inputs: list = [(acting, moving)]
         y = acting @ command_kernel + moving @ motion_kernel + first.bias
-        for number, layer in enumerate(others):
-            if outputs is not None:
-                y = _with_cotangent_of(y, outputs[number])
-            # Expanding again on the way back is cheaper than keeping what the derivative is made of.
-            inputs.append(jax.checkpoint(network.activate, prevent_cse=False)(y))
-            y = inputs[-1] @ layer.kernel + layer.bias
-        if outputs is not None:
-            y = _with_cotangent_of(y, outputs[-1])
-        q, newest = model.integrate(q, newest, model.scale_residual(y))
-        if stops is not None:
-            q, newest = model.between_stops(q, newest, *stops)
+
+        def of_output(number: int, y: jax.Array) -> jax.Array:
+            return y if outputs is None else _with_cotangent_of(y, outputs[number])
+
+        q, newest, inputs = model.finish_step(others, y, q, newest, stops, of_output)
         appended = network.expand(model.normalise_motion(newest))
         carry = (jnp.concatenate([motion[..., row:], appended], axis=-1), newest, q)
-        return carry, (q, None if outputs is None else inputs)
+        return carry, (q, None if outputs is None else [(acting, moving), *inputs])
 
     motion = network.expand(_flat(model.normalise_motion(history.motion)))
     initial = (motion, history.motion[..., -1, :], history.q)

@@ -6,7 +6,6 @@ import jax.numpy as jnp
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.features import History
 from pipeline.dynamics.model.network import Parameters
-from pipeline.dynamics.model.rollout import rollout
 
 
 def open_loop_loss(
@@ -31,5 +30,5 @@ def open_loop_loss(
     Returns:
         Scalar, rad² (or m², or 1).
     """
-    error = (rollout(model, parameters, history, commands) - q) / error_scale.astype(q.dtype)
+    error = (model.roll_out(parameters, history, commands) - q) / error_scale.astype(q.dtype)
     return jnp.mean(jnp.sum(error**2, axis=-1))

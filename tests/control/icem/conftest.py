@@ -8,13 +8,10 @@ from pipeline.control.icem.config import IcemConfig
 
 
 class Quadratic:
-    """Returns that can be computed by hand: minus the squared distance of a sequence to the one `prepared`."""
+    """Returns that can be computed by hand: minus the squared distance of a sequence to the one that is the state."""
 
-    def prepare(self, state):
-        return state
-
-    def evaluate(self, prepared, commands):
-        return -jnp.sum((commands - prepared) ** 2, axis=(1, 2))
+    def __call__(self, state, commands):
+        return -jnp.sum((commands - state) ** 2, axis=(1, 2))
 
 
 @pytest.fixture(scope="session")

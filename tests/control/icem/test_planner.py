@@ -13,7 +13,7 @@ from pipeline.configuration.load import load_section
 from pipeline.control.icem.config import Bounds, IcemConfig
 from pipeline.control.icem.noise import coloured_noise, synthesis_matrix
 from pipeline.control.icem.planner import Planner, RankedPlans
-from pipeline.control.icem.proposal import Proposal, fitted, moved_on, spread
+from pipeline.control.icem.proposal import Proposal, refit, sample_within_bounds, shift
 from pipeline.errors import InputError
 from pipeline.reaching.discretise import discretise
 from tests.control.icem.conftest import Quadratic
@@ -143,8 +143,8 @@ def test_places_of_elites_that_an_episode_does_not_have_yet_do_not_compete(small
 
 def test_a_sequence_that_the_model_loses_itself_in_is_no_elite(small_icem):
     class Losing(Quadratic):
-        def evaluate(self, prepared, commands):
-            returns = super().evaluate(prepared, commands)
+        def __call__(self, state, commands):
+            returns = super().__call__(state, commands)
             return jnp.where(commands[:, 0, 0] > 0.0, jnp.nan, returns)
 
     planner = Planner(small_icem, Losing(), lambda proto: proto, N_JOINT, 1)
@@ -197,7 +197,7 @@ def test_bounds(bounds):
     shape = (5000, 1, 1)
     proposal = Proposal(jnp.full(shape[1:], 0.8), jnp.full(shape[1:], 0.5))
     noise = jax.random.normal(jax.random.key(0), shape)
-    samples = np.asarray(spread(proposal, noise, bounds)).ravel()
+    samples = np.asarray(sample_within_bounds(proposal, noise, bounds)).ravel()
     assert np.all(np.abs(samples) <= 1.0)
     at_bound = (samples == 1.0).mean()
     beyond = 0.3446  # of the Gaussian: 1 - Φ(0.4)
@@ -209,13 +209,13 @@ def test_bounds(bounds):
 
 def test_momentum_by_hand():
     old = Proposal(jnp.array([[1.0]]), jnp.array([[0.5]]))
-    new = fitted(old, jnp.array([[[0.0]], [[0.4]]]), momentum=0.25)
+    new = refit(old, jnp.array([[[0.0]], [[0.4]]]), momentum=0.25)
     assert float(new.mean[0, 0]) == pytest.approx(0.25 * 1.0 + 0.75 * 0.2)
     assert float(new.std[0, 0]) == pytest.approx(0.25 * 0.5 + 0.75 * 0.2)
 
 
 def test_moving_on_by_hand():
-    moved = moved_on(jnp.arange(4.0)[:, None], 1, jnp.array([[9.0]]))
+    moved = shift(jnp.arange(4.0)[:, None], 1, jnp.array([[9.0]]))
     np.testing.assert_array_equal(moved[:, 0], [1.0, 2.0, 3.0, 9.0])
 
 

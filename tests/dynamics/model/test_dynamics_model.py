@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from jaxkan.layers.Legendre import LegendreLayer
 
+from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import KolmogorovArnoldNetwork, apply
-from pipeline.dynamics.model.rollout import rollout, rollout_by_steps
+from pipeline.dynamics.model.rollout import rollout
 from pipeline.errors import InputError
 from tests.dynamics import reference
 from tests.dynamics.conftest import LAGS, make_specification, random_trajectory
@@ -28,7 +29,7 @@ def history_and_commands(model, log):
     return model.history_from_rows(*rows), jnp.asarray(log.a[T : T + H])
 
 
-@pytest.mark.parametrize("predict", [rollout_by_steps, rollout])
+@pytest.mark.parametrize("predict", [Dynamics.roll_out, rollout])
 def test_rollout_follows_the_paper(model, parameters, log, predict):
     expected = reference.rollout(model.specification, parameters, log.q, log.qd, log.a, T, H)
     with jax.enable_x64(True):
@@ -67,7 +68,7 @@ def test_the_oldest_command_of_the_history_serves_the_policy_only(one_model, one
     with jax.enable_x64(True):
         history, commands = history_and_commands(one_model, log)
         changed = history._replace(commands=history.commands.at[0].set(9.0))
-        predict = jax.jit(partial(rollout_by_steps, one_model, one_models_parameters))
+        predict = jax.jit(partial(Dynamics.roll_out, one_model, one_models_parameters))
         np.testing.assert_array_equal(predict(changed, commands), predict(history, commands))
         assert not np.array_equal(one_model.features(changed), one_model.features(history))
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
+from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
-from pipeline.dynamics.model.rollout import rollout, rollout_by_steps
+from pipeline.dynamics.model.rollout import rollout
 from pipeline.dynamics.training.loss import open_loop_loss
 from tests.dynamics.conftest import make_specification, random_trajectory
 
@@ -87,7 +88,7 @@ def test_rollout_and_its_gradient_are_those_of_the_definition(
             q, pull = jax.vjp(partial(predict, model), parameters, history, commands)
             return q, pull(weights)
 
-        return value_and_gradients(rollout), value_and_gradients(rollout_by_steps)
+        return value_and_gradients(rollout), value_and_gradients(Dynamics.roll_out)
 
     with jax.enable_x64(True):
         ours, defined = both(parameters, *rows(model, horizon, batch))

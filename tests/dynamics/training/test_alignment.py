@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
-from pipeline.dynamics.model.rollout import rollout, rollout_by_steps
+from pipeline.dynamics.model.rollout import rollout
 from pipeline.dynamics.training.loss import open_loop_loss
 from pipeline.dynamics.training.windows import TrainingRows, gather_windows, window_starts
 from tests.dynamics import reference
@@ -68,7 +69,7 @@ def test_the_network_sees_the_papers_x_at_steps_0_and_1(model, parameters):
             np.testing.assert_allclose(recorder.inputs[step], expected[step], rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("predict", [rollout_by_steps, rollout])
+@pytest.mark.parametrize("predict", [Dynamics.roll_out, rollout])
 def test_windows_of_training_are_predicted_as_the_paper_says(model, parameters, predict):
     """Windows cut from the second of two trajectories, against the reference on its own rows."""
     logs = [random_trajectory(seed, n_rows=T + 4) for seed in (6, 7)]

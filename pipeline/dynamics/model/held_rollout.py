@@ -3,15 +3,15 @@
 The first layer of the network is a sum over the rows of its window (`network.py`), so that its parts separate:
 
 - what the measured history contributes, tick by tick, as its rows leave the window: the same for all sequences,
-  computed once per decision;
+  computed once;
 - what held commands contribute: the rows of the kernel that one held entry covers are added beforehand, so that
   18 lags of commands held for four ticks are six rows instead of nineteen;
 - what the predicted motion and configuration contribute: rows of the newest predictions, as many as there are.
 
-Equal to stepping the model, up to rounding; end stops as in `ReachingTask`.
+Equal to stepping the model, up to rounding.
 """
 
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,33 +19,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.features import History
+from pipeline.dynamics.model.held_command import by_held_commands
 from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.model.stepwise_model import StepwiseModel
+from pipeline.dynamics.model.stops import Stops
 
 # While the window still fills with predictions, the loop is cut into so many pieces, each with a product of its
 # size: more of them save little and take longer to compile.
 FILLING_PIECES = 4
 
 
-class SharedPart(NamedTuple):
-    """What all sequences from one history share.
-
-    Attributes:
-        first_layer: pre-activation of the first layer from the measured rows and the bias, (T, width).
-        newest: newest row of the history's motion, (n_joint,).
-        q: configuration, (n_joint,).
-    """
-
-    first_layer: jax.Array
-    newest: jax.Array
-    q: jax.Array
-
-
 class _Carry(NamedTuple):
     motion: (
         jax.Array
-    )  # (N, rows, expanded row), normalised and expanded predictions, oldest first, zero before
+    )  # (N, rows, expanded row), predictions, normalised and expanded, oldest first, zero before
     newest: jax.Array  # (N, n_joint)
     q: jax.Array  # (N, n_joint)
 
@@ -68,73 +56,57 @@ class _Piece(NamedTuple):
     kernels: np.ndarray
 
 
-class WindowedRollout:
-    """Configurations that command sequences lead to."""
+class HeldRollout:
+    """Configurations that sequences of held commands lead to from one history."""
 
     def __init__(
-        self,
-        model: DynamicsModel,
-        parameters: Parameters,
-        lower: np.ndarray,
-        upper: np.ndarray,
-        n_entries: int,
-        ticks_per_entry: int,
+        self, model: StepwiseModel, parameters: Parameters, n_steps: int, stops: Stops | None = None
     ) -> None:
-        """Splits the first layer.
-
-        Args:
-            model: the dynamics model.
-            parameters: θ; values, not traced.
-            lower: end stops, rad or m, (n_joint,).
-            upper: end stops, rad or m, (n_joint,).
-            n_entries: H, entries of a sequence.
-            ticks_per_entry: ticks that an entry is held for.
-        """
+        """Splits the first layer; arguments as of `Dynamics.held_rollout`."""
         specification, network = model.specification, model.network
-        first, *others = network.layers(parameters)
-        self._model = model
-        self._others = others
-        self._lower, self._upper = jnp.asarray(lower, jnp.float32), jnp.asarray(upper, jnp.float32)
-        self._n_entries, self._held = n_entries, ticks_per_entry
+        first, *self._others = network.layers(parameters)
+        self._model, self._stops, self._held = model, stops, n_steps
         self._lags = specification.lags
         self._row = specification.n_joint * network.expansion  # expanded values per row
-        self._n_past = -(-self._lags // ticks_per_entry)  # entries in the window before the acting one
+        self._n_past = -(-self._lags // n_steps)  # entries in the window before the acting one
         window = self._row * (self._lags + 1)
-        kernel = np.asarray(first.kernel)
         self._bias = first.bias
         self._by_motion, self._by_commands = first.kernel[:window], first.kernel[window : 2 * window]
-        self._pieces = self._cut(*np.split(kernel, [window, 2 * window]))
+        self._kernels = np.split(np.asarray(first.kernel), [window, 2 * window])  # of motion, commands and q
+        self._pieces = cache(
+            self._cut
+        )  # kept: compiled calls with equally many entries share their constants
 
-    def prepare(self, history: History) -> SharedPart:
-        """The shared part, for a history without batch axes."""
-        model, n_ticks = self._model, self._n_entries * self._held
-        motion = model.network.expand(model.normalise_motion(history.motion))
-        commands = model.network.expand(history.commands)
-        # At tick t the window holds measured motion from row t on, and measured commands from row t + 1 on.
-        windows = [_windows(rows, n_ticks) for rows in (motion, commands[1:])]
-        padded = jnp.pad(windows[1], ((0, 0), (0, self._row)))  # its last row is the command of tick t
-        first_layer = self._bias + windows[0] @ self._by_motion + padded @ self._by_commands
-        return SharedPart(first_layer, history.motion[-1], history.q)
-
-    def configurations(self, shared: SharedPart, commands: jax.Array) -> jax.Array:
+    def __call__(self, history: History, commands: jax.Array) -> jax.Array:
         """Configurations after each tick, (H, ticks per entry, N, n_joint), of commands (N, H, n_joint)."""
-        n = commands.shape[0]
+        n, n_entries, _ = commands.shape
         entries = self._model.network.expand(jnp.swapaxes(commands, 0, 1))
         entries = jnp.pad(entries, ((self._n_past, 0), (0, 0), (0, 0)))
-        shared_ticks = shared.first_layer.reshape(self._n_entries, self._held, -1)
+        shared_ticks = self._shared(history, n_entries * self._held).reshape(n_entries, self._held, -1)
+        newest = history.motion[-1]
         carry = _Carry(
             motion=jnp.zeros((n, 0, self._row), commands.dtype),
-            newest=jnp.broadcast_to(shared.newest, (n, *shared.newest.shape)),
-            q=jnp.broadcast_to(shared.q, (n, *shared.q.shape)),
+            newest=jnp.broadcast_to(newest, (n, *newest.shape)),
+            q=jnp.broadcast_to(history.q, (n, *history.q.shape)),
         )
         visited = []
-        for piece in self._pieces:
+        for piece in self._pieces(n_entries):
             carry = carry._replace(motion=_with_rows(carry.motion, piece.n_motion))
             oldest = jnp.arange(piece.begin, piece.end) + self._n_past + 1 - piece.n_recent
             at = (oldest, shared_ticks[piece.begin : piece.end])
             carry, q = jax.lax.scan(partial(self._entry, entries, piece), carry, at)
             visited.append(q)
         return jnp.concatenate(visited)
+
+    def _shared(self, history: History, n_ticks: int) -> jax.Array:
+        """The first layer's output from the measured rows and the bias alone, (n_ticks, width)."""
+        model = self._model
+        motion = model.network.expand(model.normalise_motion(history.motion))
+        commands = model.network.expand(history.commands)
+        # At tick t the window holds measured motion from row t on, and measured commands from row t + 1 on.
+        windows = [_windows(rows, n_ticks) for rows in (motion, commands[1:])]
+        padded = jnp.pad(windows[1], ((0, 0), (0, self._row)))  # its last row is the command of tick t
+        return self._bias + windows[0] @ self._by_motion + padded @ self._by_commands
 
     def _entry(
         self, entries: jax.Array, piece: _Piece, carry: _Carry, at: tuple[jax.Array, jax.Array]
@@ -160,45 +132,30 @@ class WindowedRollout:
             kernel, shared = at
             position = model.network.expand(model.normalise_position(q))
             y = jnp.concatenate([motion.reshape(n, -1), recent, position], axis=1) @ kernel + shared
-            for layer in self._others:
-                y = model.network.activate(y) @ layer.kernel + layer.bias
-            q, newest = model.integrate(q, newest, model.scale_residual(y))
-            q, newest = model.at_stops(q, newest, self._lower, self._upper)
+            q, newest, _ = model.finish_step(self._others, y, q, newest, self._stops)
             predicted = model.network.expand(model.normalise_motion(newest))
             motion = jnp.concatenate([motion[:, 1:], predicted[:, None]], axis=1)
             return _Carry(motion, newest, q), q
 
         return jax.lax.scan(tick, carry, (jnp.asarray(piece.kernels), shared))
 
-    def _cut(self, by_motion: np.ndarray, by_commands: np.ndarray, by_q: np.ndarray) -> list[_Piece]:
+    def _cut(self, n_entries: int) -> list[_Piece]:
         """The loop's pieces: some while the window fills with predictions, one thereafter."""
-        by_entries = self._by_entries(by_commands)
-        filling = min(self._n_entries, -(-(self._lags + 1) // self._held))
+        by_motion, by_commands, by_q = self._kernels
+        n_rows, width = self._lags + 1, by_commands.shape[-1]
+        newest_first = by_commands.reshape(n_rows, -1)[::-1]
+        by_entries = by_held_commands(newest_first, np.arange(n_rows), self._held)[:, ::-1]
+        by_entries = by_entries.reshape(self._held, -1, width)  # oldest first
+        filling = min(n_entries, -(-(self._lags + 1) // self._held))
         bounds = np.unique(np.linspace(0, filling, FILLING_PIECES + 1).round().astype(int)).tolist()
         pieces = []
-        for begin, end in pairwise(dict.fromkeys([*bounds, self._n_entries])):
+        for begin, end in pairwise(dict.fromkeys([*bounds, n_entries])):
             n_motion, n_recent = min(self._lags + 1, end * self._held), min(self._n_past + 1, end)
             motion = by_motion[len(by_motion) - n_motion * self._row :]
             recent = by_entries[:, by_entries.shape[1] - n_recent * self._row :]
             kernels = np.stack([np.concatenate([motion, of_phase, by_q]) for of_phase in recent])
             pieces.append(_Piece(begin, end, n_motion, n_recent, kernels))
         return pieces
-
-    def _by_entries(self, by_commands: np.ndarray) -> np.ndarray:
-        """Per phase within an entry, the kernel's rows of the entries in the window, oldest first.
-
-        In phase r the entry j before the acting one was given held · j + r - (held - 1) … held · j + r ticks ago.
-
-        Returns:
-            (ticks per entry, entries · expanded row, width).
-        """
-        held, ago = self._held, by_commands.reshape(self._lags + 1, self._row, -1)[::-1]
-        phases = []
-        for phase in range(held):
-            entries = range(self._n_past, -1, -1)
-            newest = [held * j + phase for j in entries]
-            phases.append([ago[max(0, tick - held + 1) : tick + 1].sum(axis=0) for tick in newest])
-        return np.array(phases).reshape(held, (self._n_past + 1) * self._row, -1)
 
 
 def _windows(rows: jax.Array, n_ticks: int) -> jax.Array:
