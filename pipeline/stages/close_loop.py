@@ -10,19 +10,14 @@ from pipeline.configuration.load import ControlConfiguration
 from pipeline.configuration.pages import write_page
 from pipeline.configuration.paths import InputLogs, InputModel, OutputFile
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.discrepancy.close_loop import close_loop
 from pipeline.discrepancy.families.uncorrectable import refuse_unknown
-from pipeline.discrepancy.nominal_model import nominal_model
+from pipeline.discrepancy.from_logs import LoopInputs, close_loop_on_logs
 from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.discrepancy.unusable_logs import UnusableLogs
-from pipeline.discrepancy.verdict.files import LoopReport, write_closed_loop, write_note
-from pipeline.dynamics.judgement import seen_again
+from pipeline.discrepancy.verdict.files import write_note
 from pipeline.dynamics.settings import IdentifyConfig
-from pipeline.errors import InputError
 from pipeline.files.path_checks import Output
 from pipeline.logs.formats.discover import is_empty_folder
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.trajectories import load_trajectories
 from pipeline.tracking import StageRun
 from pipeline.tracking.registry.publish import publish_closed_loop
 
@@ -55,33 +50,18 @@ class CloseLoopStage(PipelineConfiguration):
 def main(configuration: CloseLoopStage, run: StageRun) -> None:
     """Write `closed_loop.json`, both models, and `report.html` with the data that it is made from."""
     machine, output = configuration.machine, Path(configuration.output)
-    given = None if configuration.model is None else Path(configuration.model)
-    sources = configuration.nominal, configuration.measured
-    if configuration.allow_empty and is_empty_folder(Path(configuration.measured)):
-        say(write_note(output, machine, given, *sources))
+    given, learned = (None if p is None else Path(p) for p in (configuration.model, configuration.learned))
+    inputs = LoopInputs(configuration.nominal, configuration.measured, given, configuration.kind, learned)
+    if configuration.allow_empty and is_empty_folder(Path(inputs.measured)):
+        say(write_note(output, machine, given, inputs.nominal, inputs.measured))
     else:
-        nominal, measured = (
-            load_trajectories(Path(folder), machine, configuration.ingest, configuration.control.loop_tracker)
-            for folder in sources
+        settings = configuration.ingest, configuration.control.loop_tracker, configuration.identify
+        result, model, nominal = close_loop_on_logs(
+            inputs, output, machine, *settings, configuration.close_loop, say
         )
-        if (again := seen_again(nominal, measured)) is not None:
-            say(
-                f"caution: trajectory {again.name} of measured={configuration.measured} is among "
-                f"nominal={configuration.nominal}, too; in what is the same nothing can be found"
-            )
-        settings = configuration.close_loop
-        model = nominal_model(given, configuration.kind, nominal, machine, settings, configuration.identify)
-        run.inputs(*sources)
-        say(f"{len(nominal)} nominal and {len(measured)} measured trajectories")
-        kept = None if configuration.learned is None else Path(configuration.learned)
-        try:
-            result = close_loop(nominal, measured, machine, *model, settings, say, kept=kept)
-        except UnusableLogs as error:
-            raise InputError(f"{error.which}={getattr(configuration, error.which)}: {error.why}") from None
-        report = LoopReport(machine.name, *sources, result.evidence)
-        write_closed_loop(output, result, *model, nominal, report)
+        run.inputs(inputs.nominal, inputs.measured)
+        publish_closed_loop(run, output, result.document, model, machine.name, max(nominal, key=len))
         say(f"verdict {result.document['verdict']}; see {output / 'report.html'}")
-        publish_closed_loop(run, output, result.document, model[0], machine.name, max(nominal, key=len))
     if configuration.page:
         write_page("closed_loop", output)
     run.artifact(output)

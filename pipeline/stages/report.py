@@ -12,20 +12,12 @@ from pipeline.logs.tuples import read_tuples
 from pipeline.machine.chain import read_chain
 from pipeline.reporting.pictures import load_pictures
 from pipeline.reporting.report import build_report, write_report
-from pipeline.reporting.results.artifacts import read_results
+from pipeline.reporting.results.artifacts import files_read, read_results
 from pipeline.reporting.results.cells import read_controller_cells
 from pipeline.reporting.results.controllers import controllers_of
-from pipeline.reporting.results.deployments import files_of
 from pipeline.reporting.results.paper import origin_of
 from pipeline.tracking import StageRun, dvc_hashes, flatten_metrics
-
-DATA = [
-    "data/raw/sessions",
-    "data/raw/held_out",
-    "data/raw/changed/sessions",
-    "data/processed/sessions",
-    "data/processed/held_out",
-]
+from pipeline.tracking.provenance import DATA, provenance
 
 
 @dataclass
@@ -46,15 +38,8 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     cells = read_controller_cells(Path(configuration.cells), "logs")
     kinds = [f"{model}_{target}" for model in cells["models"] for target in cells["targets"]]
     results = read_results(artifacts, kinds, controllers_of(cells))
-    run.inputs(
-        configuration.sessions,
-        *(artifacts / "identify" / kind / "parameters.msgpack" for kind in kinds),
-        *(artifacts / "judge" / kind / "comparisons.json" for kind in kinds),
-        *files_of(artifacts, results.controllers, results.deployments),
-        *(artifacts / "close_loop" / name for name in ("closed_loop.json", "judgement.json")),
-        artifacts / "pictures",
-    )
-    hashes = {f"dvc.{path}": digest for path, digest in dvc_hashes(DATA).items()}
+    run.inputs(configuration.sessions, *files_read(artifacts, results))
+    hashes = {f"dvc.{path}": digest for path, digest in dvc_hashes(list(DATA)).items()}
     report = build_report(
         machine,
         read_chain(machine, MACHINE_DIRECTORY) if machine.arm is not None else None,
@@ -64,7 +49,7 @@ def main(configuration: ReportStage, run: StageRun) -> None:
         origin_of(cells["logs"]),
         configuration.profile,
         output,
-        provenance(configuration, run),
+        provenance(configuration.profile, machine.name, run),
     )
     write_report(report, output)
     summary = flatten_metrics(report.summary)
@@ -72,17 +57,6 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     run.parent_metrics(summary, hashes)
     run.artifact(output, "report")
     print(f"report: open {output / 'index.html'}")
-
-
-def provenance(configuration: ReportStage, run: StageRun) -> list[tuple[str, str]]:
-    """Name and value of what the figures were made from."""
-    return [
-        ("profile", f"{configuration.profile} (conf/profile/{configuration.profile}.yaml)"),
-        ("machine", f"{configuration.machine.name} (conf/machine/{configuration.machine.name}.yaml)"),
-        *((f"{path} (DVC)", digest) for path, digest in dvc_hashes(DATA).items()),
-        ("MLflow run", run.parent_id or run.run_id or "not tracked"),
-        ("made by", "make repro"),
-    ]
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.reporting.results.controllers import ControllerResult, read_controllers
-from pipeline.reporting.results.deployments import Deployment, read_deployments
+from pipeline.reporting.results.deployments import Deployment, files_of, read_deployments
 from pipeline.reporting.results.files import read_json, require_file
 
 
@@ -84,6 +84,17 @@ def read_results(
         read_closed_loop(artifacts / "close_loop"),
         read_deployments(artifacts, evaluated),
     )
+
+
+def files_read(artifacts: Path, results: PipelineResults) -> list[Path]:
+    """Files and folders from which the results were read."""
+    return [
+        *(artifacts / "identify" / model.kind / "parameters.msgpack" for model in results.models),
+        *(artifacts / "judge" / model.kind / "comparisons.json" for model in results.models),
+        *files_of(artifacts, results.controllers, results.deployments),
+        *(artifacts / "close_loop" / name for name in ("closed_loop.json", "judgement.json")),
+        artifacts / "pictures",
+    ]
 
 
 def _model(folder: Path) -> ModelResult:

@@ -1,0 +1,89 @@
+"""Closing the loop on folders of logs: read them, take or identify the model, close the loop, write what it gives."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.discrepancy.close_loop import close_loop
+from pipeline.discrepancy.nominal_model import nominal_model
+from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.discrepancy.unusable_logs import UnusableLogs
+from pipeline.discrepancy.verdict.files import LoopReport, write_closed_loop
+from pipeline.discrepancy.verdict.result import ClosedLoop
+from pipeline.dynamics.judgement import seen_again
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.errors import InputError
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.logs.loop_tracker import LoopTrackerConfig
+from pipeline.logs.trajectories import load_trajectories
+from pipeline.logs.tuples import Trajectory
+from pipeline.machine.specification import MachineSpecification
+
+
+@dataclass(frozen=True)
+class LoopInputs:
+    """Paths of the logs and of the model.
+
+    Attributes:
+        nominal: Folder of logs of the machine that the model describes.
+        measured: Folder of logs of the machine as it is.
+        model: Folder of the model; None: it is identified from the nominal logs.
+        kind: What is identified then, `mlp_dqdot` for example.
+        learned: File that keeps what is learned of the nominal logs alone; None: it is not kept.
+    """
+
+    nominal: str
+    measured: str
+    model: Path | None
+    kind: str
+    learned: Path | None
+
+
+def close_loop_on_logs(
+    inputs: LoopInputs,
+    output: Path,
+    machine: MachineSpecification,
+    ingest: IngestConfig,
+    loop_tracker: LoopTrackerConfig,
+    identify: IdentifyConfig,
+    settings: CloseLoopConfig,
+    log: Callable[[str], None] = lambda _: None,
+) -> tuple[ClosedLoop, DynamicsModel, list[Trajectory]]:
+    """Write `closed_loop.json`, `report_data.npz`, `model_before` and `model_after` into `output`.
+
+    Args:
+        inputs: Logs and model.
+        output: Folder, made where absent.
+        machine: Its specification.
+        ingest: Section `ingest`.
+        loop_tracker: Section `control.loop_tracker`.
+        identify: Section `identify`.
+        settings: Section `close_loop`.
+        log: Called with one sentence per step.
+
+    Returns:
+        The result, the model that the loop was closed on, and the nominal trajectories.
+
+    Raises:
+        InputError: Logs or model cannot be used, or a file cannot be written.
+    """
+    nominal, measured = (
+        load_trajectories(Path(folder), machine, ingest, loop_tracker)
+        for folder in (inputs.nominal, inputs.measured)
+    )
+    again = seen_again(nominal, measured)
+    if again is not None:
+        log(
+            f"caution: trajectory {again.name} of measured={inputs.measured} is among nominal={inputs.nominal}, too; "
+            "in what is the same nothing can be found"
+        )
+    model = nominal_model(inputs.model, inputs.kind, nominal, machine, settings, identify)
+    log(f"{len(nominal)} nominal and {len(measured)} measured trajectories")
+    try:
+        result = close_loop(nominal, measured, machine, *model, settings, log, kept=inputs.learned)
+    except UnusableLogs as error:
+        raise InputError(f"{error.which}={getattr(inputs, error.which)}: {error.why}") from None
+    report = LoopReport(machine.name, inputs.nominal, inputs.measured, result.evidence)
+    write_closed_loop(output, result, *model, nominal, report)
+    return result, model[0], nominal
