@@ -1,6 +1,6 @@
 .DEFAULT_GOAL := help
 SHELL := /bin/bash
-PYTHON ?= python3.11
+PYTHON ?= $(firstword $(shell command -v python3.11 python3.12 python3.13) python3)
 VENV := .venv
 BIN := $(VENV)/bin
 DOCS_VENV := .venv-docs
