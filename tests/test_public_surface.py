@@ -9,15 +9,13 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
 import pipeline
 from pipeline.configuration import load
-from pipeline.control import ppo
-from pipeline.control.policy import Policy, PolicyLayer
+from pipeline.control import train_policy as training
 from pipeline.discrepancy import close_loop as discrepancy
 from pipeline.logs.formats.writer import write_bag
 
@@ -63,22 +61,21 @@ def test_examples_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Training and the search have tests of their own; here they are called with what they take."""
     monkeypatch.setattr(load, "CONFIGURATION_DIRECTORY", folder)
     monkeypatch.chdir(folder)
-    called = []
+    called: list[object] = []
 
-    def untrained(*arguments: object) -> ppo.TrainingResult:
-        environment = inspect.signature(train).bind(*arguments).arguments["environment"]
+    def untrained(*arguments: object) -> SimpleNamespace:
+        inspect.signature(train).bind(*arguments)
         called.append(train)
-        size = environment.task.observation_size
-        layer = PolicyLayer(jnp.zeros((size, 8)), jnp.zeros(8))
-        return ppo.TrainingResult(Policy(jnp.zeros(size), jnp.ones(size), (layer,)), 0, [])
+        Path("policy").mkdir()
+        return SimpleNamespace(save=lambda output: (output / "policy.msgpack").touch())
 
     def unsearched(*arguments: object) -> SimpleNamespace:
         inspect.signature(search).bind(*arguments)
         called.append(search)
         return SimpleNamespace(document={"verdict": "no_difference", "effects": {}})
 
-    train, search = ppo.train, discrepancy.close_loop
-    monkeypatch.setattr(ppo, "train", untrained)
+    train, search = training.train_policy, discrepancy.close_loop
+    monkeypatch.setattr(training, "train_policy", untrained)
     monkeypatch.setattr(discrepancy, "close_loop", unsearched)
     names = {name: getattr(pipeline, name) for name in pipeline.__all__}
     names |= {"Path": Path, "machine": pipeline.load_machine("bobcat_e10")}

@@ -9,20 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration, load_section
 from pipeline.machine.specification import MachineSpecification
 
 if TYPE_CHECKING:
-    from pipeline.control.ppo import TrainingResult
+    from pipeline.control.train_policy import TrainedPolicy
     from pipeline.discrepancy.verdict.result import ClosedLoop
     from pipeline.dynamics.evaluation.errors import PredictionErrors
-    from pipeline.dynamics.training.fit import FitResult
+    from pipeline.dynamics.identify import Identified
     from pipeline.logs.ingest import IngestSummary
     from pipeline.logs.tuples import Trajectory
     from pipeline.reaching.metrics import Traces
-    from pipeline.reaching.task import ReachingTask
 
 
 def read_logs(machine: MachineSpecification, logs: str | Path, profile: str = "default") -> list[Trajectory]:
@@ -68,9 +67,10 @@ def identify(
     tuples: str | Path,
     output: str | Path,
     kind: str = "mlp_dqdot",
+    held_out: str | Path | None = None,
     profile: str = "default",
-) -> FitResult:
-    """Train a dynamics model on a folder of tuples, and write its folder.
+) -> Identified:
+    """Train a dynamics model on a folder of tuples, judge it, and write its folder.
 
     Example:
         >>> identified = identify(machine, "tuples", "model")
@@ -79,35 +79,24 @@ def identify(
 
     Args:
         kind: mlp_dq, mlp_dqdot, kan_dq or kan_dqdot.
+        held_out: Folder of tuples to judge on; None: the validation rows.
 
     Raises:
         InputError: The kind is not one of `identify.selected`, or the tuples cannot be used.
     """
+    from pipeline.dynamics.identify import identify as identify_on
     from pipeline.dynamics.model.dynamics_model import Target
     from pipeline.dynamics.model.network import Parameterization
-    from pipeline.dynamics.model.store import save_model
     from pipeline.dynamics.settings import IdentifyConfig
-    from pipeline.dynamics.training.fit import fit
-    from pipeline.errors import InputError
-    from pipeline.logs.tuples import read_tuples
+    from pipeline.dynamics.training.data_split import split_by_purpose
 
     settings = load_section("identify", IdentifyConfig, profile)
-    if kind not in settings.selected:
-        raise InputError(f"identify.selected has no {kind}; it has {', '.join(settings.selected)}")
+    settings.training_of(kind)  # before the tuples are read
     parameterization, _, target = kind.partition("_")
-    learning = read_tuples(Path(tuples), machine)
-    result = fit(
-        learning,
-        machine,
-        Parameterization(parameterization),
-        Target(target),
-        settings.selected[kind],
-        settings,
-        settings.seed,
-    )
-    lineage = {"trajectories": [trajectory.name for trajectory in learning], "machine": machine.name}
-    save_model(Path(output), result.model, result.parameters, lineage, result.metrics, result.curves)
-    return result
+    rows = split_by_purpose(Path(tuples), Path(held_out) if held_out else None, [], machine)
+    identified = identify_on(rows, machine, Parameterization(parameterization), Target(target), settings)
+    identified.save(Path(output))
+    return identified
 
 
 def evaluate(
@@ -135,7 +124,7 @@ def train_policy(
     output: str | Path,
     seed: int = 0,
     profile: str = "default",
-) -> TrainingResult:
+) -> TrainedPolicy:
     """Learn a reaching policy on a saved model with PPO, and write its folder.
 
     Example:
@@ -144,31 +133,26 @@ def train_policy(
         True
 
     Raises:
-        InputError: The model is of another machine, the machine has no arm or workspace, or the training diverged.
+        InputError: The model cannot be read, the machine has no arm or workspace, or the training diverged.
     """
-    from pipeline.control.policy import save_policy
-    from pipeline.control.ppo import PPOConfig, train
-    from pipeline.effects.store import dynamics_fingerprint
-    from pipeline.reaching.environment import ReachingEnvironment
-    from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses
+    from pipeline.control.ppo import PPOConfig
+    from pipeline.control.train_policy import train_policy as train_on
+    from pipeline.machine.kinematics import load_arm
+    from pipeline.reaching.episodes import EpisodesConfig
+    from pipeline.reaching.reward import RewardConfig
 
-    task, arm = _task(machine, Path(model), profile)
-    episodes = load_section("episodes", EpisodesConfig, profile)
-    repeats = load_section("control", ControlConfiguration, profile).action_repeats
-    settings = load_section("ppo", PPOConfig, profile).for_model(task.dynamics.specification)
-    poses = learning_poses(machine, arm, episodes, seed)
-    environment = ReachingEnvironment(task, poses, repeats, episodes.steps)
-    measured_on = evaluation_episodes(machine, arm, episodes, episodes.curve_seed, settings.curve_episodes)
-    result = train(environment, settings, seed, measured_on, lambda point: None, None)
-    lineage = {
-        "seed": seed,
-        "steps": result.policy_steps,
-        "machine": machine.name,
-        "model": dynamics_fingerprint(Path(model)),
-        "action_repeats": repeats,
-    }
-    save_policy(Path(output), result.policy, lineage)
-    return result
+    trained = train_on(
+        Path(model),
+        machine,
+        load_arm(machine, MACHINE_DIRECTORY),
+        load_section("ppo", PPOConfig, profile),
+        load_section("episodes", EpisodesConfig, profile),
+        load_section("reward", RewardConfig, profile),
+        load_section("control", ControlConfiguration, profile).action_repeats,
+        seed,
+    )
+    trained.save(Path(output))
+    return trained
 
 
 def plan(
@@ -185,24 +169,33 @@ def plan(
         N = `n_episodes` episodes.
 
     Raises:
-        InputError: The model is of another machine, or the machine has no arm or workspace.
+        InputError: The model cannot be read, or the machine has no arm or workspace.
     """
-    import jax
-
-    from pipeline.control.evaluate import controller_evaluation
+    from pipeline.control.evaluate_planner import evaluate_planner
     from pipeline.control.icem.config import IcemConfig
-    from pipeline.control.icem.controller import icem_controller
+    from pipeline.control.icem.variant import RewardVariant
+    from pipeline.machine.kinematics import load_arm
     from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes
+    from pipeline.reaching.reward import RewardConfig
 
-    task, arm = _task(machine, Path(model), profile)
+    arm = load_arm(machine, MACHINE_DIRECTORY)
     conditions = load_section("episodes", EpisodesConfig, profile)
-    repeats = load_section("control", ControlConfiguration, profile).action_repeats
     episodes = evaluation_episodes(
         machine, arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
-    ).first(n_episodes)
-    controller = icem_controller(task, load_section("icem", IcemConfig, profile), repeats)
-    run = controller_evaluation(controller, task, repeats, conditions.steps)
-    return run(None, episodes, jax.random.split(jax.random.key(seed), len(episodes.starts))).traces
+    )
+    traces, _ = evaluate_planner(
+        Path(model),
+        machine,
+        arm,
+        load_section("icem", IcemConfig, profile),
+        RewardVariant.icem,
+        load_section("reward", RewardConfig, profile),
+        episodes.first(n_episodes),
+        conditions.steps,
+        load_section("control", ControlConfiguration, profile).action_repeats,
+        seed,
+    )
+    return traces
 
 
 def close_loop(
@@ -229,17 +222,3 @@ def close_loop(
     dynamics, parameters = load_plain_model_of(Path(model), machine)
     config = load_section("close_loop", CloseLoopConfig, profile)
     return close_loop_on(nominal, measured, machine, dynamics, parameters, config)
-
-
-def _task(machine: MachineSpecification, model: Path, profile: str) -> tuple[ReachingTask, Any]:
-    """The reaching task on a saved model, and the arm's kinematics."""
-    from pipeline.effects.store import load_dynamics
-    from pipeline.machine.kinematics import load_arm
-    from pipeline.reaching.reward import RewardConfig
-    from pipeline.reaching.task import ReachingTask
-
-    arm = load_arm(machine, MACHINE_DIRECTORY)
-    dynamics, parameters = load_dynamics(model, machine)
-    return ReachingTask(
-        machine, arm, dynamics, parameters, load_section("reward", RewardConfig, profile)
-    ), arm

@@ -39,10 +39,12 @@ def continue_tracking(
     """
     q_estimate, integral = state.q_estimate.copy(), state.integral.copy()
     velocity = np.empty(q.shape)
-    arrays = (q_estimate, integral, np.ascontiguousarray(q, np.float64), velocity)
+    arrays: tuple[Any, ...] = (q_estimate, integral, np.ascontiguousarray(q, np.float64), velocity)
     numbers = (dt_s, config.proportional_gain, config.integral_gain)
     if q.size < WORTH_COMPILING:
-        _track(*map(memoryview, arrays), *numbers)  # whose items are Python's numbers, faster than NumPy's
+        # A view's items are Python's numbers, which are faster than NumPy's.
+        views: tuple[Any, ...] = tuple(memoryview(array) for array in arrays)
+        _track(*views, *numbers)
     else:
         _compiled()(*arrays, *numbers)
     return LoopTrackerState(q_estimate, integral), velocity
