@@ -44,7 +44,8 @@ def continue_tracking(
     if q.size < WORTH_COMPILING:
         # A view's items are Python's numbers, which are faster than NumPy's.
         views: tuple[Any, ...] = tuple(memoryview(array) for array in arrays)
-        _track(*views, *numbers)
+        interpreted: Callable[..., None] = _track
+        interpreted(*views, *numbers)
     else:
         _compiled()(*arrays, *numbers)
     return LoopTrackerState(q_estimate, integral), velocity
