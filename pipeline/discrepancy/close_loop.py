@@ -21,7 +21,7 @@ from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, l
 from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, alternating_folds, rows_in_blocks
 from pipeline.discrepancy.diagnosis.sequences import side_by_side
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.diagnosis.splits import Purpose, split_rows
 from pipeline.discrepancy.families.cold_oil import with_doubts_of_the_oil
 from pipeline.discrepancy.families.contract_parameters import OF_95_PERCENT
@@ -34,7 +34,7 @@ from pipeline.discrepancy.selection.grouping import MachineEffect, effects_of, w
 from pipeline.discrepancy.selection.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.selection.refine import parameter_covariance, refine
 from pipeline.discrepancy.selection.search import Search
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_of, residual_of, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of, residual_of
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.discrepancy.verdict.build_report_data import evidence_of
@@ -178,7 +178,7 @@ class Loop:
         self.confirm = in_blocks(confirm, alternating_folds(confirm, block_rows, FOLD_ROWS))
 
     def _search(self) -> list[SelectedEffect]:
-        moving = np.abs(self.simulation.velocities([{}])[0]) > 0.3 * self.usual.diagnosis.scales.speed
+        moving = np.abs(self.simulation.velocities([NOMINAL])[0]) > 0.3 * self.usual.diagnosis.scales.speed
         is_used = moving & self.rows.is_used[..., None]
         n_known = (is_used & self.is_known).sum(axis=(0, 1))
         self.moving_s = n_known * self.machine.dt_s
@@ -200,7 +200,6 @@ class Loop:
             self.usual.at_rest.tolist(),
         )
         found = self.search.run()
-        self.simulation.onsets = {}
         self.n_hypotheses = max(1, len(self.search.first))
         self.lap("search on measured logs")
         return found
@@ -296,10 +295,11 @@ class Loop:
         found = [member for effect in effects if effect.has_wrapper for member in effect.members]
         if not found:
             return None
+        hypothesis = hypothesis_of(self.simulation, found)
         onset_ns: dict[str, dict[int, int]] = {}
-        for (family, joint), onset in onsets_of(found).items():
+        for (family, joint), onset in hypothesis.onsets.items():
             onset_ns.setdefault(family, {})[joint] = onset
-        return ActiveEffects(self.usual.setting, values_of(self.simulation, found), onset_ns)
+        return ActiveEffects(self.usual.setting, hypothesis.values, onset_ns)
 
     def predictor(self, effects: Sequence[MachineEffect]) -> Predictor:
         """The frozen model with these effects; compiled once, however often it is asked for."""

@@ -8,7 +8,7 @@ import pytest
 from pipeline.configuration.load import load_section
 from pipeline.discrepancy.close_loop import Loop
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.model.network import Parameterization
@@ -133,7 +133,8 @@ def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> 
     # Of an alternative, too, by the contract: of the squared error over 80 steps that no fit saw, on its joint.
     (rival, _), *_ = loop.search.found[0].losers
     alternative, turn = document["alternatives"][0], MACHINE.joint_names.index("turn")
-    with_rival = ActiveEffects(loop.usual.setting, values_of(loop.simulation, [SelectedEffect(rival)]), {})
+    alone = hypothesis_of(loop.simulation, [SelectedEffect(rival)])
+    with_rival = ActiveEffects(loop.usual.setting, alone.values, {})
     after = loop.errors(predictor(*model, with_rival), 80).rmse[turn]
     expected = 1.0 - (after / errors["before"]["turn"]) ** 2
     assert (alternative["joints"], rival.joint) == (["turn"], turn)

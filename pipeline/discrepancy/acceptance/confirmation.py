@@ -20,7 +20,7 @@ from pipeline.discrepancy.families.time_varying_gain import beyond_constants
 from pipeline.discrepancy.families.whole_machine import of_one_cause
 from pipeline.discrepancy.selection.candidate import Key
 from pipeline.discrepancy.selection.onset import rows_since
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_in, residual_of, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of, residual_of
 
 WithoutSupply = Mapping[int, tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Per joint (N,) residuals on confirmation rows with a common change of speed, with it taken off, and which rows count:
@@ -196,10 +196,9 @@ class Confirmation:
         """A common change of speed, per joint, averaged over the time that the rows for fitting chose."""
         if not without:
             return {}
-        active, widths_s = values_of(self.simulation, found), _widths_s(found)
-        with onsets_in(self.simulation, found):
-            parts = [self._since(found, rows)[0] for rows in (self.fitted, self.held_out)]
-            p_value = supply_p(self.simulation, active, parts, widths_s, self.seed)
+        active, widths_s = hypothesis_of(self.simulation, found), _widths_s(found)
+        parts = [self._since(found, rows)[0] for rows in (self.fitted, self.held_out)]
+        p_value = supply_p(self.simulation, active, parts, widths_s, self.seed)
         corrected, largest_p = min(p_value * self.n_hypotheses, 1.0), self.config.largest_p
         return {
             (SUPPLY, joint, None): Seen(*self._bounded(*of_joint), corrected, largest_p)
@@ -211,10 +210,9 @@ class Confirmation:
         widths_s = _widths_s(found)
         if not widths_s:
             return {}
-        active = values_of(self.simulation, found)
+        active = hypothesis_of(self.simulation, found)
         since, kept = self._since(found, self.held_out)
-        with onsets_in(self.simulation, found):
-            by_joint = without_common_change(self.simulation, active, since, widths_s)
+        by_joint = without_common_change(self.simulation, active, since, widths_s)
         result, supply = {}, next(f for f in found if f.candidate.family == SUPPLY)
         counting = kept & ~self._may_set_in(supply)
         for joint, of_joint in by_joint.items():
@@ -235,12 +233,11 @@ class Confirmation:
     def _courses(self, found: Sequence[SelectedEffect]) -> dict[Key, Seen]:
         """Joints' own courses in time, of which the rows for fitting tell between others, too."""
         judged: dict[Key, Seen] = {}
-        active, folds = values_of(self.simulation, found), self.held_out.folds
+        active, folds = hypothesis_of(self.simulation, found), self.held_out.folds
         for joint, shape in _points(found, COURSE).items():
-            with onsets_in(self.simulation, found):
-                before, after = beyond_constants(
-                    self.simulation, active, self.held_out, self.fitted, joint, shape
-                )
+            before, after = beyond_constants(
+                self.simulation, active, self.held_out, self.fitted, joint, shape
+            )
             by_block = np.bincount(folds.block, before**2 - after**2, minlength=folds.n_blocks)
             p_value = rank_p(by_block, len(found))
             share, bound = self._bounded(before, after)

@@ -22,7 +22,7 @@ from pipeline.discrepancy.diagnosis.null_gains import null_gains
 from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, alternating_folds, averaged, rows_in_blocks
 from pipeline.discrepancy.diagnosis.sequences import Sequences, side_by_side
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.selection.candidate import Nominal
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.effects.catalogue import known_for
@@ -111,7 +111,7 @@ def learn_nominal_behaviour(
     simulation.set_phases(phases)
     weight = is_known(every, sequences, diagnosis.scales, is_switched)
     residual = (averaged(weight.astype(float), sequences.is_row) > 0.999) * averaged(
-        sequences.velocity - simulation.velocities([{}])[0], sequences.is_row
+        sequences.velocity - simulation.velocities([NOMINAL])[0], sequences.is_row
     )
     floor = np.maximum(np.mean(residual**2, axis=0), 1e-12)
     at_rest = floor_at_rest(residual, sequences.command, sequences.is_row, floor, machine.dt_s)

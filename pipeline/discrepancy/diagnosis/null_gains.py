@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.families.plausibility import THERMAL_DRIFT, is_plausible
 from pipeline.discrepancy.families.uncorrectable import screen_without_wrapper
 from pipeline.discrepancy.selection.candidate import Misfit, Nominal
@@ -36,8 +36,8 @@ def null_gains(simulation: Simulation, rows: ScoredRows, excluded: Sequence[str]
         factor: How many times its gain per row a candidate owes at most: misfit differs from log to log.
     """
     candidates = [
-        *screen(simulation, {}, rows, excluded),
-        *screen_without_wrapper(simulation, {}, rows, excluded),
+        *screen(simulation, NOMINAL, rows, excluded),
+        *screen_without_wrapper(simulation, NOMINAL, rows, excluded),
     ]
     n = len(rows.folds.fold)
     misfits = {c.key: Misfit(c, factor * c.gain / n) for c in candidates if c.gain > 0.0}

@@ -7,7 +7,7 @@ found on a joint; it is estimated once per log, from what most joints agree on, 
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 
 LARGEST_STEPS = 0.5  # more is not the phase of a recording
 BLOCK_ROWS = 400
@@ -24,7 +24,7 @@ def sampling_phases(simulation: Simulation, is_used: np.ndarray) -> np.ndarray:
         simulation: On the logs, with no phases set.
         is_used: (B, T) bool, rows that may be used.
     """
-    u = simulation.velocities([{}])[0]
+    u = simulation.velocities([NOMINAL])[0]
     velocity, joints = simulation.sequences.velocity, range(u.shape[-1])
     phases = [
         _agreed(np.array([_lateness(velocity[log, rows, j], u[log, rows, j]) for j in joints]))

@@ -5,6 +5,7 @@ with what was measured there. Hypotheses of the same families share one compilat
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -17,10 +18,33 @@ from pipeline.discrepancy.diagnosis.sequences import Sequences
 from pipeline.effects.chain import Chain, ChainValues
 from pipeline.effects.effect import Effect, SensorEffect, Setting, Signals
 
-Hypothesis = Mapping[str, Mapping[str, np.ndarray]]  # values by family; families left out are neutral
+Values = Mapping[str, Mapping[str, np.ndarray]]  # of parameters, by family; families left out are neutral
+Onsets = Mapping[tuple[str, int], int]  # by family and joint; an effect without one acts all the time
 DRIVEN_AT_ONCE = 8  # the diagnosis model runs for each
 RESPONDING_AT_ONCE = 32
 WIDTHS = (1, 8, 32)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Effects that are present.
+
+    Attributes:
+        values: Of their parameters, by family.
+        onsets: Absolute stamp [ns] from which on a family acts on a joint, by both. Those of families without values
+            are ignored.
+    """
+
+    values: Values = field(default_factory=dict)
+    onsets: Onsets = field(default_factory=dict)
+
+    @property
+    def moments(self) -> set[int]:
+        """Stamps [ns] at which something sets in."""
+        return {onset for (family, _), onset in self.onsets.items() if family in self.values}
+
+
+NOMINAL = Hypothesis()  # no effect is present
 
 
 class Simulation:
@@ -58,7 +82,6 @@ class Simulation:
         self._rows.append(jnp.asarray(member))  # (E, T, B)
         self._rows.append(jnp.zeros(len(sequences.q)))  # (B,)
         self._compiled: dict[tuple, Callable] = {}
-        self.onsets: dict[tuple[str, int], int] = {}  # stamp, ns, from which on a family acts on a joint
 
     def set_phases(self, phases: np.ndarray) -> None:
         """Let all joints of each log respond late by so many steps, in (-1, 1): (B,)."""
@@ -80,26 +103,30 @@ class Simulation:
                 of `nominal_velocities`, or as other effects leave it, with their onsets.
         """
         velocities = self._present(hypotheses, u)
-        named = {family for hypothesis in hypotheses for family in hypothesis}
         if u is not None:  # beside which hypotheses act all the time, but for what encoders read
-            named = {family for family in named if isinstance(self.effects[family], SensorEffect)}
-        onsets = {key: onset for key, onset in self.onsets.items() if key[0] in named}
-        for onset in sorted(set(onsets.values()), reverse=True):
-            earlier = self._present([self._before(onset, onsets, of) for of in hypotheses], u)
-            not_yet = self.sequences.stamp_ns < onset
+            hypotheses = [self._with_onsets_of_sensors(hypothesis) for hypothesis in hypotheses]
+        for moment in sorted(set().union(*(of.moments for of in hypotheses)), reverse=True):
+            earlier = self._present([self._before(moment, of) for of in hypotheses], u)
+            not_yet = self.sequences.stamp_ns < moment
             velocities = np.where(not_yet[..., None], earlier, velocities)
         return velocities
 
-    def _before(self, moment: int, onsets: Mapping[tuple[str, int], int], hypothesis: Hypothesis) -> dict:
+    def _with_onsets_of_sensors(self, hypothesis: Hypothesis) -> Hypothesis:
+        sensors = {f for f in hypothesis.values if isinstance(self.effects[f], SensorEffect)}
+        onsets = {key: onset for key, onset in hypothesis.onsets.items() if key[0] in sensors}
+        return replace(hypothesis, onsets=onsets)
+
+    def _before(self, moment: int, hypothesis: Hypothesis) -> Hypothesis:
         """The hypothesis without what sets in at the moment or later."""
         values = {
-            family: {name: np.array(value) for name, value in of.items()} for family, of in hypothesis.items()
+            family: {name: np.array(value) for name, value in of.items()}
+            for family, of in hypothesis.values.items()
         }
-        for (family, joint), onset in onsets.items():
+        for (family, joint), onset in hypothesis.onsets.items():
             if family in values and onset >= moment:
                 for name, neutral in self.effects[family].neutral().items():
                     values[family][name][joint] = neutral[joint]
-        return values
+        return Hypothesis(values)
 
     def _present(self, hypotheses: Sequence[Hypothesis], u: jax.Array | None) -> np.ndarray:
         results = []
@@ -115,17 +142,17 @@ class Simulation:
         return np.moveaxis(np.concatenate(results), 1, 2).astype(np.float64)
 
     def tangents(
-        self, hypotheses: Sequence[Hypothesis], directions: Sequence[Hypothesis], u: jax.Array
+        self, hypotheses: Sequence[Hypothesis], directions: Sequence[Values], u: jax.Array
     ) -> Iterator[np.ndarray]:
         """Derivatives of the velocities along directions of the values; yields (B, T, n_joint) per pair.
 
         Args:
-            hypotheses: Where, one per direction.
+            hypotheses: Where, one per direction; their effects act all the time.
             directions: Values' changes; what is left out does not change.
             u: (T, B, n_joint) of `nominal_velocities`, for all hypotheses alike.
         """
-        present: Hypothesis = {family: {} for d in directions for family in d}
-        complete = [{**present, **hypothesis} for hypothesis in hypotheses]
+        present: Values = {family: {} for d in directions for family in d}
+        complete = [Hypothesis({**present, **hypothesis.values}) for hypothesis in hypotheses]
         first = 0
         for chunk, values, chain in self._chunks(complete, RESPONDING_AT_ONCE):
             still = jax.tree.map(np.zeros_like, chain.neutral())
@@ -137,14 +164,12 @@ class Simulation:
 
     def _chunks(self, hypotheses: Sequence[Hypothesis], at_once: int) -> Iterator[tuple[int, Any, Chain]]:
         """Stacked values, padded so that few shapes are compiled, and the chain for them."""
-        families = tuple(
-            family for family in self._types if any(family in hypothesis for hypothesis in hypotheses)
-        )
+        families = tuple(family for family in self._types if any(family in of.values for of in hypotheses))
         families = families or tuple(self._types)[:1]
         chain = Chain([self._types[family] for family in families], self.setting)
         for first in range(0, len(hypotheses), at_once):
             chunk = hypotheses[first : first + at_once]
-            filled = [_completed(chain.neutral(), hypothesis) for hypothesis in chunk]
+            filled = [_completed(chain.neutral(), hypothesis.values) for hypothesis in chunk]
             width = next(width for width in WIDTHS if width >= len(chunk))
             yield len(chunk), _stacked(filled + filled[-1:] * (width - len(chunk))), chain
 
@@ -155,7 +180,7 @@ class Simulation:
         return self._compiled[key](*arguments)
 
 
-def _completed(default: Hypothesis, given: Hypothesis) -> dict[str, dict[str, np.ndarray]]:
+def _completed(default: Values, given: Values) -> dict[str, dict[str, np.ndarray]]:
     """The values given, and the default for all others that it names."""
     return {
         family: {

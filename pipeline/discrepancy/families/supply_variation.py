@@ -17,7 +17,7 @@ from scipy.special import ndtr, ndtri
 
 from pipeline.discrepancy.acceptance.placebos import shifted_p
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
-from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis, Simulation
 from pipeline.discrepancy.families.change_of_speed import ChangeOfSpeed
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal
 
@@ -152,7 +152,7 @@ def supply_parameters(
     """
     (simulation, rows), (usual, usual_rows) = measured, nominal
     variance, time_s = _process(
-        _covariance(_Common(simulation, active, rows)) - _covariance(_Common(usual, {}, usual_rows))
+        _covariance(_Common(simulation, active, rows)) - _covariance(_Common(usual, NOMINAL, usual_rows))
     )
     return {"std_log_speed": float(np.sqrt(variance)), "correlation_time": time_s}
 

@@ -122,11 +122,11 @@ def scored(
     )
 
 
-def with_candidate(simulation: Simulation, active: Hypothesis, candidate: Candidate) -> dict:
-    """The active effects and the candidate."""
+def with_candidate(simulation: Simulation, active: Hypothesis, candidate: Candidate) -> Hypothesis:
+    """The active effects, with their onsets, and the candidate's values."""
     values = {
         family: {name: np.array(value, np.float64) for name, value in of.items()}
-        for family, of in active.items()
+        for family, of in active.values.items()
     }
     neutral = simulation.effects[candidate.family].neutral()
     of = values.setdefault(candidate.family, neutral)
@@ -137,4 +137,4 @@ def with_candidate(simulation: Simulation, active: Hypothesis, candidate: Candid
         for name, index in freed:
             place = (j,) if index is None else (j, *np.atleast_1d(index))
             of[name][place] = neutral[name][place] + coefficient
-    return values
+    return Hypothesis(values, active.onsets)

@@ -26,7 +26,7 @@ from pipeline.discrepancy.selection.free_parameters import (
     with_value,
 )
 from pipeline.discrepancy.selection.regression import bounded_least_squares
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_in, residual_of, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of, residual_of
 
 ITERATIONS = 15
 FIRST_DAMPING, LARGEST_DAMPING = 1e-3, 1e3  # of the curvature; what is too long even then leads nowhere
@@ -199,16 +199,15 @@ def residual_and_jacobian(
 ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
     """Residual (N, n_joint), and per joint the derivatives (N, k) of its velocity by its coordinates."""
     together = _moved_together(simulation, found, coordinates)
-    hypotheses = [values_of(simulation, found)]
+    hypotheses = [hypothesis_of(simulation, found)]
     for moves in together:
         moved = list(found)
         for coordinate in moves.values():
             moved = with_value(
                 moved, coordinate, value_of(found, coordinate) + difference_step(found, coordinate)
             )
-        hypotheses.append(values_of(simulation, moved))
-    with onsets_in(simulation, found):
-        velocities = [rows.weight * rows.averaged(v) for v in simulation.velocities(hypotheses)]
+        hypotheses.append(hypothesis_of(simulation, moved))
+    velocities = [rows.weight * rows.averaged(v) for v in simulation.velocities(hypotheses)]
     residual = rows.weight * rows.averaged(simulation.sequences.velocity) - velocities[0]
     columns: dict[Coordinate, np.ndarray] = {}
     for moves, velocity in zip(together, velocities[1:], strict=True):

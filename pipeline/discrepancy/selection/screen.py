@@ -14,12 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
-from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
+from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation, Values
 from pipeline.discrepancy.selection.candidate import Candidate, Key, Nominal, scored
 from pipeline.discrepancy.selection.regression import CrossValidatedFit, evidence
 from pipeline.effects.chain import Chain
 from pipeline.effects.dependence import N_DIRECTION, Dependence
-from pipeline.effects.effect import Effect, SensorEffect, Variant, VelocityEffect
+from pipeline.effects.effect import Effect, Freed, SensorEffect, Variant, VelocityEffect
 
 TAKEN_TOGETHER = (
     "timing",
@@ -75,10 +75,11 @@ class _Screen:
         # Beside effects that were found before, an effect on the velocity acts on what they leave: so hypotheses of one
         # family each are enough, whose compilations are there already. What encoders read is no velocity to act on:
         # their errors stay in the hypotheses, as stops and places are true ones.
-        self.sensors = {f: of for f, of in active.items() if isinstance(simulation.effects[f], SensorEffect)}
-        moving = any(isinstance(simulation.effects[family], VelocityEffect) for family in active)
+        values = {f: of for f, of in active.values.items() if isinstance(simulation.effects[f], SensorEffect)}
+        self.sensors = Hypothesis(values, active.onsets)
+        moving = any(isinstance(simulation.effects[family], VelocityEffect) for family in active.values)
         self.before = self.u
-        if moving or simulation.onsets:
+        if moving or active.onsets:
             true = velocity / self._sensor_scale()
             self.before = jnp.asarray(np.moveaxis(true, 1, 0), jnp.float32)
         self.best: dict[Key, dict[int, Candidate]] = {}  # by number of parameters
@@ -98,13 +99,13 @@ class _Screen:
     def _sensor_scale(self) -> np.ndarray:
         """(B, T, n_joint) measured per true velocity."""
         sequences, effects = self.simulation.sequences, self.simulation.effects
-        chain = Chain([type(effects[family]) for family in self.sensors], self.simulation.setting)
-        values = jax.tree.map(jnp.asarray, self.sensors)
+        chain = Chain([type(effects[family]) for family in self.sensors.values], self.simulation.setting)
+        values = jax.tree.map(jnp.asarray, self.sensors.values)
         scale = np.array(
             chain.sensor_scale(values, chain.true(values, jnp.asarray(sequences.q, jnp.float32)))
         )
-        for (family, joint), onset in self.simulation.onsets.items():
-            if family in self.sensors:
+        for (family, joint), onset in self.active.onsets.items():
+            if family in self.sensors.values:
                 scale[..., joint] = np.where(sequences.stamp_ns < onset, 1.0, scale[..., joint])
         return scale
 
@@ -195,7 +196,7 @@ class _Screen:
                 if k != effect.reference
             )
             directions = [self._direction(family, effect, one, free) for one in freed]
-            hypotheses: list[Hypothesis] = [self.sensors] * len(directions)
+            hypotheses = [self.sensors] * len(directions)
             tangents = np.stack(
                 [self._tangent(t) for t in self.simulation.tangents(hypotheses, directions, self.before)]
             )
@@ -216,7 +217,18 @@ class _Screen:
                     upper,
                 )
 
-    def _score(self, family, joint, source, point, variant, residual, regressors, lower, upper) -> None:  # type: ignore[no-untyped-def]
+    def _score(
+        self,
+        family: str,
+        joint: int,
+        source: int | None,
+        point: Mapping[str, float],
+        variant: Variant,
+        residual: np.ndarray,
+        regressors: np.ndarray,
+        lower: np.ndarray,
+        upper: np.ndarray,
+    ) -> None:
         floor = self.rows.floor[joint]
         ridge = INDEPENDENT_ROWS * floor / (USUAL_SHARE * (upper - lower)) ** 2
         found: CrossValidatedFit = evidence(
@@ -237,27 +249,27 @@ class _Screen:
             of_size[candidate.n_parameters] = candidate
 
     def _is_active(self, family: str, joint: int) -> bool:
-        if family not in self.active:
+        if family not in self.active.values:
             return False
         neutral = self.simulation.effects[family].neutral()
         return any(
             np.any(np.asarray(value)[joint] != neutral[name][joint])
-            for name, value in self.active[family].items()
+            for name, value in self.active.values[family].items()
         )
 
     def _at(
         self, family: str, effect: Effect, point: Mapping[str, float], joints: Sequence[int], alone: bool
-    ) -> dict:
-        values = {f: dict(of) for f, of in (self.sensors if alone else self.active).items()}
+    ) -> Hypothesis:
+        beside = (self.sensors if alone else self.active).values
         of = {
             name: np.array(value, np.float64)
-            for name, value in (values.get(family) or effect.neutral()).items()
+            for name, value in (beside.get(family) or effect.neutral()).items()
         }
         for name, value in point.items():
             of[name][list(joints)] = effect.sizes(name)[list(joints)] * value
-        return {**values, family: of}
+        return Hypothesis({**beside, family: of}, self.active.onsets)
 
-    def _direction(self, family: str, effect: Effect, freed, joints: Sequence[int]) -> dict:  # type: ignore[no-untyped-def]
+    def _direction(self, family: str, effect: Effect, freed: Freed, joints: Sequence[int]) -> Values:
         of = {name: np.zeros_like(value) for name, value in effect.neutral().items()}
         for name, index in freed:
             for joint in joints:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.families.cold_oil import channel_beside, cold_oil, hardly_warms
 from pipeline.discrepancy.families.encoder_error import encoder_errors, is_refuted_by_stops
 from pipeline.discrepancy.families.gain_of_a_dependence import with_its_gain
@@ -49,7 +49,7 @@ from pipeline.discrepancy.selection.refine import completed, gain_without, refin
 from pipeline.discrepancy.selection.regression import t_statistic
 from pipeline.discrepancy.selection.screen import screen
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_of, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of
 
 REFINED = 3  # of a joint's candidates
 TOLD_LOSERS = 6  # of a joint's candidates
@@ -119,7 +119,6 @@ class Search:
             self.joints,
             self._say,
         )
-        self.simulation.onsets = onsets_of(self.found)
         for _ in range(self.config.maximum_effects):
             candidates = self._candidates()
             if second := self._second_cause(candidates) or self._further_valves(candidates):
@@ -143,7 +142,6 @@ class Search:
     def _let_set_in(self) -> None:
         """One cause sets in once, on all its joints."""
         self.found = of_one_moment(self.simulation, self.rows, self.found, OF_ONE_CAUSE)
-        self.simulation.onsets = onsets_of(self.found)
 
     def _split_common_delay(self) -> None:
         """Where all joints are late alike and one is later still, the channel is late, and that joint has more.
@@ -157,7 +155,7 @@ class Search:
         self.found = [latest[1] if f is latest[0] else f for f in present]
         left = screen(
             self.simulation,
-            values_of(self.simulation, self.found),
+            hypothesis_of(self.simulation, self.found),
             self.rows,
             self.excluded,
             [joint],
@@ -223,7 +221,7 @@ class Search:
         return not is_judged or is_plausible(candidate.family, [candidate])
 
     def _candidates(self) -> list[Candidate]:
-        active = values_of(self.simulation, self.found)
+        active = hypothesis_of(self.simulation, self.found)
         candidates = screen(self.simulation, active, self.rows, self.excluded, nominal=self.nominal)
         # No wrapper takes a common change off what is left: neither it nor a joint's own course is to be sought there.
         is_supply_known = any(f.candidate.family == SUPPLY for f in self.found)
@@ -232,7 +230,7 @@ class Search:
         taken = {f.candidate.key for f in self.found}
         candidates = [c for c in candidates if c.key not in taken and not self._is_refuted_by_stops(c)]
         # What sets in at the same moment as an effect found before is one event.
-        moments = list(onsets_of(self.found).values())
+        moments = list(active.onsets.values())
         candidates = self._since_its_onset(
             active, with_onsets(self.simulation, active, self.rows, candidates, moments)
         )
@@ -241,7 +239,7 @@ class Search:
             self.first = sorted(candidates, key=self.comparison.net, reverse=True)
         return candidates
 
-    def _since_its_onset(self, active: dict, candidates: list[Candidate]) -> list[Candidate]:
+    def _since_its_onset(self, active: Hypothesis, candidates: list[Candidate]) -> list[Candidate]:
         """All candidates from the same moment on, where what explains most sets in at some moment."""
         best = max(filter(has_wrapper, candidates), key=self.comparison.net)
         if best.onset is None or best.t < ONSET_T:
@@ -252,7 +250,7 @@ class Search:
                 known[candidate.key] = candidate
         return list(known.values())
 
-    def _supply_since_its_onset(self, active: dict, candidates: list[Candidate]) -> list[Candidate]:
+    def _supply_since_its_onset(self, active: Hypothesis, candidates: list[Candidate]) -> list[Candidate]:
         """Candidates, the change that joints have in common from the moment on at which it sets in, where it does."""
         members = [c for c in candidates if c.family == SUPPLY]
         showing = [c for c in members if self.comparison.shows(c)]
@@ -442,7 +440,6 @@ class Search:
             replace(f, candidate=completed(self.simulation, f.candidate, self.present)) for f in self.found
         ]
         self.found = refine(self.simulation, self.rows, known)
-        self.simulation.onsets = onsets_of(self.found)
 
     def _look_back(self) -> None:
         """Drop what the others made superfluous."""

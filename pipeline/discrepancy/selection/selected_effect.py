@@ -1,13 +1,12 @@
 """Effects that were found, and the simulation in their presence."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis, Simulation
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate, with_candidate
 
@@ -27,13 +26,13 @@ class SelectedEffect:
     losers: list[tuple[Candidate, str]] = field(default_factory=list)
 
 
-def values_of(simulation: Simulation, found: Sequence[SelectedEffect]) -> dict:
-    """The hypothesis of several effects; those without a wrapper have no values."""
-    values: dict = {}
+def hypothesis_of(simulation: Simulation, found: Sequence[SelectedEffect]) -> Hypothesis:
+    """That several effects are present, each from its onset on; those without a wrapper have no values."""
+    hypothesis = NOMINAL
     for effect in found:
         if has_wrapper(effect.candidate):
-            values = with_candidate(simulation, values, effect.candidate)
-    return values
+            hypothesis = with_candidate(simulation, hypothesis, effect.candidate)
+    return replace(hypothesis, onsets=onsets_of(found))
 
 
 def onsets_of(found: Sequence[SelectedEffect]) -> dict[tuple[str, int], int]:
@@ -45,21 +44,9 @@ def onsets_of(found: Sequence[SelectedEffect]) -> dict[tuple[str, int], int]:
     }
 
 
-@contextmanager
-def onsets_in(simulation: Simulation, found: Sequence[SelectedEffect]) -> Iterator[None]:
-    """Let the effects set in at their moments for the time being."""
-    earlier = simulation.onsets
-    simulation.onsets = onsets_of(found)
-    try:
-        yield
-    finally:
-        simulation.onsets = earlier
-
-
 def velocity_of(simulation: Simulation, found: Sequence[SelectedEffect]) -> np.ndarray:
     """(B, T, n_joint) velocities in the presence of the effects."""
-    with onsets_in(simulation, found):
-        return simulation.velocities([values_of(simulation, found)])[0]
+    return simulation.velocities([hypothesis_of(simulation, found)])[0]
 
 
 def residual_of(simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect]) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL
 from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.families.contract_parameters import (
     OF_95_PERCENT,
@@ -28,7 +29,7 @@ from pipeline.discrepancy.families.time_varying_gain import PERIOD
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, contract_family, depends_on
 from pipeline.discrepancy.selection.onset import rows_since
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_in, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of
 from pipeline.discrepancy.verdict.next_experiment import next_experiment
 from pipeline.discrepancy.verdict.unexplained import unexplained
 from pipeline.effects.catalogue import KNOWN
@@ -149,8 +150,7 @@ def parameters_of(loop: "Loop", effect: MachineEffect) -> dict:
     if effect.family == SUPPLY:
         rows = loop.rows if effect.onset is None else rows_since(loop.simulation, loop.rows, effect.onset)[0]
         measured, nominal = (loop.simulation, rows), (loop.usual.simulation, loop.usual.rows)
-        with onsets_in(loop.simulation, found):
-            values = supply_parameters(measured, nominal, values_of(loop.simulation, found))
+        values = supply_parameters(measured, nominal, hypothesis_of(loop.simulation, found))
         return plausible(
             {
                 name: quantity(values[name], unit, SUPPLY_DEVIATION[name] * values[name])
@@ -175,7 +175,7 @@ def parameters_of(loop: "Loop", effect: MachineEffect) -> dict:
                 covariance,
                 loop.usual.setting,
                 loop.sequences.q[loop.rows.is_used],
-                loop.simulation.velocities([{}])[0][loop.rows.is_used][:, joint],
+                loop.simulation.velocities([NOMINAL])[0][loop.rows.is_used][:, joint],
                 loop.config.gate.model_error,
             )
         if effect.family == OSCILLATION:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.sequences import Sequences
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate
@@ -33,7 +34,7 @@ def signature_of(loop: "Loop", effect: SelectedEffect, found: Sequence[SelectedE
     if effect.candidate.family == COURSE:
         return None  # parts of a log would average out what comes and goes
     joint, rows = effect.candidate.joint, loop.confirm
-    u = loop.simulation.velocities([{}])[0][..., joint]
+    u = loop.simulation.velocities([NOMINAL])[0][..., joint]
     over, along = _drawn(effect.candidate)
     variable, abscissa = _abscissa(loop, effect.candidate, over, u)
     sign = rows.averaged(_direction(along, loop.sequences.command[..., joint], u))

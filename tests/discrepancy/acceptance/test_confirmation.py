@@ -9,6 +9,7 @@ import pytest
 from pipeline.configuration.load import load_section
 from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
@@ -36,14 +37,16 @@ def confirmation(
         u.shape
     )
 
-    def velocities(hypotheses: list[dict]) -> np.ndarray:
-        loss = [h["flow_coupling"]["loss_fraction"].sum(axis=1) if h else np.zeros(2) for h in hypotheses]
-        onsets = [simulation.onsets.get(("flow_coupling", joint), 0) for joint in (0, 1)]
-        acting = stamps[..., None] >= np.array(onsets)
-        return np.stack([u * (1.0 - acting * of) for of in loss])
+    def velocities(hypotheses: list[Hypothesis]) -> np.ndarray:
+        under = []
+        for h in hypotheses:
+            loss = h.values["flow_coupling"]["loss_fraction"].sum(axis=1) if h.values else np.zeros(2)
+            onsets = [h.onsets.get(("flow_coupling", joint), 0) for joint in (0, 1)]
+            under.append(u * (1.0 - (stamps[..., None] >= np.array(onsets)) * loss))
+        return np.stack(under)
 
     sequences = SimpleNamespace(velocity=velocity, stamp_ns=stamps)
-    simulation = SimpleNamespace(sequences=sequences, velocities=velocities, effects=EFFECTS, onsets={})
+    simulation = SimpleNamespace(sequences=sequences, velocities=velocities, effects=EFFECTS)
     late = stamps // part_rows % 2 == 1
     return Confirmation(simulation, rows(~late), rows(late), {}, GATE, 100, (0, 1), 2, 0)
 
@@ -150,7 +153,7 @@ def test_a_course_in_time_has_to_explain_more_than_a_constant(loss_by_turns, is_
     simulation = judged.simulation
     simulation.setting = SimpleNamespace(dt_s=0.05, n_joint=2)
     is_second = np.arange(N_ROWS) // 400 % 2
-    u = simulation.velocities([{}])[0]
+    u = simulation.velocities([NOMINAL])[0]
     simulation.sequences.velocity[..., 0] -= np.array(loss_by_turns)[is_second] * u[..., 0]
     course = SelectedEffect(
         Candidate("other:absolute_time", 0, None, {"width": 3.0}, (), np.ones(1), 1.0, 0.5, np.ones(4))

@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, Scales, _initial, _inputs, _parts
 from pipeline.discrepancy.diagnosis.sequences import Sequences, side_by_side
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
 from pipeline.logs.tuples import Trajectory
@@ -33,7 +33,7 @@ def velocities(sequences: Sequences, phase: float) -> np.ndarray:
     model = DiagnosisModel(weights, scales, LAGS, DT_S, np.ones((1, 1, 1)), is_switched=True)
     simulation = Simulation(model, sequences, [Gain], Setting(DT_S, -LIMIT, LIMIT, SPEED))
     simulation.set_phases(np.array([phase]))
-    return simulation.velocities([{}])[0, 0]
+    return simulation.velocities([NOMINAL])[0, 0]
 
 
 @pytest.mark.parametrize("phase", [-0.4, 0.0, 0.4])

@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.configuration.load import load_section
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, rows_in_blocks
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.families.cold_oil import channel_beside
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.comparison import Comparison
@@ -41,7 +41,7 @@ def cold_log(
     floor = np.full(N_JOINT, NOISE**2 / 2)  # of means over two rows
     every = np.ones((1, N_ROWS, N_JOINT), bool)
     rows = rows_in_blocks(np.ones((1, N_ROWS), bool), fold, every, floor, 400)
-    oil = [c for c in screen(simulation, {}, rows) if c.family == "thermal_drift"]
+    oil = [c for c in screen(simulation, NOMINAL, rows) if c.family == "thermal_drift"]
     return simulation, rows, refine(simulation, rows, [SelectedEffect(completed(simulation, c)) for c in oil])
 
 

@@ -132,7 +132,7 @@ def gain_of_one_joint(ratio: float):
 
     def velocities(hypotheses):
         ratios = [
-            (h.get("gain") or effect.neutral())["ratio_positive"][0] for h in hypotheses
+            (h.values.get("gain") or effect.neutral())["ratio_positive"][0] for h in hypotheses
         ]  # both directions alike
         return np.stack([ratio * u for ratio in ratios])
 
@@ -140,7 +140,6 @@ def gain_of_one_joint(ratio: float):
         effects={"gain": effect},
         sequences=SimpleNamespace(velocity=thirds * u),
         velocities=velocities,
-        onsets={},
     )
     rows = ScoredRows(
         is_used, Folds(np.zeros(n, int), np.arange(n) // 10, n // 10), np.ones(1), np.ones((n, 1))

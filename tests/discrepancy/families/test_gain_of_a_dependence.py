@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.discrepancy.families.gain_of_a_dependence import doubted_by_what_varies, with_its_gain
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, values_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of
 from tests.discrepancy.bare_candidate import bare_candidate
 from tests.discrepancy.exact_machine import SPEED, held_commands, simulation_of
 
@@ -36,7 +36,9 @@ def test_they_move_the_machine_as_both_did() -> None:
     both = [SelectedEffect(gain()), SelectedEffect(position())]
     together = with_its_gain(both)
     assert [f.candidate.family for f in together] == [POSITION]
-    expected, told = (simulation.velocities([values_of(simulation, found)])[0] for found in (both, together))
+    expected, told = (
+        simulation.velocities([hypothesis_of(simulation, found)])[0] for found in (both, together)
+    )
     # Between two knots the product of both is not linear: at the knots they agree.
     at_knots = np.arange(0, 601, 100)
     assert np.ptp(expected[0, :, 0] / np.where(command[:, 0] == 0.0, 1.0, command[:, 0])) > 0.1

@@ -45,14 +45,15 @@ def judge(dependence: Candidate, name: Candidate, places: np.ndarray) -> bool:
     def velocities(hypotheses):
         return np.stack(
             [
-                u * np.asarray(effect.ratio(h.get("other:position", effect.neutral()), (), u, signals)[1])
+                u
+                * np.asarray(
+                    effect.ratio(h.values.get("other:position", effect.neutral()), (), u, signals)[1]
+                )
                 for h in hypotheses
             ]
         )
 
-    simulation = SimpleNamespace(
-        effects={"other:position": effect}, velocities=velocities, setting=SETTING, onsets={}
-    )
+    simulation = SimpleNamespace(effects={"other:position": effect}, velocities=velocities, setting=SETTING)
     rows = SimpleNamespace(is_used=np.ones((1, N_ROWS), bool))
     return is_a_gain_over_poses(simulation, rows, [], dependence, name)
 

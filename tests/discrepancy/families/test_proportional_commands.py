@@ -8,6 +8,7 @@ import pytest
 from pipeline.configuration.load import load_section
 from pipeline.discrepancy.close_loop import Loop
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL
 from pipeline.discrepancy.selection.grouping import depends_on, effects_of
 from pipeline.discrepancy.selection.screen import screen
 from pipeline.discrepancy.settings import CloseLoopConfig
@@ -118,7 +119,7 @@ def test_nothing_is_found_where_nothing_changed_and_on_nominal_logs_all_is_misfi
 ) -> None:
     loop = searched(usual, [record(f"measured_{seed}", seed, 4000) for seed in (15, 16)])
     assert loop.search.found == []
-    again = screen(usual.simulation, {}, usual.rows, nominal=usual.null)
+    again = screen(usual.simulation, NOMINAL, usual.rows, nominal=usual.null)
     known = [candidate for candidate in again if candidate.key in usual.null]
     assert known
     for candidate in known:

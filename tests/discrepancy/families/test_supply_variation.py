@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis
 from pipeline.discrepancy.families.plausibility import is_plausible
 from pipeline.discrepancy.families.supply_onset import supply_onset, supply_since
 from pipeline.discrepancy.families.supply_variation import (
@@ -49,7 +50,7 @@ def machine(
     measured = commands * ratios * np.exp(z) + NOISE * draw.normal(size=commands.shape)
 
     def velocities(hypotheses):
-        return np.stack([commands * (ratios if "gain" in h else 1.0) for h in hypotheses])
+        return np.stack([commands * (ratios if "gain" in h.values else 1.0) for h in hypotheses])
 
     simulation = SimpleNamespace(
         velocities=velocities,
@@ -64,26 +65,26 @@ def machine(
 
 @pytest.mark.parametrize("ratio", [1.0, RATIO])
 def test_size_and_time_are_of_what_the_effects_beside_it_leave(ratio) -> None:
-    told = supply_parameters(machine(0, STD, ratio), machine(1, 0.0, 1.0), {"gain": {}})
+    told = supply_parameters(machine(0, STD, ratio), machine(1, 0.0, 1.0), Hypothesis({"gain": {}}))
     assert told["std_log_speed"] == pytest.approx(STD, rel=0.2)
     assert told["correlation_time"] == pytest.approx(TIME_S, rel=0.3)
 
 
 def test_a_gain_that_is_not_known_is_taken_for_a_part_of_it() -> None:
     """Why the effects beside it have to be known: a test that the one above could fail."""
-    told = supply_parameters(machine(0, STD, RATIO), machine(1, 0.0, 1.0), {})
+    told = supply_parameters(machine(0, STD, RATIO), machine(1, 0.0, 1.0), NOMINAL)
     assert told["correlation_time"] > 2.0 * TIME_S
 
 
 def test_what_other_joints_show_is_taken_off_each() -> None:
     simulation, rows = machine(0, STD, RATIO)
-    left = without_common_change(simulation, {"gain": {}}, rows, {0: 3.0, 2: 3.0})
+    left = without_common_change(simulation, Hypothesis({"gain": {}}), rows, {0: 3.0, 2: 3.0})
     assert set(left) == {0, 2}
     for before, after in left.values():
         # commanded two rows of three: the change of speed beside the noise, a third of which is slower than the mean
         assert np.mean(after**2) < 0.6 * np.mean(before**2)
     nothing, rows = machine(2, 0.0, RATIO)
-    (before, after), *_ = without_common_change(nothing, {"gain": {}}, rows, {0: 3.0}).values()
+    (before, after), *_ = without_common_change(nothing, Hypothesis({"gain": {}}), rows, {0: 3.0}).values()
     assert np.mean(after**2) == pytest.approx(np.mean(before**2), rel=0.01)
 
 
@@ -91,7 +92,7 @@ def test_what_other_joints_show_is_taken_off_each() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_strong_supply_is_no_jitter_of_starts_though_the_shortest_time_explains_most(seed, time_s) -> None:
     simulation, rows = machine(seed, 0.3, 1.0, time_s)
-    assert is_plausible(FAMILY, supply_candidates(simulation, {}, rows))
+    assert is_plausible(FAMILY, supply_candidates(simulation, NOMINAL, rows))
 
 
 @pytest.mark.parametrize("lasting_s", [0.2, 0.4, 1.0])
@@ -100,7 +101,7 @@ def test_what_is_off_alike_at_starts_is_no_supply(lasting_s) -> None:
     of_start = np.repeat(np.random.default_rng(3).normal(0.0, 0.3, N_ROWS // 20), 20)
     during = np.arange(N_ROWS) % 20 < lasting_s / DT_S
     simulation.sequences.velocity = simulation.sequences.velocity * (1.0 + during * of_start)[:, None]
-    candidates = supply_candidates(simulation, {}, rows)
+    candidates = supply_candidates(simulation, NOMINAL, rows)
     assert min(c.share for c in candidates) > 0.1
     assert not is_plausible(FAMILY, candidates)
 
@@ -121,8 +122,8 @@ def test_placebos_of_a_supply_that_sets_in_are_shifted_within_the_rows_after_it(
     for seed in range(20):
         simulation, rows = machine(seed, STD, 1.0, 2.0, n_rows=12_000, is_common=False)
         since, _ = rows_since(simulation, rows, 10_000 * STEP_NS)
-        widths_s = {c.joint: c.point["width"] for c in supply_candidates(simulation, {}, rows)}
-        late.append(supply_p(simulation, {}, [since], widths_s, seed=0))
+        widths_s = {c.joint: c.point["width"] for c in supply_candidates(simulation, NOMINAL, rows)}
+        late.append(supply_p(simulation, NOMINAL, [since], widths_s, seed=0))
     assert min(late) > 1e-3
 
 
@@ -130,24 +131,24 @@ def test_a_supply_does_not_set_in_where_joints_begin_to_move_at_once() -> None:
     """One joint at a time tells nothing of what joints have in common."""
     for seed in range(4):
         simulation, rows = machine(seed, STD, 1.0, 2.0, n_rows=12_000, alone_until=4000)
-        assert supply_onset(simulation, {}, rows, supply_candidates(simulation, {}, rows)) is None
+        assert supply_onset(simulation, NOMINAL, rows, supply_candidates(simulation, NOMINAL, rows)) is None
 
 
 def p_of(logs) -> float:
     simulation, rows = logs
-    widths_s = {c.joint: c.point["width"] for c in supply_candidates(simulation, {}, rows)}
-    return supply_p(simulation, {}, [rows], widths_s, seed=0)
+    widths_s = {c.joint: c.point["width"] for c in supply_candidates(simulation, NOMINAL, rows)}
+    return supply_p(simulation, NOMINAL, [rows], widths_s, seed=0)
 
 
 @pytest.mark.parametrize("time_s", [2.0, 5.0])
 def test_the_moment_at_which_a_supply_begins_to_vary_is_found(time_s) -> None:
     onset_row = 4000
     simulation, rows = machine(0, STD, 1.0, time_s, n_rows=12_000, onset_row=onset_row)
-    members = supply_candidates(simulation, {}, rows)
-    moment = supply_onset(simulation, {}, rows, members)
+    members = supply_candidates(simulation, NOMINAL, rows)
+    moment = supply_onset(simulation, NOMINAL, rows, members)
     assert moment is not None
     assert moment[0] / STEP_NS == pytest.approx(onset_row, abs=5.0 / DT_S)
-    since = supply_since(simulation, {}, rows, moment, members)
+    since = supply_since(simulation, NOMINAL, rows, moment, members)
     for always, later in zip(members, since, strict=True):
         assert later.onset == moment[0]
         # where there is nothing to gain, little is lost
@@ -160,4 +161,4 @@ def test_the_moment_at_which_a_supply_begins_to_vary_is_found(time_s) -> None:
 def test_a_supply_that_always_varied_does_not_set_in(time_s) -> None:
     for seed in range(6):
         simulation, rows = machine(seed, STD, 1.0, time_s, n_rows=12_000)
-        assert supply_onset(simulation, {}, rows, supply_candidates(simulation, {}, rows)) is None
+        assert supply_onset(simulation, NOMINAL, rows, supply_candidates(simulation, NOMINAL, rows)) is None

@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from pipeline.discrepancy.acceptance.gate import rank_p
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL
 from pipeline.discrepancy.families.time_varying_gain import beyond_constants, course_candidates
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds
@@ -47,7 +48,7 @@ def rows_of(is_used: np.ndarray) -> ScoredRows:
 @pytest.mark.parametrize("period_s", [30.0, 60.0])
 def test_a_cycle_of_the_clock_is_seen_on_its_joint_alone(period_s):
     simulation, rows = logs(-0.3 * (TIME_S % period_s < period_s / 2))
-    first, second = course_candidates(simulation, {}, rows)
+    first, second = course_candidates(simulation, NOMINAL, rows)
     assert first.share > 0.6  # of a square wave, whose edges no smooth course follows
     assert first.point["period"] == pytest.approx(period_s, rel=0.02)
     assert abs(second.share) < 0.02
@@ -57,16 +58,18 @@ def test_a_cycle_of_the_clock_is_seen_on_its_joint_alone(period_s):
 
 def test_a_cycle_is_followed_over_its_edges_by_all_its_rounds():
     simulation, rows = logs(-0.3 * (TIME_S % 37.0 < 18.5))
-    before = np.sum(rows.averaged(simulation.sequences.velocity - simulation.velocities([{}])[0])[:, 0] ** 2)
+    before = np.sum(
+        rows.averaged(simulation.sequences.velocity - simulation.velocities([NOMINAL])[0])[:, 0] ** 2
+    )
     left = []
-    for shape in ({"width": 3.0}, {"width": 6.0}, course_candidates(simulation, {}, rows)[0].point):
-        left.append(np.sum(beyond_constants(simulation, {}, rows, rows, 0, shape)[1] ** 2) / before)
+    for shape in ({"width": 3.0}, {"width": 6.0}, course_candidates(simulation, NOMINAL, rows)[0].point):
+        left.append(np.sum(beyond_constants(simulation, NOMINAL, rows, rows, 0, shape)[1] ** 2) / before)
     assert left[-1] < 0.7 * min(left[:-1])
 
 
 def test_what_is_slower_all_the_time_has_no_course():
     simulation, rows = logs(np.full(N_ROWS, -0.2))
-    first = course_candidates(simulation, {}, rows)[0]
+    first = course_candidates(simulation, NOMINAL, rows)[0]
     assert first.share > 0.5  # it has a mean, which a gain explains as well
     assert chance(simulation, rows, first) > 0.01
 
@@ -75,12 +78,12 @@ def test_what_is_slower_all_the_time_has_no_course():
 @pytest.mark.parametrize("constant", [-0.2, 0.0])
 def test_what_does_not_vary_does_not_come_round(constant, seed):
     simulation, rows = logs(np.full(N_ROWS, constant), seed=seed)
-    assert not any("period" in c.point for c in course_candidates(simulation, {}, rows))
+    assert not any("period" in c.point for c in course_candidates(simulation, NOMINAL, rows))
 
 
 def test_a_cycle_of_the_clock_is_seen_beside_a_slow_change():
     simulation, rows = logs(-0.3 * (TIME_S % 45.0 < 22.5) - 0.15 * TIME_S / TIME_S[-1])
-    assert course_candidates(simulation, {}, rows)[0].point["period"] == pytest.approx(45.0, rel=0.02)
+    assert course_candidates(simulation, NOMINAL, rows)[0].point["period"] == pytest.approx(45.0, rel=0.02)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.03])
@@ -94,12 +97,12 @@ def test_work_that_comes_round_is_no_clock(jitter):
     one_round = random.integers(-1, 2, size=(20, 2)).astype(float)
     u = one_round[np.minimum((20 * phase).astype(int), 19)][None]
     simulation, rows = logs(-0.3 * (phase < 0.5), u=u)
-    assert not any("period" in c.point for c in course_candidates(simulation, {}, rows))
+    assert not any("period" in c.point for c in course_candidates(simulation, NOMINAL, rows))
 
 
 def test_noise_that_is_alike_for_half_a_second_is_no_course():
     simulation, rows = logs(np.zeros(N_ROWS), noise_width_s=0.3)
-    for candidate in course_candidates(simulation, {}, rows):
+    for candidate in course_candidates(simulation, NOMINAL, rows):
         assert candidate.share < 0.01
 
 
@@ -110,10 +113,10 @@ def test_rows_beside_tell_of_a_course_between_them():
         rows_of(used) for used in (is_held_out, ~is_held_out, np.zeros_like(is_held_out))
     )
     left = [
-        np.sum(beyond_constants(simulation, {}, held_out, beside, 0, {"width": 6.0})[1] ** 2)
+        np.sum(beyond_constants(simulation, NOMINAL, held_out, beside, 0, {"width": 6.0})[1] ** 2)
         for beside in (nothing, fitted)
     ]
-    before = np.sum(beyond_constants(simulation, {}, held_out, fitted, 0, {"width": 6.0})[0] ** 2)
+    before = np.sum(beyond_constants(simulation, NOMINAL, held_out, fitted, 0, {"width": 6.0})[0] ** 2)
     assert left[1] < 0.4 * before
     assert left[1] < left[0]
 
@@ -123,9 +126,9 @@ def test_rows_that_do_not_count_say_nothing_of_others():
     does_count = TIME_S % 4.0 < 2.0
     simulation, rows = logs(np.where(does_count, 0.0, -0.5 * (TIME_S % 60.0 < 30.0)))
     weight = np.repeat(does_count[::2, None].astype(float), 2, axis=1)
-    assert course_candidates(simulation, {}, replace(rows, weight=weight))[0].share < 0.01
+    assert course_candidates(simulation, NOMINAL, replace(rows, weight=weight))[0].share < 0.01
 
 
 def chance(simulation: SimpleNamespace, rows: ScoredRows, candidate: Candidate) -> float:
-    before, after = beyond_constants(simulation, {}, rows, rows, candidate.joint, candidate.point)
+    before, after = beyond_constants(simulation, NOMINAL, rows, rows, candidate.joint, candidate.point)
     return rank_p(np.bincount(rows.folds.block, before**2 - after**2), n_tests=1)

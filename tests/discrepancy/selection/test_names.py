@@ -8,6 +8,7 @@ import pytest
 
 from pipeline.configuration.load import load_section
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
+from pipeline.discrepancy.diagnosis.simulation import Hypothesis
 from pipeline.discrepancy.families import uncorrectable as wrapperless
 from pipeline.discrepancy.families.plausibility import is_at_bound, is_plausible
 from pipeline.discrepancy.families.whole_machine import COMMON_FACTOR, DOUBTED_FACTOR, common_cause
@@ -15,7 +16,7 @@ from pipeline.discrepancy.selection import search as search_module
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds, t_statistic
 from pipeline.discrepancy.selection.search import Search
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Setting
@@ -163,7 +164,7 @@ def search(folds: Folds) -> Search:
     rows = ScoredRows(
         np.ones((1, 2 * len(folds.fold)), bool), folds, np.ones(1), np.ones((len(folds.fold), 1))
     )
-    simulation = SimpleNamespace(effects=EFFECTS, onsets={})
+    simulation = SimpleNamespace(effects=EFFECTS)
     settings = load_section("close_loop", CloseLoopConfig, "paper").search
     return Search(simulation, rows, {}, settings, (), {}, ("lift", "turn"), (0, 1), lambda _: None)
 
@@ -240,8 +241,12 @@ def test_what_is_left_is_looked_at_with_every_onset_that_was_found(monkeypatch: 
     monkeypatch.setattr(looking, "_look_back", lambda: None)
     seen: list[dict] = []
     seconds = [[SelectedEffect(replace(candidate("load", 1, 50.0), onset=7))], []]
-    monkeypatch.setattr(looking, "_candidates", lambda: seen.append(looking.simulation.onsets) or [])
+    monkeypatch.setattr(looking, "_candidates", lambda: seen.append(active(looking).onsets) or [])
     monkeypatch.setattr(looking, "_second_cause", lambda _: seconds[len(seen) - 1])
+
+    def active(looking: Search) -> Hypothesis:
+        return hypothesis_of(looking.simulation, looking.found)
+
     looking.run()
     assert seen == [{}, {("load", 1): 7}]
 

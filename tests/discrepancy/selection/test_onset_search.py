@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.diagnosis.scored_rows import ROWS_AVERAGED, ScoredRows
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.onset import with_onsets
 from pipeline.discrepancy.selection.regression import Folds
@@ -23,12 +24,12 @@ def with_onset(first_row: int) -> Candidate:
     ratio = np.where(np.arange(N_ROWS) >= first_row, RATIO, 1.0)[:, None]
     velocity = ratio * u + NOISE * random.standard_normal(u.shape)
 
-    def velocities(hypotheses: list[dict]) -> np.ndarray:
-        return np.stack([u * h["gain"]["ratio_positive"] if h else u for h in hypotheses])
+    def velocities(hypotheses: list[Hypothesis]) -> np.ndarray:
+        return np.stack([u * h.values["gain"]["ratio_positive"] if h.values else u for h in hypotheses])
 
     sequences = SimpleNamespace(velocity=velocity, stamp_ns=STEP_NS * np.arange(N_ROWS)[None])
     effects = {"gain": Gain(Setting(0.05, -np.ones(1), np.ones(1), np.ones(1)))}
-    simulation = SimpleNamespace(sequences=sequences, velocities=velocities, effects=effects, onsets={})
+    simulation = SimpleNamespace(sequences=sequences, velocities=velocities, effects=effects)
     n = N_ROWS // ROWS_AVERAGED
     block = np.arange(n) // (BLOCK_ROWS // ROWS_AVERAGED)
     rows = ScoredRows(
@@ -40,7 +41,7 @@ def with_onset(first_row: int) -> Candidate:
     gain = float(np.sum(before**2 - (before - mean * rows.averaged(u)) ** 2)) / NOISE**2
     blocks = np.full(20, gain / 20)
     candidate = Candidate("gain", 0, None, {}, freed, np.array([mean]), gain, 0.5, blocks)
-    return with_onsets(simulation, {}, rows, [candidate])[0]
+    return with_onsets(simulation, NOMINAL, rows, [candidate])[0]
 
 
 def test_the_moment_is_found() -> None:

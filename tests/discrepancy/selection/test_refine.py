@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares, lsq_linear
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, averaged
+from pipeline.discrepancy.diagnosis.simulation import Hypothesis
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.refine import parameter_covariance, refine
 from pipeline.discrepancy.selection.regression import Folds
@@ -31,7 +32,7 @@ def machine(velocity_of, measured: np.ndarray, parameters: list[Parameter]):
     def velocities(hypotheses):
         return np.stack(
             [
-                velocity_of(*(v[0] for v in (h.get(FAMILY) or neutral).values()))[None, :, None]
+                velocity_of(*(v[0] for v in (h.values.get(FAMILY) or neutral).values()))[None, :, None]
                 for h in hypotheses
             ]
         )
@@ -40,7 +41,6 @@ def machine(velocity_of, measured: np.ndarray, parameters: list[Parameter]):
         effects={FAMILY: effect},
         sequences=SimpleNamespace(velocity=measured[None, :, None]),
         velocities=velocities,
-        onsets={},
     )
     n = N_ROWS // 2
     rows = ScoredRows(
@@ -126,7 +126,7 @@ def drifting_pair():
     )
 
     def velocities(hypotheses):
-        values = [h.get(FAMILY) or effect.neutral() for h in hypotheses]
+        values = [h.values.get(FAMILY) or effect.neutral() for h in hypotheses]
         return np.stack([(drive * (1.0 - v["c"] * np.exp(-row[:, None] / v["t"])))[None] for v in values])
 
     n = N_ROWS // 2
@@ -136,12 +136,11 @@ def drifting_pair():
         effects={FAMILY: effect},
         sequences=SimpleNamespace(velocity=true[None]),
         velocities=velocities,
-        onsets={},
     )
 
     def residuals(values: np.ndarray) -> np.ndarray:
         known = {"c": np.array(values[1:]), "t": np.full(2, values[0])}
-        left = rows.averaged(true[None] - velocities([{FAMILY: known}])[0])
+        left = rows.averaged(true[None] - velocities([Hypothesis({FAMILY: known})])[0])
         return (left / np.sqrt(floor)).ravel()
 
     return simulation, rows, residuals

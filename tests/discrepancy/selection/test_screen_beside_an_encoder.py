@@ -1,5 +1,7 @@
 """The screen beside an encoder's error that is known: effects act on the true motion, between the true stops."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, Scales
 from pipeline.discrepancy.diagnosis.scored_rows import rows_in_blocks
 from pipeline.discrepancy.diagnosis.sequences import Sequences
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis, Simulation
 from pipeline.discrepancy.selection.candidate import Candidate, Key
 from pipeline.discrepancy.selection.screen import screen
 from pipeline.effects.catalogue import KNOWN
@@ -67,7 +69,7 @@ def simulated(model: DiagnosisModel, sequences: Sequences) -> Simulation:
     return Simulation(model, sequences, effects, Setting(DT_S, -STOP, STOP, SPEED))
 
 
-def screened(simulation: Simulation, active: dict) -> dict[Key, Candidate]:
+def screened(simulation: Simulation, active: Hypothesis) -> dict[Key, Candidate]:
     is_used = simulation.sequences.is_row
     fold = np.broadcast_to(np.arange(N_ROWS) // BLOCK_ROWS % 2, is_used.shape)
     rows = rows_in_blocks(is_used, fold, np.ones((1, N_ROWS, 2), bool), FLOOR, BLOCK_ROWS)
@@ -75,14 +77,14 @@ def screened(simulation: Simulation, active: dict) -> dict[Key, Candidate]:
 
 
 def test_a_gain_is_found_as_if_the_encoder_were_right() -> None:
-    candidate = screened(measured(lambda u: np.array([RATIO, 1.0]) * u), ACTIVE)["gain", 0, None]
+    candidate = screened(measured(lambda u: np.array([RATIO, 1.0]) * u), Hypothesis(ACTIVE))["gain", 0, None]
     np.testing.assert_allclose(candidate.coefficients, RATIO - 1.0, atol=0.005)
     assert candidate.share > 0.99
 
 
 def test_a_dependence_on_position_is_one_on_the_true_position() -> None:
     _, _, q = machine()
-    candidate = screened(measured(lambda u: (1.0 - 0.2 * q) * u), ACTIVE)[POSITION, 0, 0]
+    candidate = screened(measured(lambda u: (1.0 - 0.2 * q) * u), Hypothesis(ACTIVE))[POSITION, 0, 0]
     assert candidate.share > 0.95
 
 
@@ -103,23 +105,21 @@ def test_what_the_full_hypothesis_predicts_is_fully_explained(beside: dict, onse
         is_early = (np.arange(N_ROWS) < onset_row)[:, None] * np.array([True, False])
         sequences = sequences._replace(q=np.where(is_early, q, sequences.q[0])[None])
     simulation = simulated(machine()[0], sequences)
-    simulation.onsets = onsets
     effect = simulation.effects["lag"]
     point = {"added_time_constant": 0.3, "fall_share": 1.0}
     lag = effect.neutral() | {
         name: np.array([value, effect.neutral()[name][1]]) for name, value in point.items()
     }
-    velocity = simulation.velocities([{**active, "lag": lag}])[0]
+    velocity = simulation.velocities([Hypothesis({**active, "lag": lag}, onsets)])[0]
     simulation = simulated(machine()[0], sequences._replace(velocity=velocity))
-    simulation.onsets = onsets
-    candidate = screened(simulation, active)["lag", 0, None]
+    candidate = screened(simulation, Hypothesis(active, onsets))["lag", 0, None]
     assert candidate.point == point
     assert candidate.share == pytest.approx(1.0, abs=0.04 if beside or onsets else 1e-6)
 
 
 def test_without_an_encoders_error_nothing_more_is_compiled() -> None:
     simulation = measured(lambda u: u)
-    screened(simulation, {})
+    screened(simulation, NOMINAL)
     assert all(len(effects) == 1 for _, effects, _ in simulation._compiled)
 
 
@@ -128,10 +128,9 @@ def test_before_an_onset_an_effect_acts_on_what_all_others_left() -> None:
     setting = simulation.setting
     delay = {"added_delay": np.array([0.2, 0.0])}
     gain = {**Gain(setting).neutral(), "ratio_positive": np.array([0.5, 1.0])}
-    lag = {"lag": {"added_time_constant": np.array([0.3, 0.0]), "fall_share": np.ones(2)}}
+    lag = Hypothesis({"lag": {"added_time_constant": np.array([0.3, 0.0]), "fall_share": np.ones(2)}})
     onset = int(simulation.sequences.stamp_ns[0, 900])
-    simulation.onsets = {("gain", 0): onset}
-    left = np.moveaxis(simulation.velocities([{"delay": delay, "gain": gain}])[0], 1, 0)
-    found = simulation.velocities([lag], jnp.asarray(left, jnp.float32))[0]
-    simulation.onsets = {}  # the lag has none
+    onsets = {("gain", 0): onset}
+    left = np.moveaxis(simulation.velocities([Hypothesis({"delay": delay, "gain": gain}, onsets)])[0], 1, 0)
+    found = simulation.velocities([replace(lag, onsets=onsets)], jnp.asarray(left, jnp.float32))[0]
     np.testing.assert_array_equal(found, simulation.velocities([lag], jnp.asarray(left, jnp.float32))[0])

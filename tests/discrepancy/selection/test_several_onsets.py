@@ -14,7 +14,12 @@ from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.onset import of_one_moment
 from pipeline.discrepancy.selection.refine import refine
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, onsets_of, values_of, velocity_of
+from pipeline.discrepancy.selection.selected_effect import (
+    SelectedEffect,
+    hypothesis_of,
+    onsets_of,
+    velocity_of,
+)
 from tests.discrepancy.bare_candidate import bare_candidate
 from tests.discrepancy.exact_machine import N_JOINT, SETTING, SPEED, STEP_NS, held_commands, simulation_of
 
@@ -121,9 +126,8 @@ def test_what_sets_in_is_not_blamed_for_having_nothing_to_gain_before() -> None:
 def test_what_has_set_in_is_not_taken_back_from_velocities_that_are_known() -> None:
     """An effect beside others acts on the velocities in their presence, all the time."""
     machine, found = simulation(), [SelectedEffect(gain(0, EARLY)), SelectedEffect(leakage(0, LATE))]
-    machine.onsets = onsets_of(found)
     known = np.moveaxis(velocity_of(machine, found), 1, 0)
-    beside = values_of(machine, [SelectedEffect(gain(0, None, 0.5))])
+    beside = replace(hypothesis_of(machine, [SelectedEffect(gain(0, None, 0.5))]), onsets=onsets_of(found))
     np.testing.assert_allclose(
         machine.velocities([beside], known)[0, 0, :, 0], 0.5 * measured(0, EARLY, LATE), atol=1e-6
     )

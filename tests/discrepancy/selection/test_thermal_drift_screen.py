@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.discrepancy.diagnosis.null_gains import null_gains
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, rows_in_blocks
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.families.cold_oil import hardly_warms
 from pipeline.discrepancy.families.contract_parameters import describe
 from pipeline.discrepancy.families.plausibility import is_plausible
@@ -41,7 +41,7 @@ def drifting(
 
 def found_of(simulation: Simulation, rows: ScoredRows, nominal: Nominal | None = None) -> list[Candidate]:
     """One per joint, in their order."""
-    return sorted(screen(simulation, {}, rows, nominal=nominal or {}), key=lambda c: c.joint)
+    return sorted(screen(simulation, NOMINAL, rows, nominal=nominal or {}), key=lambda c: c.joint)
 
 
 def described(simulation: Simulation, candidate: Candidate) -> dict[str, float]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.diagnosis.scored_rows import rows_in_blocks
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis
 from pipeline.discrepancy.selection.screen import screen
 from pipeline.effects.backlash import Backlash
 from pipeline.effects.effect import Setting
@@ -34,8 +35,8 @@ def test_play_is_found_in_proportion_to_the_range(joint: int, width: float) -> N
     u = SPEED * random.choice([-1.0, 0.0, 1.0], (N_ROWS // 20, 2)).repeat(20, axis=0)
     present = np.where(np.arange(2) == joint, width, 0.0)
 
-    def velocities(hypotheses: list[dict], _: Any = None) -> np.ndarray:
-        widths = [h["backlash"]["width"] if h else np.zeros(2) for h in hypotheses]
+    def velocities(hypotheses: list[Hypothesis], _: Any = None) -> np.ndarray:
+        widths = [h.values["backlash"]["width"] if h.values else np.zeros(2) for h in hypotheses]
         return np.stack([played(u, of)[None] for of in widths])
 
     sequences = SimpleNamespace(velocity=played(u, present)[None])
@@ -45,12 +46,11 @@ def test_play_is_found_in_proportion_to_the_range(joint: int, width: float) -> N
         sequences=sequences,
         velocities=velocities,
         nominal_velocities=lambda _: u[None, :, None],
-        onsets={},
     )
     is_used = np.ones((1, N_ROWS), bool)
     fold = np.arange(N_ROWS)[None] // BLOCK_ROWS % 2
     rows = rows_in_blocks(is_used, fold, np.ones((1, N_ROWS, 2), bool), np.ones(2), BLOCK_ROWS)
-    (found,) = (c for c in screen(simulation, {}, rows) if c.joint == joint)
+    (found,) = (c for c in screen(simulation, NOMINAL, rows) if c.joint == joint)
     assert found.share > 0.9
     assert found.point["width"] == pytest.approx(width, rel=0.3)
 
