@@ -1,17 +1,27 @@
 """The whole loop on a machine simulated here: two first-order joints, nothing of the plant or of the model in it."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pipeline.configuration.load import load_section
-from pipeline.discrepancy.close_loop import Loop
+from pipeline.discrepancy.acceptance.accept import accept
+from pipeline.discrepancy.close_loop import close_loop
+from pipeline.discrepancy.correction.correct import correct
+from pipeline.discrepancy.correction.corrected_models import active_effects, held_out_errors
+from pipeline.discrepancy.diagnosis.diagnose import diagnose
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
+from pipeline.discrepancy.diagnosis.prepare import prepare
+from pipeline.discrepancy.journal import Journal
+from pipeline.discrepancy.selection.select import select
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of
 from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.dynamics.model.dynamics_model import Target
-from pipeline.dynamics.model.network import Parameterization
+from pipeline.discrepancy.verdict.document import document_of
+from pipeline.discrepancy.verdict.verdict import Verdict
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.network import Parameterization, Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.dynamics.training.fit import fit
@@ -81,7 +91,7 @@ def nominal() -> list[Trajectory]:
 
 
 @pytest.fixture(scope="module")
-def model(nominal: list[Trajectory]):  # type: ignore[no-untyped-def]
+def model(nominal: list[Trajectory]) -> tuple[DynamicsModel, Parameters]:
     """A small model of it."""
     training = TrainingConfig([32], lags=10, horizon=16, learning_rate=5e-3, batch_size=256, maximum_epochs=4)
     identify = load_section("identify", IdentifyConfig, "default")
@@ -109,17 +119,27 @@ def usual(nominal: list[Trajectory]) -> NominalBehaviour:
     return learn_nominal_behaviour(nominal, MACHINE, settings())
 
 
-def close(nominal, measured, model, usual: NominalBehaviour | None) -> tuple[Loop, dict]:  # type: ignore[no-untyped-def]
-    """The loop."""
-    loop = Loop(nominal, measured, MACHINE, *model, settings(), lambda _: None, usual)
-    return loop, loop.run().document
+Model = tuple[DynamicsModel, Parameters]
+
+
+def close(
+    nominal: list[Trajectory], measured: list[Trajectory], model: Model, usual: NominalBehaviour
+) -> dict[str, Any]:
+    """The content of closed_loop.json."""
+    return close_loop(nominal, measured, MACHINE, *model, settings(), nominal_behaviour=usual).document
 
 
 @pytest.mark.long
 def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     measured = [record("measured_1", 11, 4000, slower=0.7), record("measured_2", 12, 4000, slower=0.7)]
-    loop, document = close(nominal, measured, model, None)  # which learns for itself what nominal logs say
-    np.testing.assert_array_equal(loop.usual.floor, usual.floor)
+    journal = Journal()
+    logs = prepare(nominal, measured, MACHINE, settings())
+    diagnosis = diagnose(logs, None, None, journal)  # which learns for itself what nominal logs say
+    np.testing.assert_array_equal(diagnosis.nominal.floor, usual.floor)
+    selection = select(diagnosis, journal)
+    acceptance = accept(diagnosis, selection, journal)
+    correction = correct(*model, diagnosis, selection, acceptance, journal)
+    document = document_of(Verdict(diagnosis, selection, acceptance, correction))
     assert document["verdict"] == "named"
     (effect,) = document["effects"]
     assert (effect["family"], effect["joints"], effect["depends_on"]) == ("gain", ["turn"], ["command:turn"])
@@ -131,15 +151,15 @@ def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> 
     assert errors["after"]["turn"] < 0.6 * errors["before"]["turn"]
     assert errors["after"]["lift"] == pytest.approx(errors["before"]["lift"], rel=0.05)
     # Of an alternative, too, by the contract: of the squared error over 80 steps that no fit saw, on its joint.
-    (rival, _), *_ = loop.search.found[0].losers
+    (rival, _), *_ = correction.fit.found[0].losers
     alternative, turn = document["alternatives"][0], MACHINE.joint_names.index("turn")
-    alone = hypothesis_of(loop.simulation, [SelectedEffect(rival)])
-    with_rival = ActiveEffects(loop.usual.setting, alone.values, {})
-    after = loop.errors(predictor(*model, with_rival), 80).rmse[turn]
+    alone = hypothesis_of(diagnosis.simulation, [SelectedEffect(rival)])
+    with_rival = ActiveEffects(diagnosis.nominal.setting, alone.values, {})
+    after = held_out_errors(logs, predictor(*model, with_rival), 80).rmse[turn]
     expected = 1.0 - (after / errors["before"]["turn"]) ** 2
     assert (alternative["joints"], rival.joint) == (["turn"], turn)
     assert alternative["error_reduction"] == pytest.approx(expected, abs=1e-3)
-    again = predictor(*model, loop._active([]))
+    again = predictor(*model, active_effects(diagnosis.simulation, []))
     np.testing.assert_array_equal(
         again.predict(measured[0], np.array([40, 60]), 20),
         predictor(*model, None).predict(measured[0], np.array([40, 60]), 20),
@@ -153,7 +173,7 @@ def test_what_sets_in_mid_way_is_found_with_its_moment(nominal, model, usual) ->
         record("measured_1", 11, 4000, slower=0.6, onset=onset),
         record("measured_2", 12, 4000, slower=0.6),
     ]
-    _, document = close(nominal, measured, model, usual)
+    document = close(nominal, measured, model, usual)
     assert document["verdict"] == "named"
     (effect,) = document["effects"]
     assert (effect["family"], effect["of"], effect["joints"]) == ("change_point", "gain", ["turn"])
@@ -169,7 +189,7 @@ def test_a_channel_that_is_late_from_mid_way_on_is_one_cause(nominal, model, usu
         record("measured_1", 11, 4000, late_rows=late_rows, onset=onset),
         record("measured_2", 12, 4000, late_rows=late_rows),
     ]
-    _, document = close(nominal, measured, model, usual)
+    document = close(nominal, measured, model, usual)
     assert document["verdict"] == "named"
     (effect,) = document["effects"]
     assert (effect["family"], effect["of"], effect["joints"]) == ("change_point", "timing", ["lift", "turn"])
@@ -183,7 +203,7 @@ def test_a_channel_that_is_late_from_mid_way_on_is_one_cause(nominal, model, usu
 @pytest.mark.long
 def test_a_leak_slows_its_joint_under_way_and_is_one_effect(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     sag = (-0.02, -0.04, -0.05)
-    _, document = close(
+    document = close(
         nominal, [record(f"measured_{seed}", seed, 4000, sag=sag) for seed in (11, 12)], model, usual
     )
     (effect,) = document["effects"]
@@ -195,9 +215,7 @@ def test_a_leak_slows_its_joint_under_way_and_is_one_effect(nominal, model, usua
 
 
 def test_nothing_is_found_where_nothing_changed(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
-    _, document = close(
-        nominal, [record("measured_1", 21, 4000), record("measured_2", 22, 4000)], model, usual
-    )
+    document = close(nominal, [record("measured_1", 21, 4000), record("measured_2", 22, 4000)], model, usual)
     assert document["verdict"] == "none"
     assert document["detected"] is False
     assert document["effects"] == []
@@ -205,7 +223,8 @@ def test_nothing_is_found_where_nothing_changed(nominal, model, usual) -> None: 
 
 
 def test_logs_too_short_to_hold_anything_back_are_refused_at_once(nominal, model) -> None:  # type: ignore[no-untyped-def]
-    loop = Loop(nominal, [record("measured", 31, 300)], MACHINE, *model, settings(), lambda _: None)
+    measured = [record("measured", 31, 300)]
     with pytest.raises(InputError, match="too short"):
-        loop.run()
-    assert loop.seconds == {}  # nothing was learned first
+        prepare(nominal, measured, MACHINE, settings())  # before anything is learned
+    with pytest.raises(InputError, match="too short"):
+        close_loop(nominal, measured, MACHINE, *model, settings())

@@ -5,16 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.dynamics.evaluation.errors import (
-    Predictor,
-    one_step_starts,
-    open_loop_residuals,
-    open_loop_starts,
-)
-from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW
+from pipeline.discrepancy.diagnosis.window_starts import starts_within
+from pipeline.dynamics.evaluation.errors import Predictor, open_loop_residuals
 from pipeline.logs.tuples import Trajectory
 
-STRIDE = 20
 BLOCK_ROWS = 400  # of the bootstrap: windows that share rows fall together
 RESAMPLES = 400
 
@@ -54,19 +48,6 @@ class WindowErrors:
         counts = np.bincount(index, minlength=len(blocks))
         drawn = np.random.default_rng(seed).integers(len(blocks), size=(RESAMPLES, len(blocks)))
         return sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)[:, None]
-
-
-def starts_within(allowed: np.ndarray, horizon: int) -> np.ndarray:
-    """Start rows of the contract's windows all of whose rows are allowed: (T,) bool to (n,)."""
-    n_rows = len(allowed)
-    if horizon == 1:
-        starts = one_step_starts(n_rows)
-    elif horizon == 80:
-        starts = open_loop_starts(n_rows)
-    else:
-        starts = np.arange(FIRST_JUDGED_ROW, n_rows - horizon, STRIDE)
-    outside = np.concatenate([[0], np.cumsum(~allowed)])
-    return starts[outside[starts + horizon + 1] == outside[starts]]
 
 
 def window_errors(

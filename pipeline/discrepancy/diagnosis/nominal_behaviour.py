@@ -72,7 +72,7 @@ def learn_nominal_behaviour(
     nominal: Sequence[Trajectory],
     machine: MachineSpecification,
     config: CloseLoopConfig,
-    lap: Callable[[str], None] = lambda _: None,
+    end_part: Callable[[str], None] = lambda _: None,
     kept: Path | None = None,
 ) -> NominalBehaviour:
     """Train the diagnosis model, and search the nominal logs for effects: what is found there is its misfit.
@@ -81,7 +81,7 @@ def learn_nominal_behaviour(
         nominal: Logs of the machine as it was.
         machine: The machine.
         config: Section `close_loop`.
-        lap: Called with each part's name at its end.
+        end_part: Called with each part's name at its end.
         kept: File of what was learned of the same logs before (`learned.py`); written where it is of anything else.
 
     Raises:
@@ -102,13 +102,13 @@ def learn_nominal_behaviour(
     )
     setting = Setting(machine.dt_s, lower, upper, diagnosis.scales.speed)
     effects = [e for f, e in known_for(machine.command_kind).items() if f not in config.exclude]
-    lap("diagnosis model")
+    end_part("diagnosis model")
     # More nominal rows than this make the null no better known, but the search on them slow.
     n_rows = config.search.nominal_rows // len(every.is_row) + config.diagnosis.lags
     sequences = Sequences(*(column[:, :n_rows] for column in every))
     simulation = Simulation(diagnosis, sequences, effects, setting, diagnosis.left_out[..., :n_rows])
     phases = sampling_phases(simulation, sequences.is_row)
-    simulation.set_phases(phases)
+    simulation = simulation.with_phases(phases)
     weight = is_known(every, sequences, diagnosis.scales, is_switched)
     residual = (averaged(weight.astype(float), sequences.is_row) > 0.999) * averaged(
         sequences.velocity - simulation.velocities([NOMINAL])[0], sequences.is_row
@@ -124,7 +124,7 @@ def learn_nominal_behaviour(
         null, present = null_gains(simulation, rows, config.exclude, config.search.null_factor)
         if kept is not None and not config.exclude:  # else the next would miss what was not tried
             save_learned(kept, Learned(diagnosis, null, present), known_as)
-    lap("search on nominal logs")
+    end_part("search on nominal logs")
     return NominalBehaviour(
         diagnosis, setting, effects, every, simulation, rows, phases, floor, at_rest, null, present
     )

@@ -4,6 +4,7 @@ Measured configurations are fed in, velocities come out, so that nothing accumul
 with what was measured there. Hypotheses of the same families share one compilation, and run side by side.
 """
 
+import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -83,9 +84,11 @@ class Simulation:
         self._rows.append(jnp.zeros(len(sequences.q)))  # (B,)
         self._compiled: dict[tuple, Callable] = {}
 
-    def set_phases(self, phases: np.ndarray) -> None:
-        """Let all joints of each log respond late by so many steps, in (-1, 1): (B,)."""
-        self._rows[-1] = jnp.asarray(phases, jnp.float32)
+    def with_phases(self, phases: np.ndarray) -> "Simulation":
+        """The same, where all joints of each log respond late by so many steps, in (-1, 1): (B,)."""
+        late = copy.copy(self)  # what is compiled serves both
+        late._rows = [*self._rows[:-1], jnp.asarray(phases, jnp.float32)]
+        return late
 
     def nominal_velocities(self, hypotheses: Sequence[Hypothesis]) -> jax.Array:
         """Velocities of the nominal machine under the commands that reach it, (n_hypotheses, T, B, n_joint)."""

@@ -1,37 +1,31 @@
-"""From a loop to what its report shows: tracks along time, signatures, the ranking, errors at all levels."""
+"""From a verdict to what its report shows: tracks along time, signatures, the ranking, errors at all levels."""
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors
+from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
+from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
 from pipeline.discrepancy.diagnosis.training_support import uncovered_share
+from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.grouping import MachineEffect
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, velocity_of
+from pipeline.discrepancy.selection.select import Selection
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of, velocity_of
 from pipeline.discrepancy.verdict.report_data import LevelErrors, RankedEffect, ReportData, ResidualTrack
 from pipeline.discrepancy.verdict.signature import signature_of
+from pipeline.discrepancy.verdict.verdict import Verdict
 from pipeline.machine.specification import CommandKind
-
-if TYPE_CHECKING:
-    from pipeline.discrepancy.close_loop import Loop
 
 TRACK_S = 15.0
 LARGEST_UNCOVERED = 0.2  # of a joint's commands, without a warning
 LARGEST_UNKNOWN = 0.3  # of a joint's motion, the same
 
 
-def evidence_of(
-    loop: "Loop",
-    effects: Sequence[MachineEffect],
-    errors: Mapping[int, tuple[WindowErrors, WindowErrors]],
-    floor: Mapping[int, np.ndarray],
-    baselines: Mapping[str, Mapping[int, np.ndarray]],
-) -> ReportData:
-    """Gather it from a loop that has opened its confirmation rows."""
-    found = [member for effect in effects for member in effect.members]
-    before, after = loop.residual(loop.confirm, []), loop.residual(loop.confirm, found)
+def report_data_of(verdict: Verdict, journal: Journal) -> ReportData:
+    """All that the report shows besides `closed_loop.json`."""
+    diagnosis, logs, correction = verdict.diagnosis, verdict.logs, verdict.correction
+    found = [member for effect in correction.effects for member in effect.members]
+    before, after = (residual_of(diagnosis.simulation, diagnosis.held_out, of) for of in ([], found))
     levels = [
         LevelErrors(
             steps=h,
@@ -39,62 +33,63 @@ def evidence_of(
             after=a.rmse,
             before_interval=b.interval(),
             after_interval=a.interval(),
-            baselines={name: of[h] for name, of in baselines.items()},
-            nominal_floor=floor[h],
+            baselines={name: of[h] for name, of in correction.baselines.items()},
+            nominal_floor=correction.floor[h],
             n_windows=len(b.squares),
         )
-        for h, (b, a) in errors.items()
+        for h, (b, a) in correction.errors.items()
     ]
-    idle = [name for index, name in enumerate(loop.joints) if index not in loop.excited]
     warnings = [
-        f"{name} moves only {loop.moving_s[loop.joints.index(name)]:.0f} s in the rows used; an effect on it may go "
-        "unseen."
-        for name in idle
+        f"{name} moves only {diagnosis.moving_s[index]:.0f} s in the rows used; an effect on it may go unseen."
+        for index, name in enumerate(logs.joints)
+        if index not in diagnosis.excited
     ]
     warnings += [
         f"{share:.0%} of {name}'s motion does not count: nominal logs hardly show how it moves there, or with as many "
         "joints at once."
-        for name, share in zip(loop.joints, loop.unknown_share, strict=True)
+        for name, share in zip(logs.joints, diagnosis.unknown_share, strict=True)
         if share > LARGEST_UNKNOWN
     ]
-    if loop.machine.command_kind is not CommandKind.discrete:
-        warnings += _extrapolations(loop)
+    if logs.machine.command_kind is not CommandKind.discrete:
+        warnings += _extrapolations(logs)
     return ReportData(
-        joints=loop.joints,
-        units=loop.units,
-        floor=np.sqrt(loop.usual.floor),
+        joints=logs.joints,
+        units=logs.units,
+        floor=np.sqrt(diagnosis.nominal.floor),
         before=np.sqrt(np.mean(before**2, axis=0)),
         after=np.sqrt(np.mean(after**2, axis=0)),
-        autocorrelation_s=_autocorrelation_s(before, 2 * loop.machine.dt_s),
-        tracks=_tracks(loop, found),
-        signatures=[one for effect in found if (one := signature_of(loop, effect, found)) is not None],
-        ranking=_ranking(loop, found),
+        autocorrelation_s=_autocorrelation_s(before, 2 * logs.machine.dt_s),
+        tracks=_tracks(diagnosis, found),
+        signatures=[one for effect in found if (one := signature_of(diagnosis, effect, found)) is not None],
+        ranking=_ranking(verdict.selection, logs.joints, found),
         levels=levels,
         warnings=warnings,
-        steps=loop.steps,
-        seconds=dict(loop.seconds),
+        steps=journal.sentences,
+        seconds=dict(journal.seconds),
     )
 
 
-def _extrapolations(loop: "Loop") -> list[str]:
+def _extrapolations(logs: PreparedLogs) -> list[str]:
     nominal, measured = (
-        np.concatenate([trajectory.a for trajectory in logs]) for logs in (loop.nominal, loop.measured)
+        np.concatenate([trajectory.a for trajectory in part]) for part in (logs.nominal, logs.measured)
     )
     return [
         f"{share:.0%} of the commands that {joint} gets in the measured logs lie where nominal logs hardly hold any: "
         "that the machine responds otherwise there, and that the model never learned how, look alike."
-        for joint, share in zip(loop.joints, uncovered_share(nominal, measured), strict=True)
+        for joint, share in zip(logs.joints, uncovered_share(nominal, measured), strict=True)
         if share > LARGEST_UNCOVERED
     ]
 
 
-def _tracks(loop: "Loop", found: Sequence[SelectedEffect]) -> list[ResidualTrack]:
-    n = round(TRACK_S / loop.machine.dt_s)
+def _tracks(diagnosis: Diagnosis, found: Sequence[SelectedEffect]) -> list[ResidualTrack]:
+    logs = diagnosis.logs
+    n = round(TRACK_S / logs.machine.dt_s)
     residuals = []
     for present in ([], list(found)):
-        residuals.append(loop.is_known * (loop.sequences.velocity - velocity_of(loop.simulation, present)))
+        left = logs.sequences.velocity - velocity_of(diagnosis.simulation, present)
+        residuals.append(diagnosis.is_known * left)
     tracks = []
-    for index, trajectory in enumerate(loop.measured):
+    for index, trajectory in enumerate(logs.measured):
         n_blocks = max(1, (len(trajectory) - 1) // n)
         rows = slice(0, min(n_blocks * n, len(trajectory) - 1))
         pieces = [np.array_split(r[index, rows], n_blocks) for r in residuals]
@@ -102,7 +97,7 @@ def _tracks(loop: "Loop", found: Sequence[SelectedEffect]) -> list[ResidualTrack
         purpose = np.array(
             [
                 np.bincount(p, minlength=4).argmax()
-                for p in np.array_split(loop.purposes[index][rows], n_blocks)
+                for p in np.array_split(logs.purposes[index][rows], n_blocks)
             ]
         )
         t_s = np.array([p.mean() for p in np.array_split(trajectory.t_s[rows], n_blocks)])
@@ -110,12 +105,14 @@ def _tracks(loop: "Loop", found: Sequence[SelectedEffect]) -> list[ResidualTrack
     return tracks
 
 
-def _ranking(loop: "Loop", found: Sequence[SelectedEffect]) -> list[RankedEffect]:
+def _ranking(
+    selection: Selection, joints: Sequence[str], found: Sequence[SelectedEffect]
+) -> list[RankedEffect]:
     taken = {(f.candidate.family, f.candidate.joint) for f in found}
     lost = {(c.family, c.joint): why for f in found for c, why in f.losers}
     even = {(c.family, c.joint) for f in found for c in f.equivalents}
     ranked = []
-    for c in sorted(loop.search.first, key=lambda c: -c.share)[:30]:
+    for c in sorted(selection.screened, key=lambda c: -c.share)[:30]:
         key = (c.family, c.joint)
         squares = c.gain / c.share if c.share > 0 else np.inf
         null_share = float(c.owed / squares)
@@ -124,13 +121,13 @@ def _ranking(loop: "Loop", found: Sequence[SelectedEffect]) -> list[RankedEffect
             if key in taken
             else "cannot be told from what was found"
             if key in even
-            else lost.get(key) or _why_not_found(loop, c, {f.candidate.joint for f in found})
+            else lost.get(key) or _why_not_found(selection, c, {f.candidate.joint for f in found})
         )
         ranked.append(
             RankedEffect(
                 c.family,
-                [loop.joints[c.joint]],
-                None if c.source is None else loop.joints[c.source],
+                [joints[c.joint]],
+                None if c.source is None else joints[c.source],
                 float(c.share),
                 null_share,
                 outcome,
@@ -139,9 +136,9 @@ def _ranking(loop: "Loop", found: Sequence[SelectedEffect]) -> list[RankedEffect
     return ranked
 
 
-def _why_not_found(loop: "Loop", candidate: Candidate, joints: Collection[int]) -> str:
+def _why_not_found(selection: Selection, candidate: Candidate, joints: Collection[int]) -> str:
     """Why a candidate that never was a joint's rival came to nothing; `joints` have an effect of the verdict."""
-    if not loop.search.comparison.passes(candidate):
+    if not selection.comparison.passes(candidate):
         return "too little beyond what it removes on nominal logs"
     if candidate.joint in joints:
         return "less than what was found on this joint"

@@ -1,45 +1,47 @@
 """An effect's signature: the residual over what it depends on, where no fit saw it, with the fitted effect over it."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
+from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
 from pipeline.discrepancy.diagnosis.sequences import Sequences
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 from pipeline.discrepancy.verdict.report_data import Signature
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Abscissa, Along
-
-if TYPE_CHECKING:
-    from pipeline.discrepancy.close_loop import Loop
 
 PARTS = 16  # of equally many rows
 ROWS_CORRELATED = 20  # of the residual: so many rows count as one
 LONGEST_SINCE_S = 4.0
 
 
-def signature_of(loop: "Loop", effect: SelectedEffect, found: Sequence[SelectedEffect]) -> Signature | None:
+def signature_of(
+    diagnosis: Diagnosis, effect: SelectedEffect, found: Sequence[SelectedEffect]
+) -> Signature | None:
     """The signature of one effect on one joint, beside all others that were found; None where nothing varies.
 
     Args:
-        loop: That has opened its confirmation rows.
+        diagnosis: Its confirmation rows have been opened.
         effect: One of `found`.
         found: All effects.
     """
     if effect.candidate.family == COURSE:
         return None  # parts of a log would average out what comes and goes
-    joint, rows = effect.candidate.joint, loop.confirm
-    u = loop.simulation.velocities([NOMINAL])[0][..., joint]
+    logs, joint, rows = diagnosis.logs, effect.candidate.joint, diagnosis.held_out
+    u = diagnosis.simulation.velocities([NOMINAL])[0][..., joint]
     over, along = _drawn(effect.candidate)
-    variable, abscissa = _abscissa(loop, effect.candidate, over, u)
-    sign = rows.averaged(_direction(along, loop.sequences.command[..., joint], u))
+    variable, abscissa = _abscissa(logs, effect.candidate, over, u)
+    sign = rows.averaged(_direction(along, logs.sequences.command[..., joint], u))
     others = [f for f in found if f is not effect]
-    without, with_all = (sign * loop.residual(rows, present)[:, joint] for present in (others, found))
+    without, with_all = (
+        sign * residual_of(diagnosis.simulation, rows, present)[:, joint] for present in (others, found)
+    )
     x = rows.averaged(abscissa)
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, PARTS + 1)))
     if len(edges) < 3:
@@ -53,7 +55,7 @@ def signature_of(loop: "Loop", effect: SelectedEffect, found: Sequence[SelectedE
     variance = np.maximum(mean(without**2) - mean(without) ** 2, 0.0)
     return Signature(
         family=effect.candidate.family,
-        joint=loop.joints[joint],
+        joint=logs.joints[joint],
         variable=variable,
         along=along.name,
         x=mean(x),
@@ -61,7 +63,7 @@ def signature_of(loop: "Loop", effect: SelectedEffect, found: Sequence[SelectedE
         standard_error=np.sqrt(variance / np.maximum(counts / ROWS_CORRELATED, 1.0)),
         fitted=mean(without - with_all),
         after=mean(with_all),
-        unit=f"{loop.units[joint]}/s",
+        unit=f"{logs.units[joint]}/s",
     )
 
 
@@ -91,26 +93,28 @@ def last_change(command: np.ndarray) -> np.ndarray:
     return np.take_along_axis(change, np.maximum.accumulate(place, axis=1), axis=1)
 
 
-def _abscissa(loop: "Loop", candidate: Candidate, over: Abscissa, u: np.ndarray) -> tuple[str, np.ndarray]:
+def _abscissa(
+    logs: PreparedLogs, candidate: Candidate, over: Abscissa, u: np.ndarray
+) -> tuple[str, np.ndarray]:
     """What an effect's signature is drawn over, in words, and its values (B, T)."""
-    joint, sequences = candidate.joint, loop.sequences
+    joint, sequences = candidate.joint, logs.sequences
     which = joint if candidate.source is None else candidate.source
     command = sequences.command
     match over:
         case Abscissa.position:
-            return f"position of {loop.joints[which]} ({loop.units[which]})", sequences.q[..., which]
+            return f"position of {logs.joints[which]} ({logs.units[which]})", sequences.q[..., which]
         case Abscissa.time:
             return "time since the log's start (s)", sequences.time_s
         case Abscissa.other_commands:
             size = np.abs(command)
             return "joints commanded besides this one", size.sum(axis=-1) - size[..., joint]
         case Abscissa.command:
-            return f"command of {loop.joints[which]}", command[..., which]
+            return f"command of {logs.joints[which]}", command[..., which]
         case Abscissa.since_command:
-            name = f"time since the command of {loop.joints[joint]} last changed (s)"
+            name = f"time since the command of {logs.joints[joint]} last changed (s)"
             return name, since_change_s(sequences, joint)
         case Abscissa.velocity:
-            name = f"velocity that the model predicts for {loop.joints[joint]} ({loop.units[joint]}/s)"
+            name = f"velocity that the model predicts for {logs.joints[joint]} ({logs.units[joint]}/s)"
             return name, u
 
 

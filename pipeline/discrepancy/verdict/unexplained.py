@@ -1,18 +1,19 @@
 """Joints that are clearly not as they were, though nothing in the catalogue or among the dependences says why."""
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import gammaln
 
+from pipeline.discrepancy.acceptance.accept import Acceptance
+from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
+from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.plausibility import is_dependence
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, depends_on
+from pipeline.discrepancy.selection.select import Selection
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
-
-if TYPE_CHECKING:
-    from pipeline.discrepancy.close_loop import Loop
 
 # Of mean squares over the floor's, and over those of the other joints. Joints that are all off alike are no finding by
 # themselves: where a log's rows fall just where its commands come in, jitter shifts starts by a step on all of them.
@@ -31,26 +32,27 @@ class Excess(NamedTuple):
     by_block: np.ndarray
 
 
-def unexplained(loop: "Loop") -> list[dict]:
+def unexplained(diagnosis: Diagnosis, selection: Selection, acceptance: Acceptance) -> list[dict[str, Any]]:
     """One entry of `effects`, without a name, per joint.
 
     Its residual has to stand out of the floor and of the other joints in rows for fitting and in confirmation rows
     each, and in more blocks than chance makes largest among those of the nominal logs.
     """
-    parts = [excess(loop.residual(rows, []), rows) for rows in (loop.rows, loop.confirm)]
-    nominal = excess(residual_of(loop.usual.simulation, loop.usual.rows, []), loop.usual.rows)
+    joints = diagnosis.logs.joints
+    parts = [_excess_of(diagnosis.simulation, rows) for rows in (diagnosis.rows, diagnosis.held_out)]
+    nominal = _excess_of(diagnosis.nominal.simulation, diagnosis.nominal.rows)
     blocks = np.concatenate([part.by_block for part in parts])
     entries: list[dict[str, Any]] = []
-    for joint, name in enumerate(loop.joints):
-        p_value = largest_of_all_p(blocks[:, joint], nominal.by_block[:, joint]) * len(loop.joints)
+    for joint, name in enumerate(joints):
+        p_value = largest_of_all_p(blocks[:, joint], nominal.by_block[:, joint]) * len(joints)
         stands_out = all(part.of_all[joint] > UNEXPLAINED_RATIO for part in parts)
-        if not stands_out or p_value > loop.config.gate.largest_p:
+        if not stands_out or p_value > diagnosis.logs.config.gate.largest_p:
             continue
         # What the search came to, though the gate did not, says more than what was best before it looked closer. A
         # name says on what speeds depend where confirmation rows bore it out, and only predictions did not.
-        searched = [f.candidate for f in loop.searched]
-        borne_out = [c for c in searched if loop.judgements[c.key].is_confirmed]
-        screened = [c for c in loop.search.first if has_wrapper(c)]
+        searched = [f.candidate for f in selection.found]
+        borne_out = [c for c in searched if acceptance.judgements[c.key].is_confirmed]
+        screened = [c for c in selection.screened if has_wrapper(c)]
         candidates = [
             *filter(is_dependence, borne_out),
             *filter(is_dependence, searched),
@@ -64,7 +66,7 @@ def unexplained(loop: "Loop") -> list[dict]:
                 "joints": [name],
                 "depends_on": []
                 if best is None
-                else depends_on(MachineEffect(OTHER, [SelectedEffect(best)]), loop.joints),
+                else depends_on(MachineEffect(OTHER, [SelectedEffect(best)]), joints),
                 "parameters": {},
                 "onset": None,
                 "certain": False,
@@ -73,6 +75,10 @@ def unexplained(loop: "Loop") -> list[dict]:
             }
         )
     return entries
+
+
+def _excess_of(simulation: Simulation, rows: ScoredRows) -> Excess:
+    return excess(residual_of(simulation, rows, []), rows)
 
 
 def excess(residual: np.ndarray, rows: ScoredRows) -> Excess:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors, starts_within
+from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors
+from pipeline.discrepancy.diagnosis.window_starts import starts_within
 
 
 @pytest.mark.parametrize("horizon", [1, 80, 1000])

@@ -32,7 +32,7 @@ def velocities(sequences: Sequences, phase: float) -> np.ndarray:
     weights = jax.tree.map(lambda leaf: leaf[None], _initial(jax.random.key(0), n_in, 8, N_JOINT))
     model = DiagnosisModel(weights, scales, LAGS, DT_S, np.ones((1, 1, 1)), is_switched=True)
     simulation = Simulation(model, sequences, [Gain], Setting(DT_S, -LIMIT, LIMIT, SPEED))
-    simulation.set_phases(np.array([phase]))
+    simulation = simulation.with_phases(np.array([phase]))
     return simulation.velocities([NOMINAL])[0, 0]
 
 

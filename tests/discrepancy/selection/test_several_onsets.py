@@ -1,13 +1,11 @@
 """Velocities of a machine that changes more than once: each effect acts from its own moment on, joint by joint."""
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.close_loop import Loop
+from pipeline.discrepancy.correction.corrected_models import active_effects
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, rows_in_blocks
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.selection.candidate import Candidate
@@ -145,14 +143,14 @@ def test_moments_cost_a_run_each(
 
 
 def test_the_model_afterwards_has_each_joints_own_onset() -> None:
-    loop: Any = SimpleNamespace(usual=SimpleNamespace(setting=SETTING), simulation=simulation())
+    machine = simulation()
     effects = [
         MachineEffect("gain", [SelectedEffect(gain(0, EARLY)), SelectedEffect(gain(1, LATE))]),
         MachineEffect("leakage", [SelectedEffect(leakage(0, None)), SelectedEffect(leakage(1, EARLY))]),
     ]
-    active = Loop._active(loop, effects)
-    assert active is not None
+    active = active_effects(machine, effects)
+    assert active is not None and active.setting is SETTING
     assert active.onset_ns == {"gain": {0: at(EARLY), 1: at(LATE)}, "leakage": {1: at(EARLY)}}
     np.testing.assert_allclose(active.values["gain"]["ratio_positive"], [RATIO, RATIO])
-    always = Loop._active(loop, [MachineEffect("gain", [SelectedEffect(gain(0, None))])])
+    always = active_effects(machine, [MachineEffect("gain", [SelectedEffect(gain(0, None))])])
     assert always is not None and always.onset_ns == {}

@@ -1,8 +1,5 @@
 """In which log an effect sets in, and when in it, by stamps alone."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -30,14 +27,14 @@ def log(name: str, begin_s: float) -> Trajectory:
     ],
 )
 def test_the_log_that_holds_the_moment_or_the_next_one_is_named(onset_s: float, name: str, t: float) -> None:
-    loop: Any = SimpleNamespace(measured=[log("evening", 300.0), log("noon", 200.0), log("morning", 100.0)])
-    found = _onset(loop, int(1e9 * onset_s))
+    measured = [log("evening", 300.0), log("noon", 200.0), log("morning", 100.0)]
+    found = _onset(measured, int(1e9 * onset_s))
     assert found is not None
     assert found["trajectory"] == name
     assert found["t"] == pytest.approx(t)
 
 
 def test_a_moment_after_all_logs_is_in_none_of_them() -> None:
-    loop: Any = SimpleNamespace(measured=[log("evening", 300.0)])
-    assert _onset(loop, int(1e9 * 1000.0)) is None
-    assert _onset(loop, None) is None
+    measured = [log("evening", 300.0)]
+    assert _onset(measured, int(1e9 * 1000.0)) is None
+    assert _onset(measured, None) is None

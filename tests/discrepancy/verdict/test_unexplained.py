@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from scipy.stats import hypergeom
 
+from pipeline.discrepancy.acceptance.accept import Acceptance
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds
+from pipeline.discrepancy.selection.select import Selection
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.discrepancy.verdict.unexplained import excess, largest_of_all_p, unexplained
 from tests.discrepancy.bare_candidate import bare_candidate
@@ -38,22 +40,29 @@ def entries(
     searched: Sequence[SelectedEffect] = (),
     borne_out: bool = False,
 ) -> list[dict[str, Any]]:
-    nominal = residual(np.ones((N_BLOCKS, 3)), 0)
-    monkeypatch.setattr("pipeline.discrepancy.verdict.unexplained.residual_of", lambda *_: nominal)
-    parts = {"fitted": residual(fitted, 1), "confirmed": residual(confirmed, 2)}
-    of = {name: rows() for name in parts}
-    loop: Any = SimpleNamespace(
-        rows=of["fitted"],
-        confirm=of["confirmed"],
-        residual=lambda rows, _: next(parts[name] for name in parts if of[name] is rows),
-        usual=SimpleNamespace(simulation=None, rows=rows()),
-        search=SimpleNamespace(first=screened),
-        searched=searched,
-        judgements={f.candidate.key: SimpleNamespace(is_confirmed=borne_out) for f in searched},
-        joints=JOINTS,
-        config=SimpleNamespace(gate=SimpleNamespace(largest_p=0.01)),
+    parts = [
+        (rows(), residual(ratio, seed))
+        for seed, ratio in enumerate((np.ones((N_BLOCKS, 3)), fitted, confirmed))
+    ]
+    monkeypatch.setattr(
+        "pipeline.discrepancy.verdict.unexplained.residual_of",
+        lambda simulation, rows, _: next(residual for part, residual in parts if part is rows),
     )
-    return unexplained(loop)
+    (nominal, _), (fitting, _), (held_out, _) = parts
+    config = SimpleNamespace(gate=SimpleNamespace(largest_p=0.01))
+    diagnosis: Any = SimpleNamespace(
+        logs=SimpleNamespace(joints=JOINTS, config=config),
+        nominal=SimpleNamespace(simulation=None, rows=nominal),
+        simulation=None,
+        rows=fitting,
+        held_out=held_out,
+    )
+    comparison: Any = None
+    selection = Selection(searched, screened, comparison, {})
+    judgement: Any = SimpleNamespace(is_confirmed=borne_out)
+    fit: Any = None
+    acceptance = Acceptance({f.candidate.key: judgement for f in searched}, fit)
+    return unexplained(diagnosis, selection, acceptance)
 
 
 def told(fitted: np.ndarray, confirmed: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:

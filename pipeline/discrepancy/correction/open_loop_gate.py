@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
 from pipeline.discrepancy.acceptance.gate import GateConfig
 from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors
 from pipeline.discrepancy.selection.grouping import MachineEffect
@@ -20,33 +21,31 @@ class OpenLoopGate:
         errors: Of the model with effects.
         refit: Effects with values that no longer make room for what was dropped.
         config: Thresholds.
-        say: Called with a sentence per effect that is dropped.
+        log: Called with a sentence per effect that is dropped.
     """
 
     before: WindowErrors
     errors: Callable[[Sequence[MachineEffect]], WindowErrors]
-    refit: Callable[[list[MachineEffect]], list[MachineEffect]]
+    refit: Callable[[Sequence[MachineEffect]], FittedEffects]
     config: GateConfig
-    say: Callable[[str], None]
+    log: Callable[[str], None]
 
-    def passing(
-        self, effects: list[MachineEffect], shows_otherwise: Callable[[MachineEffect], bool]
-    ) -> list[MachineEffect]:
+    def passing(self, fit: FittedEffects, shows_otherwise: Callable[[MachineEffect], bool]) -> FittedEffects:
         """Effects that do no harm and are worth a name, all beside one another.
 
         Args:
-            effects: Strongest first.
+            fit: The effects.
             shows_otherwise: Whether the strongest, where it hardly moves positions, shows all the same.
         """
         while True:
-            harmless = self.without_harm(effects)
-            effects = self.worth_a_name(harmless, shows_otherwise)
-            if effects is harmless:
-                return effects  # what stays has not been refitted since it was tried
+            harmless = self.without_harm(fit)
+            fit = self.worth_a_name(harmless, shows_otherwise)
+            if fit is harmless:
+                return fit  # what stays has not been refitted since it was tried
 
-    def without_harm(self, effects: list[MachineEffect]) -> list[MachineEffect]:
+    def without_harm(self, fit: FittedEffects) -> FittedEffects:
         """Drop the weakest effect of a joint whose error rises beyond the margin, until none does."""
-        while effects:
+        while effects := fit.effects:
             worse = self._worse(effects)
             suspects = [e for e in reversed(effects) if _may_harm(e, worse)]
             if not worse or not suspects:
@@ -56,13 +55,13 @@ class OpenLoopGate:
             cures = (s for s in suspects if not worse & self._worse(without[id(s)]))
             guilty = next(cures, suspects[0]) if len(suspects) > 1 else suspects[0]
             is_spared_in_part = len(without[id(guilty)]) == len(effects)
-            effects = self.refit(without[id(guilty)])
-            self.say(
+            fit = self.refit(without[id(guilty)])
+            self.log(
                 f"{guilty.family} is dropped"
                 + (" on some joints" if is_spared_in_part else "")
                 + ": it makes the open-loop error of a joint larger."
             )
-        return effects
+        return fit
 
     def _worse(self, effects: Sequence[MachineEffect]) -> set[int]:
         """Joints whose error rises beyond the margin, and by more than blocks differ by chance."""
@@ -85,23 +84,23 @@ class OpenLoopGate:
         return 1.0 - float(np.sum(alone.squares.mean(axis=0)[joints] / scale) / len(joints))
 
     def worth_a_name(
-        self, effects: list[MachineEffect], shows_otherwise: Callable[[MachineEffect], bool]
-    ) -> list[MachineEffect]:
+        self, fit: FittedEffects, shows_otherwise: Callable[[MachineEffect], bool]
+    ) -> FittedEffects:
         """Effects that show: in the prediction or, the first and those that predict nothing, otherwise.
 
         Args:
-            effects: Strongest first.
+            fit: The effects.
             shows_otherwise: Whether one that hardly moves positions, or predicts nothing, shows all the same.
         """
         kept = []
-        for number, effect in enumerate(effects):
+        for number, effect in enumerate(fit.effects):
             reduction = self.error_reduction(effect)
             is_shown = (number == 0 or not effect.has_wrapper) and shows_otherwise(effect)
             if reduction < self.config.smallest_error_reduction and not is_shown:
-                self.say(f"{effect.family} is not named: it removes {reduction:.0%} of the open-loop error.")
+                self.log(f"{effect.family} is not named: it removes {reduction:.0%} of the open-loop error.")
             else:
                 kept.append(effect)
-        return effects if len(kept) == len(effects) else self.refit(kept)
+        return fit if len(kept) == len(fit.effects) else self.refit(kept)
 
 
 def _may_harm(effect: MachineEffect, joints: set[int]) -> bool:

@@ -1,0 +1,91 @@
+"""Step 4: the confirmation rows are opened once, and only what they bear out stays."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
+from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects, grouped, refitted
+from pipeline.discrepancy.acceptance.parameters import parameters_of
+from pipeline.discrepancy.acceptance.remaining_signature import doubted_by_what_is_left
+from pipeline.discrepancy.acceptance.size_of_an_effect import SIZES, why_it_is_none
+from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
+from pipeline.discrepancy.families.cold_oil import with_doubts_of_the_oil
+from pipeline.discrepancy.families.contract_parameters import OF_95_PERCENT
+from pipeline.discrepancy.families.gain_of_a_dependence import doubted_by_what_varies
+from pipeline.discrepancy.journal import Journal
+from pipeline.discrepancy.selection.candidate import Key
+from pipeline.discrepancy.selection.select import Selection
+
+FEWEST_OF_ALL = 3  # joints
+
+
+@dataclass(frozen=True)
+class Acceptance:
+    """What confirmation rows say of the selection.
+
+    Attributes:
+        judgements: Of each effect that was selected.
+        fit: Effects that passed.
+    """
+
+    judgements: Mapping[Key, Confirmed]
+    fit: FittedEffects
+
+
+def accept(diagnosis: Diagnosis, selection: Selection, journal: Journal) -> Acceptance:
+    """Judge every effect beside all others."""
+    logs, found, screened = diagnosis.logs, selection.found, selection.screened
+    confirmation = Confirmation(
+        diagnosis.simulation,
+        diagnosis.rows,
+        diagnosis.held_out,
+        selection.encoders,
+        logs.config.gate,
+        max(1, len(screened)),
+        diagnosis.excited,
+        len(logs.joints),
+        logs.config.seed,
+    )
+    judgements = {f.candidate.key: of for f, of in zip(found, confirmation.judge(found), strict=True)}
+    for effect in found:
+        joint = logs.joints[effect.candidate.joint]
+        journal.log(in_words(effect, judgements[effect.candidate.key], joint))
+    passed = [f for f in found if judgements[f.candidate.key].is_confirmed]
+    passed = with_doubts_of_the_oil(passed, screened)
+    passed = doubted_by_what_varies(passed, found, screened)
+    passed = doubted_by_what_is_left(
+        diagnosis.simulation,
+        diagnosis.rows,
+        passed,
+        screened,
+        logs.config.gate.largest_remainder,
+        logs.machine.dt_s,
+    )
+    is_part = 0 < len(passed) < len(found)
+    fit = refitted(diagnosis, passed) if is_part else grouped(diagnosis, passed)
+    fit = beyond_misfit(fit, selection, journal.log)
+    journal.end_part("gate")
+    return Acceptance(judgements, fit)
+
+
+def beyond_misfit(fit: FittedEffects, selection: Selection, log: Callable[[str], None]) -> FittedEffects:
+    """Without what is no more than the diagnosis model is off by on nominal logs.
+
+    Args:
+        fit: Effects that confirmation rows bear out.
+        selection: That they are from.
+        log: Called with a sentence per effect that is dropped.
+    """
+    diagnosis, small = fit.diagnosis, []
+    for effect in (e for e in fit.effects if e.family in SIZES):
+        # The misfit of more joints at once than before has shown on one or two joints, not on all of them.
+        is_of_all = len(effect.joints) >= FEWEST_OF_ALL and set(effect.joints) >= set(diagnosis.excited)
+        smallest = OF_95_PERCENT if is_of_all else diagnosis.logs.config.gate.smallest_size
+        why = why_it_is_none(effect.family, parameters_of(fit, effect), smallest, effect.joints)
+        if why is not None:
+            small.append(effect)
+            log(f"{effect.family} is dropped: {why}.")
+    if not small:
+        return fit
+    kept = [member for e in fit.effects if e not in small for member in e.members]
+    return refitted(diagnosis, doubted_by_what_varies(kept, selection.found, selection.screened))

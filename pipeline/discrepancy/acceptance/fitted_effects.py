@@ -1,0 +1,51 @@
+"""Effects that were fitted together, grouped to effects of the machine."""
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
+from pipeline.discrepancy.families.plausibility import TIMING
+from pipeline.discrepancy.selection.free_parameters import Coordinate
+from pipeline.discrepancy.selection.grouping import MachineEffect, effects_of
+from pipeline.discrepancy.selection.parameter_misfit import misfit_covariance
+from pipeline.discrepancy.selection.refine import parameter_covariance, refine
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
+
+MISFIT_PARTS = 6  # of the nominal logs: four minutes each, of 24
+
+
+@dataclass(frozen=True)
+class FittedEffects:
+    """Values that belong together: none makes room for an effect that is not among them.
+
+    Attributes:
+        diagnosis: On whose rows they were fitted.
+        found: On single joints, in the order in which they were fitted.
+        effects: The same grouped, strongest first.
+    """
+
+    diagnosis: Diagnosis
+    found: Sequence[SelectedEffect]
+    effects: Sequence[MachineEffect]
+
+    @functools.cached_property
+    def covariance(self) -> Mapping[int, tuple[list[Coordinate], np.ndarray]]:
+        """Per joint its coordinates, and what scatter and misfit make of them, (k, k)."""
+        nominal, found = self.diagnosis.nominal, list(self.found)
+        misfit = misfit_covariance(nominal.simulation, nominal.rows, found, MISFIT_PARTS)
+        scatter = parameter_covariance(self.diagnosis.simulation, self.diagnosis.rows, found)
+        return {joint: (of, covariance + misfit[joint]) for joint, (of, covariance) in scatter.items()}
+
+
+def grouped(diagnosis: Diagnosis, found: Sequence[SelectedEffect]) -> FittedEffects:
+    """Effects that are fitted already."""
+    allow_timing = TIMING not in diagnosis.logs.config.exclude
+    return FittedEffects(diagnosis, found, effects_of(found, diagnosis.excited, allow_timing))
+
+
+def refitted(diagnosis: Diagnosis, found: Sequence[SelectedEffect]) -> FittedEffects:
+    """Effects that are left of others, fitted again on the rows for fitting."""
+    return grouped(diagnosis, refine(diagnosis.simulation, diagnosis.rows, found))

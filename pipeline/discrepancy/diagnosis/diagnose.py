@@ -1,0 +1,106 @@
+"""Step 2: the diagnosis model runs on the measured logs, on the rows where nominal logs say how joints move."""
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
+from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
+from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, alternating_folds, rows_in_blocks
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
+from pipeline.discrepancy.diagnosis.splits import Purpose
+from pipeline.discrepancy.journal import Journal
+
+FOLD_ROWS = 200
+TOLD_STEPS = 0.1
+MOVING_SHARE = 0.3  # of a joint's usual speed
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The measured logs beside what the nominal machine would have done.
+
+    Attributes:
+        logs: Of the step before.
+        nominal: What nominal logs say.
+        simulation: On the measured logs.
+        phases: (B,) [steps] by which all joints of each measured log respond late.
+        is_known: (B, T, n_joint) where nominal logs show how a joint moves.
+        rows: For fitting and selection.
+        held_out: For confirmation.
+        moving_s: (n_joint,) [s] in motion on `rows`, where that counts.
+        unknown_share: (n_joint,) of the time in motion on `rows`: what does not count.
+        excited: Indices of the joints that move enough for a verdict.
+    """
+
+    logs: PreparedLogs
+    nominal: NominalBehaviour
+    simulation: Simulation
+    phases: np.ndarray
+    is_known: np.ndarray
+    rows: ScoredRows
+    held_out: ScoredRows
+    moving_s: np.ndarray
+    unknown_share: np.ndarray
+    excited: list[int]
+
+
+def diagnose(
+    logs: PreparedLogs, nominal: NominalBehaviour | None, kept: Path | None, journal: Journal
+) -> Diagnosis:
+    """Simulate the measured logs; arguments as of `close_loop`.
+
+    Raises:
+        InputError: The file `kept` is damaged, or cannot be written.
+        UnusableLogs: The nominal logs are too short.
+    """
+    machine, config, sequences = logs.machine, logs.config, logs.sequences
+    if nominal is None:
+        nominal = learn_nominal_behaviour(logs.nominal, machine, config, journal.end_part, kept)
+    journal.log(
+        "On nominal logs that its members did not see, the diagnosis model is off by "
+        + ", ".join(
+            f"{j} {1e3 * np.sqrt(f):.1f} m{u}/s"
+            for j, f, u in zip(logs.joints, nominal.floor, logs.units, strict=True)
+        )
+        + " (root mean square)."
+    )
+    simulation = Simulation(nominal.diagnosis, sequences, nominal.effects, nominal.setting)
+    used = sequences.is_row & np.isin(logs.label, (Purpose.fit, Purpose.select))
+    phases = sampling_phases(simulation, used)
+    simulation = simulation.with_phases(phases)
+    if np.any(np.abs(phases) > TOLD_STEPS):
+        journal.log(
+            "All joints of the measured logs respond alike by "
+            + ", ".join(f"{1e3 * machine.dt_s * phase:.0f}" for phase in phases)
+            + " ms later than on nominal logs: when their recordings began, which is taken out of what follows."
+        )
+    is_known = nominal.shows(sequences)
+    block_rows = config.search.block_rows(machine.dt_s)
+    in_blocks = functools.partial(
+        rows_in_blocks, is_known=is_known, floor=nominal.floor, block_rows=block_rows
+    )
+    rows = in_blocks(used, (logs.label == Purpose.select).astype(int))
+    confirm = sequences.is_row & (logs.label == Purpose.confirm)
+    held_out = in_blocks(confirm, alternating_folds(confirm, block_rows, FOLD_ROWS))
+    moving = np.abs(simulation.velocities([NOMINAL])[0]) > MOVING_SHARE * nominal.diagnosis.scales.speed
+    is_used = moving & rows.is_used[..., None]
+    n_known = (is_used & is_known).sum(axis=(0, 1))
+    moving_s = n_known * machine.dt_s
+    unknown_share = 1.0 - n_known / is_used.sum(axis=(0, 1)).clip(1)
+    excited = [j for j in range(len(moving_s)) if moving_s[j] >= config.gate.smallest_excitation_s]
+    return Diagnosis(
+        logs,
+        nominal,
+        simulation,
+        phases,
+        is_known,
+        rows,
+        held_out,
+        moving_s,
+        unknown_share,
+        excited,
+    )
