@@ -23,7 +23,7 @@ def encoder_errors(
     encoders: Mapping[int, Encoder],
     excluded: Sequence[str],
     joints: Sequence[str],
-    say: Callable[[str], None],
+    log: Callable[[str], None],
 ) -> list[SelectedEffect]:
     """Where stops have moved, the encoder's error is known before anything else is looked for.
 
@@ -33,7 +33,7 @@ def encoder_errors(
         encoders: What the stops say, by joint.
         excluded: Families that are not tried.
         joints: Their names.
-        say: Called with a sentence per joint whose stops have moved.
+        log: Called with a sentence per joint whose stops have moved.
     """
     found = []
     for joint, encoder in encoders.items():
@@ -45,11 +45,11 @@ def encoder_errors(
         ]
         candidate = max(options, key=lambda option: option.gain)  # a scale changes the speeds, too
         if BACKLASH not in excluded and _is_play(simulation, rows, joint, encoder, candidate):
-            say(f"the stops of {joints[joint]} are read further in: by play rather than by its encoder")
+            log(f"the stops of {joints[joint]} are read further in: by play rather than by its encoder")
         elif t_statistic(candidate.gain_by_block) < -REFUTING_T:
-            say(f"the stops of {joints[joint]} have moved, but its speeds speak against its encoder")
+            log(f"the stops of {joints[joint]} have moved, but its speeds speak against its encoder")
         else:
-            say(
+            log(
                 f"the stops of {joints[joint]} have moved by {encoder.z:.0f} standard deviations: its encoder"
             )
             found.append(SelectedEffect(candidate))

@@ -19,7 +19,7 @@ def decide_again(
     rows: ScoredRows,
     found: list[SelectedEffect],
     equivalent_t: float,
-    say: Callable[[str], None],
+    log: Callable[[str], None],
 ) -> list[SelectedEffect]:
     """Fit each named equivalent in the place of its effect; keep the best, and those that are still as good.
 
@@ -28,7 +28,7 @@ def decide_again(
         rows: For fitting and selection.
         found: All effects.
         equivalent_t: An effect is worse only if the difference is so many standard errors.
-        say: Called with a sentence per change of mind.
+        log: Called with a sentence per change of mind.
     """
     for place in range(len(found)):
         first = found[place]
@@ -57,7 +57,7 @@ def decide_again(
         others = [c for c in first.equivalents if not any(c is option for option in named)]
         candidate = found[place].candidate
         if chosen:
-            say(f"beside the others {candidate.family} explains better what {first.candidate.family} did")
+            log(f"beside the others {candidate.family} explains better what {first.candidate.family} did")
         found = [
             *found[:place],
             SelectedEffect(candidate, [*(c for c in rest if c is not candidate), *others], first.losers),

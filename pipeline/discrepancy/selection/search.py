@@ -75,7 +75,7 @@ class Search:
         encoders: Mapping[int, Encoder],
         joints: Sequence[str],
         excited: Collection[int],
-        say: Callable[[str], None],
+        log: Callable[[str], None],
         present: Collection[str] = (),
         at_rest: Sequence[float] = (),
     ) -> None:
@@ -88,7 +88,7 @@ class Search:
         self.found: list[SelectedEffect] = []
         self._closed: set[int] = set()  # joints on which nothing plausible is left
         self.first: list[Candidate] = []  # of the first screen, for the ranking
-        self._say = say
+        self._log = log
 
     def passes(self, candidate: Candidate) -> bool:
         """Whether it removes enough, beside what was found."""
@@ -98,7 +98,7 @@ class Search:
         """Find effects until none is left that passes."""
         self._select()
         if hardly_warms(self.simulation, self.rows, self.found):
-            self._say(
+            self._log(
                 "causes that do not change in time explain as much as oil that warms up: it is left out"
             )
             self.excluded += (THERMAL_DRIFT,)
@@ -106,7 +106,7 @@ class Search:
             self._closed.clear()
             self._select()
         self._look_back()
-        self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._say)
+        self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._log)
         return self.found
 
     def _select(self) -> None:
@@ -117,7 +117,7 @@ class Search:
             self.encoders,
             self.excluded,
             self.joints,
-            self._say,
+            self._log,
         )
         for _ in range(self.config.maximum_effects):
             candidates = self._candidates()
@@ -189,7 +189,7 @@ class Search:
                 and any(map(self.passes, showing))
                 and sum(map(self.comparison.net, showing)) > SECOND_CAUSE_SHARE * whole
             ):
-                self._say(f"{family} on {len(showing)} joints is there besides")
+                self._log(f"{family} on {len(showing)} joints is there besides")
                 return [SelectedEffect(c) for c in showing]
         return []
 
@@ -199,7 +199,7 @@ class Search:
             return []
         late = channel_beside(self.simulation, self.rows, self.found, self.passes, self.excited)
         if late:
-            self._say("all joints stay late while the oil warms up: the channel is late, too")
+            self._log("all joints stay late while the oil warms up: the channel is late, too")
         return [SelectedEffect(c) for c in late]
 
     def _further_valves(self, candidates: Sequence[Candidate]) -> list[SelectedEffect]:
@@ -209,7 +209,7 @@ class Search:
             return []
         further = [c for c in candidates if c.family == DEAD_BAND and self.comparison.shows(c)]
         for candidate in further:
-            self._say(f"{DEAD_BAND} shows on {self.joints[candidate.joint]}, too")
+            self._log(f"{DEAD_BAND} shows on {self.joints[candidate.joint]}, too")
         return [SelectedEffect(c) for c in further]
 
     def _may_stand_alone(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
@@ -305,7 +305,7 @@ class Search:
                 and not is_dependence(first)
                 and self.comparison.net(better) > (1.0 + NEGLIGIBLE) * self.comparison.net(first)
             ):
-                self._say(f"{better.family} explains more than {first.family} and what is left beside it")
+                self._log(f"{better.family} explains more than {first.family} and what is left beside it")
                 self.found[place] = SelectedEffect(
                     better, [], [(first, "leaves structure behind that this does not")]
                 )
@@ -321,7 +321,7 @@ class Search:
             cause = self._cold_oil(best, common, candidates) or [SelectedEffect(c) for c in common]
             if any(self.passes(f.candidate) for f in cause):
                 family = cause[0].candidate.family
-                self._say(f"{family} on {len(cause)} joints explains more together than anything on one")
+                self._log(f"{family} on {len(cause)} joints explains more together than anything on one")
                 return cause
         rivals = sorted((c for c in passing if c.joint == best.joint), key=self.comparison.net, reverse=True)
         foremost = [c for c in rivals if has_wrapper(c)][:REFINED]
@@ -330,7 +330,7 @@ class Search:
         at_bound = [rival for rival, is_beyond in zip(rivals, beyond, strict=True) if is_beyond]
         rivals = [rival for rival, is_beyond in zip(rivals, beyond, strict=True) if not is_beyond]
         if not rivals:
-            self._say(
+            self._log(
                 f"{self.joints[best.joint]}: what explains most is {best.family} beyond any plausible value"
             )
             self._closed.add(best.joint)
@@ -346,7 +346,7 @@ class Search:
             better = self.comparison.simplest(named) if named else better
             chosen, equivalents = better, [chosen, *(c for c in equivalents if c is not better)]
         equivalents += self._as_good_in_common(best, chosen, equivalents, candidates)
-        self._say(
+        self._log(
             f"{chosen.family} on {self.joints[chosen.joint]}: removes {chosen.share:.0%} of the squared residual there"
             + (f"; as good: {', '.join(c.family for c in equivalents)}" if equivalents else "")
         )
@@ -425,7 +425,7 @@ class Search:
         channel = {c.joint for c in late_channel([chosen, *known, *delays], self.excited)}
         late = [delay for delay in delays if delay.joint in channel]
         if late:
-            self._say("the other joints are as late: the channel is")
+            self._log("the other joints are as late: the channel is")
         return late
 
     def _refined(self, candidates: list[Candidate]) -> list[Candidate]:
@@ -454,7 +454,7 @@ class Search:
             is_sure = t_statistic(by_block) >= STILL_T or self.comparison.is_in_both_halves(by_block, squares)
             if by_block.sum() < STILL_SHARE * self.config.smallest_share * squares or not is_sure:
                 kept.remove(found)
-                self._say(
+                self._log(
                     f"{found.candidate.family} on {self.joints[found.candidate.joint]} is superfluous beside the others"
                 )
         if len(kept) != len(self.found):
