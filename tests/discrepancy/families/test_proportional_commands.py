@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from pipeline.configuration.load import load_section
-from pipeline.discrepancy.close_loop import Loop
+from pipeline.discrepancy.diagnosis.diagnose import Diagnosis, diagnose
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
+from pipeline.discrepancy.diagnosis.prepare import prepare
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL
+from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.selection.grouping import depends_on, effects_of
 from pipeline.discrepancy.selection.screen import screen
+from pipeline.discrepancy.selection.select import Selection, select
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.effects.catalogue import known_for
 from pipeline.logs.tuples import Trajectory
@@ -80,23 +83,21 @@ def usual(nominal: list[Trajectory]) -> NominalBehaviour:
     return learn_nominal_behaviour(nominal, MACHINE, settings())
 
 
-def searched(usual: NominalBehaviour, measured: list[Trajectory]) -> Loop:
-    """The loop up to its search."""
-    loop = Loop([], measured, MACHINE, None, None, settings(), lambda _: None, usual)
-    loop._split()
-    loop._diagnose()
-    loop._search()
-    return loop
+def searched(usual: NominalBehaviour, measured: list[Trajectory]) -> tuple[Diagnosis, Selection]:
+    """The steps up to the search."""
+    journal = Journal()
+    diagnosis = diagnose(prepare([], measured, MACHINE, settings()), usual, None, journal)
+    return diagnosis, select(diagnosis, journal)
 
 
 def test_a_dead_band_and_a_late_channel_are_told_apart(usual: NominalBehaviour) -> None:
     logs = [record(f"measured_{seed}", seed, 4000, band=0.35, late_rows=(3, 3)) for seed in (11, 12)]
-    loop = searched(usual, logs)
-    effects = {effect.family: effect for effect in effects_of(loop.search.found, loop.excited)}
+    diagnosis, selection = searched(usual, logs)
+    effects = {effect.family: effect for effect in effects_of(selection.found, diagnosis.excited)}
     assert set(effects) == {"other", "timing"}
     (member,) = effects["other"].members
-    assert depends_on(effects["other"], loop.joints) == ["command:turn"]
-    first = next(c for c in loop.search.first if c.key == member.candidate.key)
+    assert depends_on(effects["other"], diagnosis.logs.joints) == ["command:turn"]
+    first = next(c for c in selection.screened if c.key == member.candidate.key)
     assert first.owed < 0.1 * first.gain
     assert member.candidate.point["dead_band_positive"] == pytest.approx(0.35, abs=0.06)
     assert member.candidate.point["dead_band_negative"] == pytest.approx(0.35, abs=0.06)
@@ -108,8 +109,9 @@ def test_one_late_joint_is_no_late_channel_and_its_dead_band_no_effect_on_the_ot
     usual: NominalBehaviour,
 ) -> None:
     logs = [record(f"measured_{seed}", seed, 4000, band=0.35, late_rows=(0, 4)) for seed in (13, 14)]
-    loop = searched(usual, logs)
-    found = {(f.candidate.family, loop.joints[f.candidate.joint]): f.candidate for f in loop.search.found}
+    diagnosis, selection = searched(usual, logs)
+    joints = diagnosis.logs.joints
+    found = {(f.candidate.family, joints[f.candidate.joint]): f.candidate for f in selection.found}
     assert set(found) == {("other:dead_band", "turn"), ("delay", "turn")}
     assert found["delay", "turn"].point["added_delay"] == pytest.approx(4 * DT_S, abs=0.03)
 
@@ -117,8 +119,8 @@ def test_one_late_joint_is_no_late_channel_and_its_dead_band_no_effect_on_the_ot
 def test_nothing_is_found_where_nothing_changed_and_on_nominal_logs_all_is_misfit(
     usual: NominalBehaviour,
 ) -> None:
-    loop = searched(usual, [record(f"measured_{seed}", seed, 4000) for seed in (15, 16)])
-    assert loop.search.found == []
+    _, selection = searched(usual, [record(f"measured_{seed}", seed, 4000) for seed in (15, 16)])
+    assert selection.found == []
     again = screen(usual.simulation, NOMINAL, usual.rows, nominal=usual.null)
     known = [candidate for candidate in again if candidate.key in usual.null]
     assert known
