@@ -84,10 +84,11 @@ def seal_sentence(judgement: Mapping[str, Any]) -> str:
     if "note" in judgement:
         return f"No seal was opened: {judgement['note']}."
     truth = "; ".join(judgement["truth"]) or "nothing"
-    return f"The seal, opened last, says that the simulated machine has {truth}. The verdict is {_grade(judgement)}."
+    return f"The seal, opened last, says that the simulated machine has {truth}. The verdict is {grade(judgement)}."
 
 
-def _grade(judgement: Mapping[str, Any]) -> str:
+def grade(judgement: Mapping[str, Any]) -> str:
+    """`right`, `wrong`, `not right` or `undecided`, and after a colon why."""
     truth, said = judgement["truth"], judgement["said"]
     if judgement["verdict_right"]:
         return "right"

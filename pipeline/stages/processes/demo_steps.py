@@ -3,7 +3,7 @@
 from pathlib import Path
 
 FOLDER = Path("build/demo")
-EFFECT_SEED = 11  # of the change's kind, joint and size; chosen so that a model can be corrected by it
+EFFECT_SEED = 21  # of the change's kind, joint and size; chosen so that a model can be corrected by it
 STEPS = (
     (
         "Record twelve minutes of the machine as it is",
@@ -31,7 +31,7 @@ STEPS = (
     (
         "Close the loop: what do the new logs show that the model lacks?",
         f"close_loop profile=smoke nominal={FOLDER}/old/sessions measured={FOLDER}/new/sessions "
-        f"model={FOLDER}/model output={FOLDER}/loop",
+        f"model={FOLDER}/model output={FOLDER}/loop 'close_loop.diagnosis={{hidden:32,updates:600}}'",
     ),
     (
         "Open the seal",
