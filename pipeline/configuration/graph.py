@@ -7,9 +7,9 @@ from typing import TypeVar
 
 from omegaconf import MISSING
 
-from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
-from pipeline.configuration.paths import InputModel, OutputFolder
-from pipeline.configuration.stage import PipelineConfiguration
+from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.configuration.paths import InputModel
+from pipeline.configuration.reaching import ReachingKeys
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.variant import RewardVariant
 from pipeline.deployment.compose import GraphSettings
@@ -17,25 +17,18 @@ from pipeline.deployment.nodes import AUTONOMOUS, DRIVERS, NODES, Driver
 from pipeline.deployment.settings import DeploymentConfig
 from pipeline.deployment.transports.ros1.can_bus import CanBusConfig
 from pipeline.errors import InputError
-from pipeline.reaching.episodes import EpisodesConfig
-from pipeline.reaching.reward import RewardConfig
 
 S = TypeVar("S", bound=GraphSettings)
 
 
 @dataclass
-class ControllerKeys(PipelineConfiguration):
+class ControllerKeys(ReachingKeys):
     """Keys of every stage whose graph has a controller in it."""
 
-    control: ControlConfiguration = MISSING
-    episodes: EpisodesConfig = MISSING
-    reward: RewardConfig = MISSING
     icem: IcemConfig = MISSING
     deployment: DeploymentConfig = MISSING
-    model: InputModel = MISSING
     policy: InputModel | None = None
     variant: RewardVariant | None = None
-    output: OutputFolder = MISSING
 
 
 @dataclass

@@ -14,24 +14,18 @@ from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_controller
 from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.effects.store import load_dynamics
-from pipeline.machine.kinematics import Arm
-from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.metrics import Traces, reaching_metrics
-from pipeline.reaching.reward import RewardConfig, total_reward
-from pipeline.reaching.task import ReachingTask
+from pipeline.reaching.reward import total_reward
+from pipeline.reaching.settings import ReachingSettings
 
 
 def evaluate_planner(
     model: Path,
-    machine: MachineSpecification,
-    arm: Arm,
+    reaching: ReachingSettings,
     icem: IcemConfig,
     variant: RewardVariant,
-    full_reward: RewardConfig,
     episodes: Episodes,
-    steps: int,
-    action_repeats: int,
     seed: int,
     progress: Callable[[int], None] = lambda n: None,
     checkpoints: Path | None = None,
@@ -40,14 +34,10 @@ def evaluate_planner(
 
     Args:
         model: Folder of the model.
-        machine: Of which the model is.
-        arm: Its kinematics.
+        reaching: The task, with the policies' reward, whose return stands beside that of the reward planned with.
         icem: Section `icem` of a profile.
         variant: Reward that is planned with.
-        full_reward: The policies' reward, for the return beside.
         episodes: Starts and targets.
-        steps: Ticks per episode.
-        action_repeats: Ticks of the machine per decision.
         seed: Of the samples.
         progress: Called with the number of episodes done since the last call.
         checkpoints: Folder from which a killed evaluation goes on; None: it does not.
@@ -55,15 +45,14 @@ def evaluate_planner(
     Returns:
         Traces of all episodes, and metrics: those of reaching, the return of the full reward, what is planned over.
     """
+    repeats, steps = reaching.action_repeats, reaching.episodes.steps
     dynamics, parameters = load_dynamics(model)
     # The return is that of the reward planned with, as in the paper's table; see docs/controllers.md.
-    reward = variant_reward(full_reward, variant)
-    task = ReachingTask(machine, arm, dynamics, parameters, reward)
-    evaluate = controller_evaluation(icem_controller(task, icem, action_repeats), task, action_repeats, steps)
-    specification = asdict(machine), asdict(dynamics.specification), parameters
-    evaluation = identity(
-        asdict(icem), asdict(reward), specification, (action_repeats, steps, seed), episodes
-    )
+    reward = variant_reward(reaching.reward, variant)
+    task = reaching.task(dynamics, parameters, reward)
+    evaluate = controller_evaluation(icem_controller(task, icem, repeats), task, repeats, steps)
+    specification = asdict(reaching.machine), asdict(dynamics.specification), parameters
+    evaluation = identity(asdict(icem), asdict(reward), specification, (repeats, steps, seed), episodes)
     traces, terms = evaluate_in_chunks(
         lambda chunk, keys: evaluate(None, chunk, keys),
         episodes,
@@ -73,13 +62,13 @@ def evaluate_planner(
         evaluation,
         progress,
     )
-    full = np.asarray(total_reward(full_reward, terms))
+    full = np.asarray(total_reward(reaching.reward, terms))
     metrics = {
         **reaching_metrics(traces).as_dict(),
         "average_return_full_reward": float(full.sum(axis=1, dtype=np.float64).mean()),
         "planning": {
             "horizon_entries": icem.horizon,
-            "ticks_per_entry": icem.ticks_per_entry(action_repeats),
+            "ticks_per_entry": icem.ticks_per_entry(repeats),
             "samples": icem.samples,
             "elites": icem.elites,
             "iterations": icem.iterations,

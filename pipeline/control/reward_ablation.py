@@ -19,13 +19,11 @@ from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
-from pipeline.machine.kinematics import Arm
-from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.environment import ReachingEnvironment
-from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses
+from pipeline.reaching.episodes import learning_poses
 from pipeline.reaching.metrics import reaching_metrics
 from pipeline.reaching.reward import RewardConfig, RewardTerm
-from pipeline.reaching.task import ReachingTask
+from pipeline.reaching.settings import ReachingSettings
 
 
 @dataclass
@@ -84,50 +82,36 @@ class CellResult(NamedTuple):
 class Ablation:
     """What all cells share: the task but for its reward, the training but for its seed."""
 
-    machine: MachineSpecification
-    arm: Arm
+    reaching: ReachingSettings
     dynamics: Dynamics
     parameters: Any
     fingerprint: str  # of the dynamics model and its effects
-    reward: RewardConfig
-    episodes: EpisodesConfig
-    action_repeats: int
     ppo: PPOConfig
 
     @classmethod
     def of_model(
-        cls,
-        model: Path,
-        machine: MachineSpecification,
-        arm: Arm,
-        reward: RewardConfig,
-        episodes: EpisodesConfig,
-        action_repeats: int,
-        ppo: PPOConfig,
-        settings: RewardAblationConfig,
+        cls, model: Path, reaching: ReachingSettings, ppo: PPOConfig, settings: RewardAblationConfig
     ) -> "Ablation":
-        """What the cells share on a saved model, trained by the section `ppo` for as long as the ablation's says."""
-        dynamics, parameters = load_dynamics(model, machine)
+        """The task on a saved model, trained by the section `ppo` for as long as the ablation's section says."""
+        dynamics, parameters = load_dynamics(model, reaching.machine)
         training = dataclasses.replace(
             ppo.for_model(dynamics.specification),
             model_kinds=ppo.model_kinds,  # finished cells are known by the section as it stands
             training_steps=settings.training_steps,
             evaluated_at_steps=settings.evaluated_at_steps,
         )
-        fingerprint = dynamics_fingerprint(model)
-        return cls(
-            machine, arm, dynamics, parameters, fingerprint, reward, episodes, action_repeats, training
-        )
+        return cls(reaching, dynamics, parameters, dynamics_fingerprint(model), training)
 
     def rewarded(self, cell: AblationCell) -> RewardConfig:
         """The reward with the cell's terms alone."""
-        return dataclasses.replace(self.reward, terms=list(cell.terms))
+        return dataclasses.replace(self.reaching.reward, terms=list(cell.terms))
 
     def identity(self, cell: AblationCell) -> str:
         """Hash of everything that the cell's result depends on."""
-        settings = (self.machine, self.rewarded(cell), self.episodes, self.ppo)
+        reaching = self.reaching
+        settings = (reaching.machine, self.rewarded(cell), reaching.episodes, self.ppo)
         content = json.dumps([dataclasses.asdict(part) for part in settings], sort_keys=True, default=str)
-        return identity(content, self.fingerprint, self.action_repeats, cell.seed)
+        return identity(content, self.fingerprint, reaching.action_repeats, cell.seed)
 
     def run(
         self, cell: AblationCell, progress: Callable[[CurvePoint], None], checkpoints: Path | None
@@ -139,22 +123,14 @@ class Ablation:
             progress: called with every point of the learning curve.
             checkpoints: where an interrupted training goes on from, or None.
         """
-        conditions = self.episodes
-        task = ReachingTask(self.machine, self.arm, self.dynamics, self.parameters, self.rewarded(cell))
-        environment = ReachingEnvironment(
-            task,
-            learning_poses(self.machine, self.arm, conditions, cell.seed),
-            self.action_repeats,
-            conditions.steps,
-        )
-        curve_episodes = evaluation_episodes(
-            self.machine, self.arm, conditions, conditions.curve_seed, self.ppo.curve_episodes
-        )
+        reaching, steps = self.reaching, self.reaching.episodes.steps
+        task = reaching.task(self.dynamics, self.parameters, self.rewarded(cell))
+        poses = learning_poses(reaching.machine, reaching.arm, reaching.episodes, cell.seed)
+        environment = ReachingEnvironment(task, poses, reaching.action_repeats, steps)
+        curve_episodes = reaching.curve_episodes(self.ppo.curve_episodes)
         result = train(environment, self.ppo, cell.seed, curve_episodes, progress, checkpoints)
-        fixed = evaluation_episodes(
-            self.machine, self.arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
-        )
-        traces = evaluate_policy(result.policy, task, self.action_repeats, conditions.steps, fixed)
+        fixed = reaching.fixed_episodes()
+        traces = evaluate_policy(result.policy, task, reaching.action_repeats, steps, fixed)
         return CellResult(result.policy_steps, reaching_metrics(traces).as_dict())
 
 

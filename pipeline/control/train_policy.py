@@ -10,12 +10,9 @@ from pipeline.control.curve import CurvePoint, write_curve
 from pipeline.control.policy import Policy, save_policy
 from pipeline.control.ppo import PPOConfig, train
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
-from pipeline.machine.kinematics import Arm
-from pipeline.machine.specification import MachineSpecification
 from pipeline.reaching.environment import ReachingEnvironment
-from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes, learning_poses
-from pipeline.reaching.reward import RewardConfig
-from pipeline.reaching.task import ReachingTask
+from pipeline.reaching.episodes import learning_poses
+from pipeline.reaching.settings import ReachingSettings
 
 
 @dataclass(frozen=True)
@@ -42,12 +39,8 @@ class TrainedPolicy:
 
 def train_policy(
     model: Path,
-    machine: MachineSpecification,
-    arm: Arm,
+    reaching: ReachingSettings,
     ppo: PPOConfig,
-    episodes: EpisodesConfig,
-    reward: RewardConfig,
-    action_repeats: int,
     seed: int,
     progress: Callable[[CurvePoint, int], None] = lambda point, steps: None,
     checkpoints: Path | None = None,
@@ -56,31 +49,26 @@ def train_policy(
 
     Args:
         model: Folder of the model.
-        machine: Of which the model is.
-        arm: Its kinematics.
+        reaching: The task, and the episodes that it is learned on.
         ppo: Section `ppo` of a profile.
-        episodes: Which targets, how long, how many of each kind.
-        reward: Section `reward` of a profile.
-        action_repeats: Ticks of the machine per decision.
         seed: Of the targets and of the training.
         progress: Called with each point of the learning curve and the number of steps of the training in total.
         checkpoints: Folder from which a killed training goes on; None: it does not.
     """
+    machine, episodes = reaching.machine, reaching.episodes
     dynamics, parameters = load_dynamics(model)
     settings = ppo.for_model(dynamics.specification)
     environment = ReachingEnvironment(
-        ReachingTask(machine, arm, dynamics, parameters, reward),
-        learning_poses(machine, arm, episodes, seed),
-        action_repeats,
+        reaching.task(dynamics, parameters),
+        learning_poses(machine, reaching.arm, episodes, seed),
+        reaching.action_repeats,
         episodes.steps,
     )
-    # The curve is measured on episodes of its own: those of the evaluation decide nothing here.
-    curve_episodes = evaluation_episodes(machine, arm, episodes, episodes.curve_seed, settings.curve_episodes)
     result = train(
         environment,
         settings,
         seed,
-        curve_episodes,
+        reaching.curve_episodes(settings.curve_episodes),
         lambda point: progress(point, settings.training_steps),
         checkpoints,
     )
@@ -90,7 +78,7 @@ def train_policy(
         "steps": result.policy_steps,
         "machine": machine.name,
         "model": dynamics_fingerprint(model),
-        "action_repeats": action_repeats,
+        "action_repeats": reaching.action_repeats,
     }
     return TrainedPolicy(
         result.policy, result.curve, {"steps": kept.steps, **kept.metrics.as_dict()}, lineage

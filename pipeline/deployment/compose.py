@@ -32,11 +32,11 @@ from pipeline.dynamics.model.store import load_model
 from pipeline.effects.store import load_dynamics
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig
-from pipeline.machine.kinematics import Arm, load_arm
+from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
-from pipeline.reaching.episodes import Episodes, EpisodesConfig, evaluation_episodes
+from pipeline.reaching.episodes import EpisodesConfig
 from pipeline.reaching.reward import RewardConfig
-from pipeline.reaching.task import ReachingTask
+from pipeline.reaching.settings import ReachingSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,9 +80,12 @@ class GraphSettings:
         return ControllerKind.icem if self.policy is None else ControllerKind.ppo
 
     @property
-    def arm(self) -> Arm:
-        """Kinematics of the machine."""
-        return load_arm(self.machine, self.machine_directory)
+    def reaching(self) -> ReachingSettings:
+        """The task but for its model, with the reward that is planned with."""
+        arm, reward = load_arm(self.machine, self.machine_directory), self.reward
+        if self.variant is not None:
+            reward = variant_reward(reward, self.variant)
+        return ReachingSettings(self.machine, arm, reward, self.episodes, self.action_repeats)
 
     @property
     def files(self) -> list[str]:
@@ -102,11 +105,8 @@ def graph_parts(settings: GraphSettings) -> GraphParts:
     Raises:
         InputError: No controller is named, or its policy was learned on another model.
     """
-    kind, machine, arm = settings.kind, settings.machine, settings.arm
-    reward = settings.reward
-    if settings.variant is not None:
-        reward = variant_reward(reward, settings.variant)
-    task = ReachingTask(machine, arm, *load_dynamics(Path(settings.model)), reward)
+    kind, reaching = settings.kind, settings.reaching
+    task = reaching.task(*load_dynamics(Path(settings.model)))
     controller: Controller
     if kind is ControllerKind.icem:
         controller = IcemController(task, settings.icem, settings.action_repeats, settings.deployment.seed)
@@ -115,26 +115,13 @@ def graph_parts(settings: GraphSettings) -> GraphParts:
     return GraphParts(
         task,
         controller,
-        goal_solver(machine, arm),
-        TerminalConditions(machine, arm, settings.deployment.termination),
+        goal_solver(task.machine, task.arm),
+        TerminalConditions(task.machine, task.arm, settings.deployment.termination),
         settings.deployment,
         settings.action_repeats,
         settings.episodes.steps,
         LearnedStep(task),
     )
-
-
-def first_episodes(settings: GraphSettings, n: int | None = None) -> Episodes:
-    """The first `n` episodes of the evaluation; None: all."""
-    conditions = settings.episodes
-    episodes = evaluation_episodes(
-        settings.machine,
-        settings.arm,
-        conditions,
-        conditions.evaluation_seed,
-        conditions.evaluation_episodes,
-    )
-    return episodes if n is None else episodes.first(n)
 
 
 def controller_delays(settings: GraphSettings) -> Mapping[str, Distribution]:

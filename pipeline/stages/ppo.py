@@ -5,40 +5,31 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
-from pipeline.configuration.paths import CheckpointFolder, InputModel, OutputFolder
-from pipeline.configuration.stage import PipelineConfiguration, stage
+from pipeline.configuration.paths import CheckpointFolder
+from pipeline.configuration.reaching import ReachingKeys
+from pipeline.configuration.stage import stage
 from pipeline.control.checkpoint import is_checkpoint
 from pipeline.control.curve import CurvePoint
 from pipeline.control.ppo import PPOConfig
 from pipeline.control.train_policy import train_policy
 from pipeline.files.checkpoint_cleanup import remove_checkpoints
-from pipeline.machine.kinematics import load_arm
-from pipeline.reaching.episodes import EpisodesConfig
-from pipeline.reaching.reward import RewardConfig
 from pipeline.tracking import StageRun, progress_bar
 
 
 @dataclass
-class PPOStage(PipelineConfiguration):
+class PPOStage(ReachingKeys):
     """Keys of `conf/ppo.yaml`."""
 
-    control: ControlConfiguration = MISSING
-    episodes: EpisodesConfig = MISSING
-    reward: RewardConfig = MISSING
     ppo: PPOConfig = MISSING
-    model: InputModel = MISSING
     seed: int = MISSING
     checkpoints: CheckpointFolder | None = None
-    output: OutputFolder = MISSING
 
 
 @stage(PPOStage)
 def main(configuration: PPOStage, run: StageRun) -> None:
     """Train one policy and write its folder."""
-    machine, output, seed = configuration.machine, Path(configuration.output), configuration.seed
+    output, seed = Path(configuration.output), configuration.seed
     checkpoints = Path(configuration.checkpoints) if configuration.checkpoints else None
-    arm = load_arm(machine, MACHINE_DIRECTORY)
     run.inputs(f"{configuration.model}/parameters.msgpack")
     with progress_bar(f"ppo seed {seed}", configuration.ppo.training_steps, "step") as bar:
 
@@ -50,18 +41,8 @@ def main(configuration: PPOStage, run: StageRun) -> None:
             bar.reach(point.steps)
             run.metrics({f"curve.{key}": value for key, value in metrics.items()}, step=point.steps)
 
-        trained = train_policy(
-            Path(configuration.model),
-            machine,
-            arm,
-            configuration.ppo,
-            configuration.episodes,
-            configuration.reward,
-            configuration.control.action_repeats,
-            seed,
-            progress,
-            checkpoints,
-        )
+        model, reaching = Path(configuration.model), configuration.reaching
+        trained = train_policy(model, reaching, configuration.ppo, seed, progress, checkpoints)
     trained.save(output)
     run.metrics(trained.metrics)
     run.artifact(output, "policy")

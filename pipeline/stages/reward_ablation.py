@@ -8,53 +8,36 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
-from pipeline.configuration.paths import CheckpointFolder, InputModel, InputPath, OutputFolder
-from pipeline.configuration.stage import PipelineConfiguration, stage
+from pipeline.configuration.paths import CheckpointFolder, InputPath
+from pipeline.configuration.reaching import ReachingKeys
+from pipeline.configuration.stage import stage
 from pipeline.control.checkpoint import is_checkpoint
 from pipeline.control.curve import CurvePoint
 from pipeline.control.ppo import PPOConfig
 from pipeline.control.reward_ablation import Ablation, RewardAblationConfig, cells, load_cell, save_cell
 from pipeline.files.checkpoint_cleanup import remove_checkpoints
-from pipeline.machine.kinematics import load_arm
-from pipeline.reaching.episodes import EpisodesConfig
-from pipeline.reaching.reward import RewardConfig
 from pipeline.reporting.results.cells import read_cells
 from pipeline.reporting.reward_ablation import write_ablation
 from pipeline.tracking import ProgressBar, StageRun, progress_bar
 
 
 @dataclass
-class RewardAblationStage(PipelineConfiguration):
+class RewardAblationStage(ReachingKeys):
     """Keys of `conf/reward_ablation.yaml`."""
 
-    control: ControlConfiguration = MISSING
-    episodes: EpisodesConfig = MISSING
-    reward: RewardConfig = MISSING
     ppo: PPOConfig = MISSING
     reward_ablation: RewardAblationConfig = MISSING
     cells: InputPath = MISSING
-    model: InputModel = MISSING
     checkpoints: CheckpointFolder = MISSING
-    output: OutputFolder = MISSING
 
 
 @stage(RewardAblationStage)
 def main(configuration: RewardAblationStage, run: StageRun) -> None:
     """Train what is not finished; after each training write tables and page anew."""
-    machine, model, settings = configuration.machine, configuration.model, configuration.reward_ablation
+    model, settings = configuration.model, configuration.reward_ablation
     output, checkpoints = Path(configuration.output), Path(configuration.checkpoints)
     logs = str(read_cells(Path(configuration.cells), "logs")["logs"])
-    ablation = Ablation.of_model(
-        Path(model),
-        machine,
-        load_arm(machine, MACHINE_DIRECTORY),
-        configuration.reward,
-        configuration.episodes,
-        configuration.control.action_repeats,
-        configuration.ppo,
-        settings,
-    )
+    ablation = Ablation.of_model(Path(model), configuration.reaching, configuration.ppo, settings)
     run.inputs(f"{model}/parameters.msgpack")
     provenance = [("profile", configuration.profile), ("model", model), ("made by", "make ablation")]
     for cell in cells(settings):

@@ -1,7 +1,6 @@
 """Stage `sim2real`: successive targets on the simulated machine, a stand-in for the excavator, recorded as a bag."""
 
-import enum
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from omegaconf import MISSING
@@ -14,6 +13,8 @@ from pipeline.plant.machines.simulated import SIMULATED
 from pipeline.plant.recording.session import SESSION_NAME, read_moment
 from pipeline.testbench.plant_machine import changed_machine
 from pipeline.testbench.successive_targets import (
+    Ending,
+    ending_by,
     pursue,
     refuse_others_log,
     target_episodes,
@@ -21,15 +22,6 @@ from pipeline.testbench.successive_targets import (
     write_pursuit,
 )
 from pipeline.tracking import StageRun, Stopwatch, progress_bar
-
-
-class Ending(enum.StrEnum):
-    """When a trial ends."""
-
-    time_out = "time_out"  # as in the paper's table, unless deployment.termination says otherwise
-    goal = (
-        "goal"  # on reaching the tolerances of deployment.termination too, as in the paper's last experiment
-    )
 
 
 @dataclass
@@ -53,10 +45,7 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
         print(f"sim2real: {write_note(output, machine)}")
         return
     dispatch_synchronously()
-    settings = settings_of(GraphSettings, configuration)
-    if configuration.ending is Ending.goal:
-        until_goal = replace(settings.deployment.termination, at_goal=True)
-        settings = replace(settings, deployment=replace(settings.deployment, termination=until_goal))
+    settings = ending_by(settings_of(GraphSettings, configuration), configuration.ending)
     start = read_moment("start_time", configuration.start_time)
     bag = output / "logs" / start.strftime(SESSION_NAME)
     refuse_others_log(bag)

@@ -6,7 +6,7 @@ from pathlib import Path
 from pipeline.configuration.graph import ControllerKeys, settings_of
 from pipeline.configuration.stage import stage
 from pipeline.deployment.components.controllers import ControllerKind
-from pipeline.deployment.compose import GraphSettings, dispatch_synchronously, first_episodes, graph_parts
+from pipeline.deployment.compose import GraphSettings, dispatch_synchronously, graph_parts
 from pipeline.deployment.evaluate_in_graph import evaluate_in_graph
 from pipeline.reaching.evaluation_files import write_evaluation
 from pipeline.tracking import StageRun, Stopwatch, progress_bar
@@ -25,7 +25,7 @@ def main(configuration: Sim2SimStage, run: StageRun) -> None:
     parts = graph_parts(settings)
     run.inputs(*settings.files)
     plans = settings.kind is ControllerKind.icem
-    episodes = first_episodes(settings, settings.deployment.planner_episodes if plans else None)
+    episodes = settings.reaching.fixed_episodes(settings.deployment.planner_episodes if plans else None)
     n_episodes, watch = len(episodes.starts), Stopwatch()
     with progress_bar("sim2sim", total=n_episodes, unit="episode") as bar:
         traces, metrics = evaluate_in_graph(settings, parts, episodes, bar.reach)

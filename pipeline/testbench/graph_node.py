@@ -15,7 +15,7 @@ from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
 from pipeline.deployment.components.supervisor_rules import build_rules
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
-from pipeline.deployment.compose import first_episodes, graph_parts
+from pipeline.deployment.compose import graph_parts
 from pipeline.deployment.drivers.bobcat_e10_driver import MachineDriver
 from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.drivers.can_frames import CanFrames
@@ -30,7 +30,6 @@ from pipeline.effects.store import load_dynamics
 from pipeline.plant.machines.simulated import simulated_machine
 from pipeline.plant.recording.operator import ScriptedOperator as Painter
 from pipeline.plant.recording.operator import draw_style
-from pipeline.reaching.task import ReachingTask
 from pipeline.testbench.plant_machine import PlantMachine
 
 
@@ -83,7 +82,7 @@ def plant(settings: NodeSettings) -> tuple[PlantMachine, VelocityEstimator]:
     """The plant at the start of the first target, compiled, and what estimates its velocities."""
     machine = settings.machine
     parameters = simulated_machine(machine.name)
-    start = first_episodes(settings, settings.targets).starts[0].astype(float)
+    start = settings.reaching.fixed_episodes(settings.targets).starts[0].astype(float)
     PlantMachine(parameters, settings.plant_seed, start).advance(np.zeros(machine.n_joint))
     estimator = VelocityEstimator(nanoseconds(machine.dt_s), settings.loop_tracker)
     return PlantMachine(parameters, settings.plant_seed, start), estimator
@@ -92,9 +91,8 @@ def plant(settings: NodeSettings) -> tuple[PlantMachine, VelocityEstimator]:
 def _learned_machine(settings: NodeSettings, name: str) -> Component:
     """The learned model, behind the simulation's driver or behind the PLC."""
     machine, deployment = settings.machine, settings.deployment
-    dynamics, parameters = load_dynamics(Path(settings.model))
-    step = LearnedStep(ReachingTask(machine, settings.arm, dynamics, parameters, settings.reward))
-    start = first_episodes(settings, settings.targets).starts[0]
+    step = LearnedStep(settings.reaching.task(*load_dynamics(Path(settings.model)), settings.reward))
+    start = settings.reaching.fixed_episodes(settings.targets).starts[0]
     LearnedMachine(step, start).advance(np.zeros(machine.n_joint))
     learned = LearnedMachine(step, start)
     if name == "bobcat_e10_sim_driver":
@@ -105,7 +103,7 @@ def _learned_machine(settings: NodeSettings, name: str) -> Component:
 
 def _server(settings: NodeSettings) -> Node:
     parts = graph_parts(settings)
-    start = first_episodes(settings, settings.targets).starts[0]
+    start = settings.reaching.fixed_episodes(settings.targets).starts[0]
     history = parts.task.dynamics.initial_history(jnp.asarray(start))
     state = ControllerState(np.asarray(history.motion), np.asarray(history.commands), start, start)
     pose = parts.task.arm.forward(jnp.asarray(start))

@@ -1,9 +1,11 @@
 """Successive targets on the plant, a stand-in for the excavator, recorded as a bag (Sim2Real)."""
 
+import enum
 import json
 import shutil
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ from pipeline.deployment.components.goals import known_configurations
 from pipeline.deployment.components.recording import Recorder
 from pipeline.deployment.components.supervisor_rules import build_rules
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
-from pipeline.deployment.compose import GraphSettings, controller_delays, first_episodes
+from pipeline.deployment.compose import GraphSettings, controller_delays
 from pipeline.deployment.successive import run_successive
 from pipeline.deployment.trials import GraphParts
 from pipeline.files.atomic import write_whole
@@ -28,11 +30,28 @@ from pipeline.testbench.plant_machine import PlantMachine
 GOALS = "goals.json"  # how they ended
 
 
+class Ending(enum.StrEnum):
+    """When a trial ends."""
+
+    time_out = "time_out"  # as in the paper's table, unless deployment.termination says otherwise
+    goal = (
+        "goal"  # on reaching the tolerances of deployment.termination too, as in the paper's last experiment
+    )
+
+
+def ending_by(settings: GraphSettings, ending: Ending) -> GraphSettings:
+    """The settings with trials that end so."""
+    if ending is Ending.time_out:
+        return settings
+    until_goal = replace(settings.deployment.termination, at_goal=True)
+    return replace(settings, deployment=replace(settings.deployment, termination=until_goal))
+
+
 def target_episodes(settings: GraphSettings) -> Episodes:
     """The first episodes of the evaluation, as many as the controller is given."""
     deployment = settings.deployment
     plans = settings.kind is ControllerKind.icem
-    return first_episodes(settings, deployment.planner_targets if plans else deployment.targets)
+    return settings.reaching.fixed_episodes(deployment.planner_targets if plans else deployment.targets)
 
 
 def pursue(

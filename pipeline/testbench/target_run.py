@@ -15,7 +15,7 @@ import numpy as np
 
 from pipeline.deployment.components.goals import known_configurations
 from pipeline.deployment.components.recording import Recorder
-from pipeline.deployment.compose import controller_delays, first_episodes, graph_parts
+from pipeline.deployment.compose import controller_delays, graph_parts
 from pipeline.deployment.drivers.machine import LearnedMachine, Machine
 from pipeline.deployment.messages import ReachGoal, ReachResult
 from pipeline.deployment.nodes import Driver, NodeSettings
@@ -87,8 +87,8 @@ def kept_if_cut_off(output: Path, machine: MachineSpecification, recorder: Recor
 
 def reach_goals(settings: NodeSettings) -> list[ReachGoal]:
     """The targets' poses."""
-    targets = first_episodes(settings, settings.targets).targets
-    poses = settings.arm.forward(jnp.asarray(targets))
+    targets = settings.reaching.fixed_episodes(settings.targets).targets
+    poses = settings.reaching.arm.forward(jnp.asarray(targets))
     return [
         ReachGoal(number, np.asarray(poses.position[number]), np.asarray(poses.quaternion[number]))
         for number in range(len(targets))
@@ -97,7 +97,7 @@ def reach_goals(settings: NodeSettings) -> list[ReachGoal]:
 
 def simulate_targets(settings: NodeSettings) -> Recorder:
     """The same targets from the same start through the graph in simulated time: what the real one is held against."""
-    episodes = first_episodes(settings, settings.targets)
+    episodes = settings.reaching.fixed_episodes(settings.targets)
     parts = graph_parts(settings)
     parts = parts.with_goals(known_configurations(parts.task.arm, episodes.targets))
     machine: Machine = LearnedMachine(parts.step, episodes.starts[0])
@@ -117,7 +117,7 @@ def trials_of(folder: Path, settings: NodeSettings, ingest: IngestConfig) -> lis
         if log.targets is not None
         for trial in logged_trials(log.trajectories, log.targets, settings.episodes.steps)
     ]
-    return reaching_summary(trials, settings.machine, settings.arm)["trials"] if trials else []
+    return reaching_summary(trials, settings.machine, settings.reaching.arm)["trials"] if trials else []
 
 
 def write_run(

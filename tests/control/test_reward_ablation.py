@@ -20,6 +20,7 @@ from pipeline.control.reward_ablation import (
 )
 from pipeline.errors import InputError
 from pipeline.reaching.reward import RewardTerm
+from pipeline.reaching.settings import ReachingSettings
 from pipeline.reporting.chapters.reward_ablation import (
     PAPER_KIND,
     ablation_beside_paper,
@@ -49,7 +50,8 @@ def config() -> RewardAblationConfig:
 def ablation(task, bobcat, arm, paper_episodes, paper_reward, paper_ppo) -> Ablation:
     episodes = dataclasses.replace(paper_episodes, table_rows=64, evaluation_episodes=4)
     ppo = dataclasses.replace(paper_ppo, curve_episodes=2)
-    return Ablation(bobcat, arm, task.dynamics, task.parameters, "model", paper_reward, episodes, 4, ppo)
+    reaching = ReachingSettings(bobcat, arm, paper_reward, episodes, 4)
+    return Ablation(reaching, task.dynamics, task.parameters, "model", ppo)
 
 
 def result(rate: float) -> CellResult:
@@ -91,11 +93,12 @@ def test_a_finished_cell_is_kept_until_what_it_depends_on_changes(ablation, conf
     save_cell(tmp_path, cell, ablation.identity(cell), result(0.5))
     assert load_cell(tmp_path, cell, ablation.identity(cell)) == result(0.5)
     assert load_cell(tmp_path, AblationCell((POSE,), 5), ablation.identity(cell)) is None
+    dearer = dataclasses.replace(ablation.reaching.reward, position_weight=2.0)
     for change in (
         {"fingerprint": "other"},
         {"ppo": dataclasses.replace(ablation.ppo, discount=0.9)},
-        {"reward": dataclasses.replace(ablation.reward, position_weight=2.0)},
-        {"action_repeats": 2},
+        {"reaching": dataclasses.replace(ablation.reaching, reward=dearer)},
+        {"reaching": dataclasses.replace(ablation.reaching, action_repeats=2)},
     ):
         assert load_cell(tmp_path, cell, dataclasses.replace(ablation, **change).identity(cell)) is None
     rows = finished(tmp_path, config, ablation.identity)

@@ -16,6 +16,7 @@ FRAME = {
     "pipeline.configuration.graph",
     "pipeline.configuration.load",
     "pipeline.configuration.paths",
+    "pipeline.configuration.reaching",
     "pipeline.configuration.stage",
     "pipeline.configuration.number_checks",
     "pipeline.configuration.pages",
