@@ -6,22 +6,15 @@ from pipeline.configuration.load import load_section
 from pipeline.control.ppo import PPOConfig
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes, evaluation_episodes
+from tests.compilation import quick_compilation  # noqa: F401  autouse
 from tests.reaching.conftest import (  # noqa: F401  fixtures
     arm,
     bobcat,
-    compiled_quickly,
     paper_episodes,
     paper_reward,
     poses,
     task,
 )
-
-
-@pytest.fixture(scope="package", autouse=True)
-def compiled_with_little_effort():
-    """These programs run for seconds; to compile them well takes longer."""
-    with compiled_quickly():
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """The default machine, the paper's reward and episodes, and a task on the lag model."""
 
-import contextlib
 import dataclasses
 
 import jax
@@ -14,22 +13,8 @@ from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import EpisodesConfig, learning_poses
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
+from tests.compilation import quick_compilation  # noqa: F401  autouse
 from tests.reaching.lag import lag_dynamics
-
-
-@contextlib.contextmanager
-def compiled_quickly():
-    """Compile without most optimisations: these tests compile much and run little."""
-    before = jax.config.read("jax_disable_most_optimizations")
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", before)
-
-
-@pytest.fixture(scope="package", autouse=True)
-def quick_compilation():
-    with compiled_quickly():
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -19,7 +19,7 @@ from pipeline.machine.specification import JointSpecification, MachineSpecificat
 from pipeline.stages.judge import load_models
 from tests.stages.command import run_stage
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("module_compiled_quickly")]
 
 SMALL = [
     "judge.long_prediction_steps=150",

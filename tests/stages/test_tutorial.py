@@ -10,6 +10,8 @@ import pytest
 
 from tests.test_docs import STAGE_COMMANDS
 
+pytestmark = pytest.mark.usefixtures("module_compiled_quickly")
+
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/tutorial.md"
 COMMANDS = [

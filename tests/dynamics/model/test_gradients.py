@@ -51,14 +51,6 @@ def test_gradient_in_every_parameter_is_that_of_central_differences(model, param
     np.testing.assert_allclose(gradient, differences, rtol=1e-6, atol=1e-9)
 
 
-@pytest.fixture
-def compiled_quickly():
-    before = jax.config.read("jax_disable_most_optimizations")
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", before)
-
-
 @pytest.mark.parametrize(
     ("kind", "lags", "horizon", "batch", "hidden"),
     [
@@ -70,9 +62,7 @@ def compiled_quickly():
     ],
     ids=lambda value: "_".join(map(str, value)) if isinstance(value, list | tuple) else str(value),
 )
-def test_rollout_and_its_gradient_are_those_of_the_definition(
-    compiled_quickly, kind, lags, horizon, batch, hidden
-):
+def test_rollout_and_its_gradient_are_those_of_the_definition(kind, lags, horizon, batch, hidden):
     """Layers narrower and wider than their inputs; windows that end up all measured, mixed, all predicted."""
     model = DynamicsModel(make_specification(*kind, lags=lags, hidden=hidden))
     random = np.random.default_rng(1)
