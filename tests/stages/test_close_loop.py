@@ -225,6 +225,7 @@ def exam() -> list[LogTrajectories]:
     return load_logs(PRACTICE / "p2/exam", MACHINE, *settings)
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
     keys = {

@@ -178,6 +178,7 @@ def resumed(empty_store: Path, tuples: Path, tmp_path_factory: pytest.TempPathFa
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_a_killed_search_resumes_to_the_table_that_it_would_have_written(resumed: Path) -> None:
     before = attempts(open_storage(str(resumed / "before.journal")))

@@ -43,6 +43,7 @@ SMALLEST = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_the_tutorial_from_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In one process: the commands' own processes would import JAX ten times."""

@@ -19,7 +19,7 @@ from pipeline.effects.catalogue import known_for
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import CommandKind, JointSpecification, MachineSpecification
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 MACHINE = MachineSpecification(
     name="two_valves",
