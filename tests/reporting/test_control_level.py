@@ -43,14 +43,14 @@ def test_logs_without_targets_are_refused_by_name(tmp_path: Path) -> None:
 def test_the_graph_of_the_control_level_names_stages_that_exist() -> None:
     listed = subprocess.run(
         [sys.executable, "-m", "dvc", "stage", "list", "--name-only"],
-        cwd=ROOT / "artifacts" / "control_level",
+        cwd=ROOT / "experiments" / "control_level",
         capture_output=True,
         text=True,
         check=True,
     )
     names = listed.stdout.split()
     assert sum(name.startswith("drive@") for name in names) == 15
-    text = (ROOT / "artifacts" / "control_level" / "dvc.yaml").read_text()
+    text = (ROOT / "experiments" / "control_level" / "dvc.yaml").read_text()
     modules = {
         word.removeprefix("pipeline.stages.") for word in text.split() if word.startswith("pipeline.stages.")
     }
