@@ -41,7 +41,8 @@ def main(configuration: IngestStage, run: StageRun) -> None:
     )
     report_directory = Path(configuration.report)
     write_metrics(summary, report_directory / "quality.json")
-    if configuration.page:
+    has_page = configuration.page or bool(summary.failures)  # the page alone tells which logs failed
+    if has_page:
         tuples = Path(configuration.output)
         write_page("quality", configuration.machine, MACHINE_DIRECTORY, summary, tuples, report_directory)
     for report in summary.reports:
@@ -49,7 +50,7 @@ def main(configuration: IngestStage, run: StageRun) -> None:
         for finding in report.findings:
             print(f"  {finding}")
     run.metrics(flatten_metrics({key: value for key, value in summary.metrics().items() if "/" not in key}))
-    for name in ("quality.json", *(["quality.html"] if configuration.page else [])):
+    for name in ("quality.json", *(["quality.html"] if has_page else [])):
         run.artifact(report_directory / name)
     summary.raise_if_failed()
 

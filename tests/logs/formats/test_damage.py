@@ -300,12 +300,13 @@ def test_command_names_what_failed_in_one_line_and_writes_the_rest(tmp_path):
         whole_log(kind).write(logs / f"empty{kind[:3]}", b"")
         whole_log(kind).write(logs / f"noise{kind[:3]}", b"\x1b[31m\n\x00" * 500)
     good.write(logs / "locked").chmod(0)
-    result = command(f"logs={logs}", folder=tmp_path, before=give_up_rights)
+    result = command(f"logs={logs}", "page=false", folder=tmp_path, before=give_up_rights)
     assert result.returncode == REFUSED
     (line,) = result.stderr.splitlines()
     assert line.startswith("error: ingest: 11 of 13 logs failed: ") and "Permission denied" in line
     failed = {path.name for path in logs.iterdir()} - {"good.mcap", "cut.bag"}
-    assert len(failed) == 11 and all(name in line for name in failed)
+    page = (tmp_path / "tuples/quality.html").read_text()
+    assert len(failed) == 11 and all(name in line and name in page for name in failed)
     assert "Traceback" not in result.stdout
     tuples = {path.name for path in (tmp_path / "tuples").glob("*.parquet")}
     assert tuples == {"good.parquet", "cut.parquet"}
