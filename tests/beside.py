@@ -2,6 +2,7 @@
 
 A changed test file runs itself. A changed module runs the test files of its name in its own place under `tests`, then
 those that import it. A helper or `conftest.py` of the tests runs what imports it, or lies in its folder.
+`conf/<stage>.yaml` runs the stage's tests, `dvc.yaml` those of the graph.
 Long and slow tests are left out. After `BUDGET_S` the run ends, and says how many tests it did not reach.
 """
 
@@ -58,6 +59,8 @@ def _distance(path: str, test: str, source: str) -> int | None:
         return CLOSEST
     changed = Path(path)
     if changed.suffix != ".py":
+        if test == _test_of_setting(changed):
+            return NAMESAKE
         return IMPORTS if test in PAGES else None
     package, *folders = changed.parts[:-1] or ("",)
     if package == "pipeline" and Path(test).name == f"test_{changed.name}":
@@ -67,6 +70,13 @@ def _distance(path: str, test: str, source: str) -> int | None:
     if changed.name == "conftest.py" and changed.parent in Path(test).parents:
         return FOLDER
     return None
+
+
+def _test_of_setting(changed: Path) -> str | None:
+    """The test file of a stage's configuration, `conf/<stage>.yaml`, or of a `dvc.yaml`."""
+    if changed.name == "dvc.yaml":
+        return "tests/stages/test_dvc_graph.py"
+    return f"tests/stages/test_{changed.stem}.py" if changed.match("conf/*.yaml") else None
 
 
 def _imports(path: str, source: str) -> bool:

@@ -11,6 +11,8 @@ SOURCES = {
     "tests/logs/formats/test_bags.py": "from pipeline.logs.formats.bags import read_log\n",
     "tests/logs/test_ingest.py": "from pipeline.logs import ingest, tuples\nfrom tests.logs.helper import make\n",
     "tests/study/test_ingest.py": "import pipeline.study.ingest\n",
+    "tests/stages/test_dvc_graph.py": "",
+    "tests/stages/test_search.py": "",
     "tests/test_docs.py": "",
 }
 
@@ -28,6 +30,9 @@ SOURCES = {
         ("tests/logs/conftest.py", ["tests/logs/formats/test_bags.py", "tests/logs/test_ingest.py"]),
         ("docs/logs.md", ["tests/test_docs.py"]),
         ("tests/logs/test_gone.py", []),
+        ("conf/search.yaml", ["tests/stages/test_search.py", "tests/test_docs.py"]),
+        ("conf/profile/search.yaml", ["tests/test_docs.py"]),
+        ("experiments/control_level/dvc.yaml", ["tests/stages/test_dvc_graph.py", "tests/test_docs.py"]),
     ],
 )
 def test_files_beside_a_change(changed: str, expected: list[str]) -> None:
