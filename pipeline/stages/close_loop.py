@@ -61,9 +61,10 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
         )
         run.inputs(inputs.nominal, inputs.measured)
         publish_closed_loop(run, output, result.document, model, machine.name, max(nominal, key=len))
-        say(f"verdict {result.document['verdict']}; see {output / 'report.html'}")
+        say(f"verdict {result.document['verdict']}")
     if configuration.page:
         write_page("closed_loop", output)
+        say(f"see {output / 'report.html'}")
     run.artifact(output)
 
 
