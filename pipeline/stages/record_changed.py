@@ -7,18 +7,15 @@ from omegaconf import MISSING
 
 from pipeline.configuration.paths import OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.logs.formats.recorded_folders import clear_recorded, list_recorded
-from pipeline.plant.machines.simulated import simulated_machine
 from pipeline.plant.recording.session import RecordConfig
-from pipeline.plant.sealed.seal import write_seal
-from pipeline.plant.sealed.undeclared import draw_effects
 from pipeline.testbench.recording import (
-    SEAL,
     SESSIONS,
+    EffectDraw,
     RecordChangedConfig,
+    begin_recording,
     changed_sessions,
     own_logs_among,
-    record_bag,
+    record_sessions,
 )
 from pipeline.tracking import StageRun, progress_bar
 
@@ -48,28 +45,15 @@ def main(configuration: RecordChangedStage, run: StageRun) -> None:
             "measured": (configuration.measured, output / SESSIONS),
         }
     )
-    effects = (
-        []
-        if own
-        else draw_effects(
-            configuration.effects,
-            configuration.effects_seed,
-            simulated_machine(machine.name),
-            configuration.effect_size,
-            60.0 * changed.session_minutes[0],
-        )
-    )
-    clear_recorded(output, [SESSIONS], "record_changed", own)
-    write_seal(output / SEAL, effects)
+    kinds, seed, size = configuration.effects, configuration.effects_seed, configuration.effect_size
+    draw = EffectDraw(kinds, seed, size, changed.session_minutes[0])
+    effects = begin_recording(output, [SESSIONS], "record_changed", own, machine, draw)
     if own:
         print(f"record_changed: the logs in {', '.join(own.values())} are your own; nothing is recorded")
         return
     sessions = changed_sessions(output, configuration.record, changed)
-    list_recorded(output, [session.path for session in sessions])
-    for session in sessions:
-        with progress_bar(f"record {session.path.name}", round(60 * session.minutes), "s") as bar:
-            record_bag(session, machine, effects, bar.reach)
-    run.metrics({"recorded_minutes": sum(session.minutes for session in sessions)})
+    minutes = record_sessions(output, sessions, machine, effects, progress_bar)
+    run.metrics({"recorded_minutes": minutes})
 
 
 if __name__ == "__main__":

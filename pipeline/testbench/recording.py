@@ -1,21 +1,24 @@
 """Sessions in which a scripted operator teleoperates the simulated machine, recorded into genuine bags."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.logs.formats.recorded_folders import clear_recorded, list_recorded
 from pipeline.logs.formats.writer import write_bag
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import PlantEffect
 from pipeline.plant.machines.simulated import simulated_machine
 from pipeline.plant.recording.operator import draw_style
 from pipeline.plant.recording.session import NANOSECONDS, SESSION_NAME, RecordConfig, record_session
-from pipeline.plant.sealed.undeclared import parameters_of_session
+from pipeline.plant.sealed.seal import write_seal
+from pipeline.plant.sealed.undeclared import draw_effects, parameters_of_session
 
 SESSIONS, HELD_OUT, SEAL = "sessions", "held_out", "undeclared.seal"
 
@@ -42,6 +45,28 @@ class RecordChangedConfig:
         for name in ("days_later", "seed"):
             if getattr(self, name) < 0:
                 raise InputError(f"record_changed.{name} is {getattr(self, name)}; it must not be negative")
+
+
+class EffectDraw(NamedTuple):
+    """Which effects are drawn; see `draw_effects`.
+
+    Attributes:
+        kinds: Their names.
+        size: Strength, 1 for plain effects.
+        first_session_minutes: Within which a change point lies.
+    """
+
+    kinds: Sequence[str]
+    seed: int
+    size: float
+    first_session_minutes: float
+
+
+class Progress(Protocol):
+    """A progress bar."""
+
+    def reach(self, done: float) -> None:
+        """So much is done."""
 
 
 class Session(NamedTuple):
@@ -113,20 +138,65 @@ def own_logs_among(settings: Mapping[str, tuple[str | None, Path]]) -> dict[str,
     return own
 
 
-def record_bag(
+def begin_recording(
+    output: Path,
+    folders: Iterable[str],
+    stage: str,
+    own_logs: Mapping[str, str],
+    machine: MachineSpecification,
+    draw: EffectDraw,
+) -> list[PlantEffect]:
+    """Delete what the stage recorded before, and seal the effects of the new recording: none beside own logs.
+
+    Args:
+        output: Parent of the folders and of the seal.
+        folders: Names of the folders that the stage records into.
+        stage: Its name, for messages.
+        own_logs: The user's logs that replace recordings, by the settings' names.
+        machine: Of which there must be a plant, unless own logs replace recordings.
+        draw: Which effects are drawn.
+
+    Raises:
+        InputError: No such effects can be drawn, or a folder holds something else.
+    """
+    effects: list[PlantEffect] = []
+    if not own_logs:  # a machine that is measured needs no plant
+        nominal, first_session_s = simulated_machine(machine.name), 60.0 * draw.first_session_minutes
+        effects = draw_effects(draw.kinds, draw.seed, nominal, draw.size, first_session_s)
+    clear_recorded(output, folders, stage, own_logs)
+    write_seal(output / SEAL, effects)
+    return effects
+
+
+def record_sessions(
+    output: Path,
+    sessions: Sequence[Session],
+    machine: MachineSpecification,
+    effects: Sequence[PlantEffect],
+    progress_bar: Callable[[str, int, str], AbstractContextManager[Progress]],
+) -> float:
+    """Record sessions into bags below `output`, and return their minutes.
+
+    Args:
+        output: Parent of their folders, and of the list of what is recorded.
+        sessions: What is recorded.
+        machine: Of which there must be a plant.
+        effects: What is switched on in it.
+        progress_bar: Opened per session with its description, its duration, and the duration's unit.
+    """
+    list_recorded(output, [session.path for session in sessions])
+    for session in sessions:
+        with progress_bar(f"record {session.path.name}", round(60 * session.minutes), "s") as bar:
+            _record_bag(session, machine, effects, bar.reach)
+    return sum(session.minutes for session in sessions)
+
+
+def _record_bag(
     session: Session,
     machine: MachineSpecification,
     effects: Sequence[PlantEffect],
     progress: Callable[[float], None],
 ) -> None:
-    """Record one session of the simulated machine into a bag.
-
-    Args:
-        session: What is recorded.
-        machine: Of which there must be a plant.
-        effects: What is switched on in it.
-        progress: Called with the time that has been simulated, s.
-    """
     parameters, changes = parameters_of_session(simulated_machine(machine.name), effects, session.number)
     log = record_session(
         machine,
