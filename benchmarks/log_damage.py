@@ -3,7 +3,7 @@
     python -m benchmarks.log_damage > docs/log_damage.md
 
 Each case is made anew and ingested. A row of the page's table says how many of the log's messages were recovered and
-what the user is told. `tests/logs/test_damage.py` compares every row with what the ingest does.
+what the user is told. `tests/logs/formats/test_damage.py` compares every row with what the ingest does.
 """
 
 import os

@@ -8,7 +8,7 @@ The layers, each of which imports only what stands to its left (checked by `lint
 
     errors < files < machine < logs < dynamics < effects < discrepancy < reaching < control < deployment < reporting
         < study < tracking < configuration < stages
-    machine < plant (the simulated machine: nothing that learns may import it) < stages
+    machine < plant (the simulated machine: nothing that learns may import it) < testbench < stages
 """
 
 import importlib

@@ -1,8 +1,8 @@
 """The pipeline's steps with the settings of a profile, as functions of folders and arrays: what `pipeline` exports.
 
-Each does what the stage of its name does, without Hydra, DVC or MLflow. A step imports what it needs when it is called,
-so that reading logs does not wait for JAX. Other settings than a profile's: call the library functions that are called
-here, with `load_section`.
+They know nothing of Hydra, DVC and MLflow. `ingest`, `identify` and `train_policy` write a folder; the others return
+their result. A step imports what it needs when it is called, so that reading logs does not wait for JAX. Other settings
+than a profile's: call the library functions that are called here, with `load_section`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pipeline.logs.ingest import IngestSummary
     from pipeline.logs.tuples import Trajectory
     from pipeline.reaching.metrics import Traces
+    from pipeline.reaching.settings import ReachingSettings
 
 
 def read_logs(machine: MachineSpecification, logs: str | Path, profile: str = "default") -> list[Trajectory]:
@@ -137,20 +138,9 @@ def train_policy(
     """
     from pipeline.control.ppo import PPOConfig
     from pipeline.control.train_policy import train_policy as train_on
-    from pipeline.machine.kinematics import load_arm
-    from pipeline.reaching.episodes import EpisodesConfig
-    from pipeline.reaching.reward import RewardConfig
 
-    trained = train_on(
-        Path(model),
-        machine,
-        load_arm(machine, MACHINE_DIRECTORY),
-        load_section("ppo", PPOConfig, profile),
-        load_section("episodes", EpisodesConfig, profile),
-        load_section("reward", RewardConfig, profile),
-        load_section("control", ControlConfiguration, profile).action_repeats,
-        seed,
-    )
+    ppo = load_section("ppo", PPOConfig, profile)
+    trained = train_on(Path(model), _reaching(machine, profile), ppo, seed)
     trained.save(Path(output))
     return trained
 
@@ -174,28 +164,26 @@ def plan(
     from pipeline.control.evaluate_planner import evaluate_planner
     from pipeline.control.icem.config import IcemConfig
     from pipeline.control.icem.variant import RewardVariant
-    from pipeline.machine.kinematics import load_arm
-    from pipeline.reaching.episodes import EpisodesConfig, evaluation_episodes
-    from pipeline.reaching.reward import RewardConfig
 
-    arm = load_arm(machine, MACHINE_DIRECTORY)
-    conditions = load_section("episodes", EpisodesConfig, profile)
-    episodes = evaluation_episodes(
-        machine, arm, conditions, conditions.evaluation_seed, conditions.evaluation_episodes
-    )
-    traces, _ = evaluate_planner(
-        Path(model),
-        machine,
-        arm,
-        load_section("icem", IcemConfig, profile),
-        RewardVariant.icem,
-        load_section("reward", RewardConfig, profile),
-        episodes.first(n_episodes),
-        conditions.steps,
-        load_section("control", ControlConfiguration, profile).action_repeats,
-        seed,
-    )
+    reaching = _reaching(machine, profile)
+    episodes, icem = reaching.fixed_episodes(n_episodes), load_section("icem", IcemConfig, profile)
+    traces, _ = evaluate_planner(Path(model), reaching, icem, RewardVariant.icem, episodes, seed)
     return traces
+
+
+def _reaching(machine: MachineSpecification, profile: str) -> ReachingSettings:
+    from pipeline.machine.kinematics import load_arm
+    from pipeline.reaching.episodes import EpisodesConfig
+    from pipeline.reaching.reward import RewardConfig
+    from pipeline.reaching.settings import ReachingSettings
+
+    return ReachingSettings(
+        machine,
+        load_arm(machine, MACHINE_DIRECTORY),
+        load_section("reward", RewardConfig, profile),
+        load_section("episodes", EpisodesConfig, profile),
+        load_section("control", ControlConfiguration, profile).action_repeats,
+    )
 
 
 def close_loop(

@@ -7,6 +7,7 @@ from typing import Any
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from pipeline.configuration.number_checks import check_numbers
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.machine.specification import MachineSpecification
@@ -44,11 +45,15 @@ def load_section(section: str, schema: type, profile: str = "paper") -> Any:
     """Read a section of a profile, over the paper's values, as every stage does, for use from Python.
 
     Raises:
-        InputError: A value is not valid.
+        InputError: There is no such profile, or a value is not valid.
     """
     folder = CONFIGURATION_DIRECTORY / "profile"
+    if not (folder / f"{profile}.yaml").exists():
+        known = ", ".join(sorted(file.stem for file in folder.glob("*.yaml")))
+        raise InputError(f"profile {profile} is not known; use one of {known}")
     contents = [OmegaConf.load(folder / f"{name}.yaml") for name in dict.fromkeys(("paper", profile))]
     merged = OmegaConf.merge(*(OmegaConf.select(content, section) or {} for content in contents))
+    check_numbers(OmegaConf.to_container(merged), section)
     return _typed(schema, merged, folder / f"{profile}.yaml")
 
 

@@ -25,7 +25,7 @@ class Checkpoint:
 
     Attributes:
         steps: steps trained so far.
-        state: all arrays of Brax's training and of its episodes (`whole_state`); None before the first step.
+        state: all arrays of Brax's training and of its episodes (`training_state`); None before the first step.
         curve: learning curve so far.
         kept: the policy kept as the training's result, with its steps; None before that point.
     """

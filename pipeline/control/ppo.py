@@ -181,7 +181,7 @@ def train(
 
     With a checkpoint directory, every point of the curve is saved, and a training that finds the checkpoint of an
     interrupted one of the same configuration, seed and task goes on from it, and ends as if it had not been
-    interrupted (`whole_state`).
+    interrupted (`training_state`).
 
     Args:
         environment: what to learn on.

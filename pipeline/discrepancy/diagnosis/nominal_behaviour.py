@@ -82,7 +82,7 @@ def learn_nominal_behaviour(
         machine: The machine.
         config: Section `close_loop`.
         end_part: Called with each part's name at its end.
-        kept: File of what was learned of the same logs before (`learned.py`); written where it is of anything else.
+        kept: File of what was learned of the same logs before (`nominal_cache.py`); rewritten if they are others.
 
     Raises:
         InputError: That file is damaged, or cannot be written.

@@ -1,7 +1,7 @@
 """A change of joints' speeds over time that is no function of anything measured: v_j = u_j e^{z(t)}.
 
 There is nothing to regress on. z is estimated from residuals elsewhere, of other joints (`supply_variation.py`) or at
-other times (`course_in_time.py`), and it is tried whether it predicts the residual here.
+other times (`time_varying_gain.py`), and it is tried whether it predicts the residual here.
 """
 
 from abc import ABC, abstractmethod

@@ -1,6 +1,6 @@
 """The common form of all bag formats: blocks of undecoded messages of one topic, at most one chunk each.
 
-A storage reader (`mcap_file`, `rosbag1_file`, `sqlite3_file`) yields blocks. Messages are decoded later, in the same
+A storage reader (`mcap`, `rosbag1`, `sqlite3` in `formats`) yields blocks. Messages are decoded later, in the same
 way for all formats, and memory is bounded by the largest chunk.
 """
 

@@ -1,4 +1,4 @@
-"""Labelled horizontal bars as inline SVG, in the look of `closed_loop_chart.Panel`."""
+"""Labelled horizontal bars as inline SVG, in the look of `chart.Panel`."""
 
 import html
 import math

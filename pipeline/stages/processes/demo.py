@@ -7,7 +7,6 @@ import importlib
 import shlex
 import sys
 import time
-from unittest import mock
 
 from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
 from pipeline.dynamics.judgement import long_prediction
@@ -46,8 +45,8 @@ def say(seconds: float, sentence: str) -> None:
 def run(command: str) -> None:
     """A stage's command in this process; a failed one ends it."""
     stage, *overrides = shlex.split(command)
-    with mock.patch.object(sys, "argv", [f"{stage}.py", *overrides, "tracking=none"]):
-        importlib.import_module(f"pipeline.stages.{stage}").main()
+    sys.argv = [f"{stage}.py", *overrides, "tracking=none"]
+    importlib.import_module(f"pipeline.stages.{stage}").main()
 
 
 def draw(steps: list[DemoStep]) -> str:
