@@ -1,6 +1,6 @@
 """Find the messages of a chunk from its index, as arrays; every index entry is verified.
 
-`mcap/index.py` and `rosbag1/index.py` check each entry: a message record of that channel and time must stand at its offset.
+Each format's `index.py` checks every entry: a message record of that channel and time must stand at its offset.
 This module checks that the records do not overlap, and walks the bytes between them record by record. The result
 equals that of a walk over the whole chunk. If the index is contradicted, that walk is done; after damage it resumes at
 the next verified entry.
