@@ -113,6 +113,13 @@ class Ablation:
         content = json.dumps([dataclasses.asdict(part) for part in settings], sort_keys=True, default=str)
         return identity(content, self.fingerprint, reaching.action_repeats, cell.seed)
 
+    def unfinished(self, directory: Path, config: RewardAblationConfig) -> Iterator[tuple[AblationCell, str]]:
+        """The cells that have no result in the ablation's folder, in order, each with its identity."""
+        for cell in cells(config):
+            training = self.identity(cell)
+            if load_cell(directory, cell, training) is None:
+                yield cell, training
+
     def run(
         self, cell: AblationCell, progress: Callable[[CurvePoint], None], checkpoints: Path | None
     ) -> CellResult:

@@ -8,12 +8,13 @@ from pipeline.discrepancy.close_loop import close_loop
 from pipeline.discrepancy.nominal_model import nominal_model
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.unusable_logs import UnusableLogs
-from pipeline.discrepancy.verdict.files import LoopReport, write_closed_loop
+from pipeline.discrepancy.verdict.files import LoopReport, write_closed_loop, write_note
 from pipeline.discrepancy.verdict.result import ClosedLoop
 from pipeline.dynamics.judgement import seen_again
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
+from pipeline.logs.formats.discover import is_empty_folder
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.trajectories import load_trajectories
@@ -49,7 +50,8 @@ def close_loop_on_logs(
     identify: IdentifyConfig,
     settings: CloseLoopConfig,
     log: Callable[[str], None] = lambda _: None,
-) -> tuple[ClosedLoop, DynamicsModel, list[Trajectory]]:
+    allow_empty: bool = False,
+) -> tuple[ClosedLoop, DynamicsModel, list[Trajectory]] | None:
     """Write `closed_loop.json`, `report_data.npz`, `model_before` and `model_after` into `output`.
 
     Args:
@@ -61,13 +63,17 @@ def close_loop_on_logs(
         identify: Section `identify`.
         settings: Section `close_loop`.
         log: Called with one sentence per step.
+        allow_empty: Whether a note takes the place of the result where no logs are measured.
 
     Returns:
-        The result, the model that the loop was closed on, and the nominal trajectories.
+        The result, the model that the loop was closed on, and the nominal trajectories; None for a note.
 
     Raises:
         InputError: Logs or model cannot be used, or a file cannot be written.
     """
+    if allow_empty and is_empty_folder(Path(inputs.measured)):
+        log(write_note(output, machine, inputs.model, inputs.nominal, inputs.measured))
+        return None
     nominal, measured = (
         load_trajectories(Path(folder), machine, ingest, loop_tracker)
         for folder in (inputs.nominal, inputs.measured)

@@ -6,6 +6,7 @@ from pipeline.discrepancy.acceptance.gate import GateConfig
 from pipeline.discrepancy.baselines.continued_training import BaselinesConfig
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModelConfig
 from pipeline.discrepancy.diagnosis.splits import SplitConfig
+from pipeline.discrepancy.families.uncorrectable import refuse_unknown
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
 from pipeline.dynamics.settings import TrainingConfig
 
@@ -33,3 +34,6 @@ class CloseLoopConfig:
     gate: GateConfig
     baselines: BaselinesConfig
     exclude: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        refuse_unknown(self.exclude)

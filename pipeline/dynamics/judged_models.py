@@ -1,7 +1,9 @@
 """Selected models judged beside an engineer's references, and the record that tables and figures are made from."""
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from pipeline.dynamics.comparison import reference_wins
 from pipeline.dynamics.evaluation.errors import Predictor
@@ -10,6 +12,8 @@ from pipeline.dynamics.references.all_references import fit_references
 from pipeline.dynamics.references.grey_box import GreyBoxPredictor
 from pipeline.dynamics.references.narx import NarxPredictor
 from pipeline.dynamics.training.data_split import DataSplit
+from pipeline.files.atomic import write_whole
+from pipeline.files.record_file import save_record
 from pipeline.machine.specification import MachineSpecification
 
 RECORD = "judged.npz"
@@ -39,6 +43,14 @@ class JudgedModels:
         """All figures, flat, and how often references win."""
         wins = reference_wins(self.judgements, self.references, machine.dt_s)
         return flat_metrics(self.judgements, machine) | wins
+
+    def save(self, folder: Path, machine: MachineSpecification) -> dict[str, float]:
+        """Write the metrics as `judgement.json`, and the record that pages are made from; the metrics."""
+        metrics = self.metrics(machine)
+        content = json.dumps(metrics, indent=1, sort_keys=True, allow_nan=False) + "\n"
+        write_whole(folder / "judgement.json", content.encode())
+        save_record(folder / RECORD, self)
+        return metrics
 
 
 def judge_models(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.logs.tuples import Trajectory
-from pipeline.machine.chain import ArmChain
+from pipeline.machine.chain import read_chain
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.chapters.closed_loop import closed_loop_section, closed_loop_table
 from pipeline.reporting.chapters.controllers import controller_section, evaluated, film_section
@@ -44,7 +44,7 @@ class Report:
 
 def build_report(
     machine: MachineSpecification,
-    arm: ArmChain | None,
+    machine_directory: Path,
     trajectories: Sequence[Trajectory],
     results: PipelineResults,
     pictures: Pictures,
@@ -56,7 +56,7 @@ def build_report(
     """Lay out the chapters.
 
     Args:
-        arm: its kinematics, where it is described.
+        machine_directory: folder `conf/machine`, with its kinematics where they are described.
         trajectories: the training data.
         results: outputs of the stages.
         pictures: pictures of the controllers.
@@ -65,6 +65,7 @@ def build_report(
         output: folder of the page; links are relative to it.
         provenance: names and values, such as commit and data hashes.
     """
+    arm = read_chain(machine, machine_directory) if machine.arm is not None else None
     data = data_section(machine, arm, trajectories)
     closed_loop = closed_loop_section(machine, results.closed_loop, output)
     sections = [overview_section(machine, results, data, closed_loop, origin)]

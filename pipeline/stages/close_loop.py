@@ -10,13 +10,10 @@ from pipeline.configuration.load import ControlConfiguration
 from pipeline.configuration.pages import write_page
 from pipeline.configuration.paths import InputLogs, InputModel, OutputFile
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.discrepancy.families.uncorrectable import refuse_unknown
 from pipeline.discrepancy.from_logs import LoopInputs, close_loop_on_logs
 from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.discrepancy.verdict.files import write_note
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.files.path_checks import Output
-from pipeline.logs.formats.discover import is_empty_folder
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.tracking import StageRun
 from pipeline.tracking.registry.publish import publish_closed_loop
@@ -39,12 +36,6 @@ class CloseLoopStage(PipelineConfiguration):
     allow_empty: bool = False
     page: bool = True
 
-    def __post_init__(self) -> None:
-        if isinstance(
-            self.close_loop, CloseLoopConfig
-        ):  # OmegaConf builds the node first and the object later
-            refuse_unknown(self.close_loop.exclude)
-
 
 @stage(CloseLoopStage)
 def main(configuration: CloseLoopStage, run: StageRun) -> None:
@@ -52,13 +43,12 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
     machine, output = configuration.machine, Path(configuration.output)
     given, learned = (None if p is None else Path(p) for p in (configuration.model, configuration.learned))
     inputs = LoopInputs(configuration.nominal, configuration.measured, given, configuration.kind, learned)
-    if configuration.allow_empty and is_empty_folder(Path(inputs.measured)):
-        say(write_note(output, machine, given, inputs.nominal, inputs.measured))
-    else:
-        settings = configuration.ingest, configuration.control.loop_tracker, configuration.identify
-        result, model, nominal = close_loop_on_logs(
-            inputs, output, machine, *settings, configuration.close_loop, say
-        )
+    settings = configuration.ingest, configuration.control.loop_tracker, configuration.identify
+    closed = close_loop_on_logs(
+        inputs, output, machine, *settings, configuration.close_loop, say, configuration.allow_empty
+    )
+    if closed is not None:
+        result, model, nominal = closed
         run.inputs(inputs.nominal, inputs.measured)
         publish_closed_loop(run, output, result.document, model, machine.name, max(nominal, key=len))
         say(f"verdict {result.document['verdict']}")

@@ -1,6 +1,5 @@
 """Stage `judge`: selected models are judged on a recording that they never saw, beside an engineer's references."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,13 +8,11 @@ from omegaconf import MISSING
 from pipeline.configuration.pages import write_page
 from pipeline.configuration.paths import InputModel, InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.dynamics.judged_models import RECORD, judge_models
+from pipeline.dynamics.judged_models import judge_models
 from pipeline.dynamics.judgement import JudgeConfig, check_unseen
 from pipeline.dynamics.references.all_references import References
 from pipeline.dynamics.training.data_split import VALIDATION, split_by_purpose
 from pipeline.effects.unaugmented_model import load_models
-from pipeline.files.atomic import write_whole
-from pipeline.files.record_file import save_record
 from pipeline.tracking import StageRun, progress_bar
 
 
@@ -46,10 +43,7 @@ def main(configuration: JudgeStage, run: StageRun) -> None:
     n_predictors = len(models) + len(References.__dataclass_fields__)
     with progress_bar("judge", total=n_predictors, unit="predictor") as bar:
         judged = judge_models(models, rows, machine, configuration.judge, lambda name: bar.update())
-    metrics = judged.metrics(machine)
-    content = json.dumps(metrics, indent=1, sort_keys=True, allow_nan=False) + "\n"
-    write_whole(output / "judgement.json", content.encode())
-    save_record(output / RECORD, judged)
+    metrics = judged.save(output, machine)
     if configuration.page:
         write_page("judgement", output, machine)
     run.metrics(metrics)

@@ -10,9 +10,7 @@ from pipeline.configuration.paths import InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.errors import InputError
 from pipeline.reporting.pictures import draw_pictures, save_pictures
-from pipeline.reporting.results.cells import read_controller_cells
-from pipeline.reporting.results.controllers import controllers_of, read_controllers
-from pipeline.reporting.results.deployments import files_of, read_deployments
+from pipeline.reporting.results.deployments import read_evaluated
 from pipeline.tracking import StageRun
 
 
@@ -42,11 +40,9 @@ class PicturesStage(PipelineConfiguration):
 @stage(PicturesStage)
 def main(configuration: PicturesStage, run: StageRun) -> None:
     """Draw every controller whose evaluation is there."""
-    cells = read_controller_cells(Path(configuration.cells))
-    artifacts = Path(configuration.artifacts)
-    controllers = read_controllers(artifacts, controllers_of(cells))
-    deployments = read_deployments(artifacts, controllers)
-    run.inputs(*files_of(artifacts, controllers, deployments))
+    cells, artifacts = Path(configuration.cells), Path(configuration.artifacts)
+    controllers, deployments, files = read_evaluated(cells, artifacts)
+    run.inputs(*files)
     pictures = draw_pictures(
         configuration.machine,
         MACHINE_DIRECTORY,

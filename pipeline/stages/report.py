@@ -9,7 +9,6 @@ from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.configuration.paths import InputLogs, InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.logs.tuples import read_tuples
-from pipeline.machine.chain import read_chain
 from pipeline.reporting.pictures import load_pictures
 from pipeline.reporting.report import build_report, write_report
 from pipeline.reporting.results.artifacts import files_read, read_results
@@ -42,7 +41,7 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     hashes = {f"dvc.{path}": digest for path, digest in dvc_hashes(list(DATA)).items()}
     report = build_report(
         machine,
-        read_chain(machine, MACHINE_DIRECTORY) if machine.arm is not None else None,
+        MACHINE_DIRECTORY,
         read_tuples(Path(configuration.sessions), machine),
         results,
         load_pictures(artifacts / "pictures"),

@@ -14,7 +14,7 @@ from pipeline.configuration.stage import stage
 from pipeline.control.checkpoint import is_checkpoint
 from pipeline.control.curve import CurvePoint
 from pipeline.control.ppo import PPOConfig
-from pipeline.control.reward_ablation import Ablation, RewardAblationConfig, cells, load_cell, save_cell
+from pipeline.control.reward_ablation import Ablation, RewardAblationConfig, save_cell
 from pipeline.files.checkpoint_cleanup import remove_checkpoints
 from pipeline.reporting.results.cells import read_cells
 from pipeline.reporting.reward_ablation import write_ablation
@@ -40,10 +40,7 @@ def main(configuration: RewardAblationStage, run: StageRun) -> None:
     ablation = Ablation.of_model(Path(model), configuration.reaching, configuration.ppo, settings)
     run.inputs(f"{model}/parameters.msgpack")
     provenance = [("profile", configuration.profile), ("model", model), ("made by", "make ablation")]
-    for cell in cells(settings):
-        training = ablation.identity(cell)
-        if load_cell(output / "cells", cell, training) is not None:
-            continue
+    for cell, training in ablation.unfinished(output / "cells", settings):
         with progress_bar(cell.name, settings.training_steps, "step") as bar:
 
             def progress(point: CurvePoint, bar: ProgressBar = bar) -> None:

@@ -15,7 +15,6 @@ from pipeline.errors import InputError
 from pipeline.study.configuration import SearchConfig
 from pipeline.study.search import KindStudy, SearchedKind
 from pipeline.study.storage import refuse_password
-from pipeline.study.trials import Trial
 from pipeline.tracking import StageRun, progress_bar
 
 
@@ -50,14 +49,9 @@ def main(configuration: SearchStage, run: StageRun) -> None:
     searched = SearchedKind(machine, configuration.identify, configuration.search, *kind, rows.learning)
     study = KindStudy(searched, configuration.storage, Path(configuration.checkpoints))
     with progress_bar(f"search {study.name}", configuration.n_trials, "trial") as bar:
-
-        def finished(trial: Trial) -> None:
-            bar.reach(len(study.ended))
-            if trial.value is not None:
-                run.metrics({"evaluation_loss": trial.value}, step=trial.number)
-
-        bar.reach(len(study.ended))
-        study.run(configuration.n_trials, finished)
+        study.run(
+            configuration.n_trials, bar.reach, lambda n, loss: run.metrics({"evaluation_loss": loss}, n)
+        )
     ended = study.write(output)
     if study.is_finished_here:
         values = [trial.value for trial in ended if trial.value is not None]

@@ -8,19 +8,11 @@ from omegaconf import MISSING
 from pipeline.configuration.graph import ControllerKeys, settings_of
 from pipeline.configuration.stage import stage
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.compose import GraphSettings, dispatch_synchronously, graph_parts
+from pipeline.deployment.compose import GraphSettings, dispatch_synchronously
 from pipeline.plant.machines.simulated import SIMULATED
-from pipeline.plant.recording.session import SESSION_NAME, read_moment
+from pipeline.plant.recording.session import read_moment
 from pipeline.testbench.plant_machine import changed_machine
-from pipeline.testbench.successive_targets import (
-    Ending,
-    ending_by,
-    pursue,
-    refuse_others_log,
-    target_episodes,
-    write_note,
-    write_pursuit,
-)
+from pipeline.testbench.successive_targets import Ending, Pursuit, bag_in, write_note, write_pursuit
 from pipeline.tracking import StageRun, Stopwatch, progress_bar
 
 
@@ -45,19 +37,16 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
         print(f"sim2real: {write_note(output, machine)}")
         return
     dispatch_synchronously()
-    settings = ending_by(settings_of(GraphSettings, configuration), configuration.ending)
     start = read_moment("start_time", configuration.start_time)
-    bag = output / "logs" / start.strftime(SESSION_NAME)
-    refuse_others_log(bag)
-    parts = graph_parts(settings)
-    run.inputs(*settings.files)
-    episodes = target_episodes(settings)
+    bag = bag_in(output, start)
+    pursuit = Pursuit.ending_by(settings_of(GraphSettings, configuration), configuration.ending)
+    run.inputs(*pursuit.settings.files)
     changed = changed_machine(
         machine.name, configuration.effects, configuration.effects_seed, configuration.effect_size
     )
     watch, start_ns = Stopwatch(), int(start.timestamp()) * NANOSECONDS
-    with progress_bar("sim2real", total=len(episodes.targets), unit="target") as bar:
-        recorder = pursue(settings, parts, episodes, changed, configuration.plant_seed, start_ns, bar.reach)
+    with progress_bar("sim2real", total=len(pursuit.episodes.targets), unit="target") as bar:
+        recorder = pursuit.run(changed, configuration.plant_seed, start_ns, bar.reach)
     outcomes = write_pursuit(output, bag, recorder, machine)
     print(f"sim2real: {watch.speed((recorder.states[-1][0] - start_ns) / NANOSECONDS)}")
     print("sim2real: " + ", ".join(f"{n} {outcome}" for outcome, n in outcomes.items()))

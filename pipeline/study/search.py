@@ -72,22 +72,28 @@ class KindStudy:
         """Whether this worker finished the study: of several one reports the whole."""
         return self._study.finished_by() == self._study.identity
 
-    def run(self, n_trials: int, finished: Callable[[Trial], None]) -> None:
+    def run(
+        self, n_trials: int, progress: Callable[[int], None], learned: Callable[[int, float], None]
+    ) -> None:
         """Work on the study until it has so many trials.
 
         Args:
             n_trials: Of all workers.
-            finished: Called with each trial of this worker.
+            progress: Called at first, and after each trial of this worker, with how many trials are done with.
+            learned: Called with each trial of this worker that has a value: its number, and L|eval.
         """
 
         def cleared(trial: Trial) -> None:
             shutil.rmtree(self._checkpoints / f"trial_{trial.number}", ignore_errors=True)
             jax.clear_caches()  # else every trial's compiled programs, some 20 MB, would stay until the end
             gc.collect()
-            finished(trial)
+            progress(len(self.ended))
+            if trial.value is not None:
+                learned(trial.number, trial.value)
 
         space = self._searched.search.spaces[self._searched.model]
         trainer = Trainer(self._searched, self._checkpoints)
+        progress(len(self.ended))
         self._study.run(n_trials, lambda choose: propose(space, choose), trainer, cleared)
         shutil.rmtree(self._checkpoints, ignore_errors=True)
 

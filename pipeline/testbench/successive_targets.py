@@ -5,7 +5,8 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +18,14 @@ from pipeline.deployment.components.goals import known_configurations
 from pipeline.deployment.components.recording import Recorder
 from pipeline.deployment.components.supervisor_rules import build_rules
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
-from pipeline.deployment.compose import GraphSettings, controller_delays
+from pipeline.deployment.compose import GraphSettings, controller_delays, graph_parts
 from pipeline.deployment.successive import run_successive
 from pipeline.deployment.trials import GraphParts
 from pipeline.files.atomic import write_whole
 from pipeline.logs.formats.recorded_folders import refuse_foreign
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.parameters import Parameters
+from pipeline.plant.recording.session import SESSION_NAME
 from pipeline.reaching.episodes import Episodes
 from pipeline.testbench.plant_machine import PlantMachine
 
@@ -39,56 +41,58 @@ class Ending(enum.StrEnum):
     )
 
 
-def ending_by(settings: GraphSettings, ending: Ending) -> GraphSettings:
-    """The settings with trials that end so."""
-    if ending is Ending.time_out:
-        return settings
-    until_goal = replace(settings.deployment.termination, at_goal=True)
-    return replace(settings, deployment=replace(settings.deployment, termination=until_goal))
+@dataclass(frozen=True)
+class Pursuit:
+    """What is pursued, and with which graph.
 
-
-def target_episodes(settings: GraphSettings) -> Episodes:
-    """The first episodes of the evaluation, as many as the controller is given."""
-    deployment = settings.deployment
-    plans = settings.kind is ControllerKind.icem
-    return settings.reaching.fixed_episodes(deployment.planner_targets if plans else deployment.targets)
-
-
-def pursue(
-    settings: GraphSettings,
-    parts: GraphParts,
-    episodes: Episodes,
-    parameters: Parameters,
-    plant_seed: int,
-    start_ns: int,
-    progress: Callable[[int], None],
-) -> Recorder:
-    """Pursue the targets on the plant, one after the other from the first episode's start.
-
-    Args:
+    Attributes:
         settings: What the parts are composed of.
         parts: The graph.
-        episodes: Whose targets are pursued.
-        parameters: Of the plant.
-        plant_seed: Of its process variation and its encoders' noise.
-        start_ns: Absolute time of the beginning.
-        progress: Called with the number of targets done.
+        episodes: Whose targets are pursued: the first of the evaluation, as many as the controller is given.
     """
-    machine, rules = settings.machine, settings.deployment.supervisor
-    supervisor: tuple[Component, ...] = ()
-    if rules.rules:
-        built = build_rules(machine, rules, settings.machine_directory)
-        supervisor = (ControlSupervisor(built, rules.period_s),)
-    return run_successive(
-        parts.with_goals(known_configurations(parts.task.arm, episodes.targets)),
-        controller_delays(settings),
-        PlantMachine(parameters, plant_seed, np.asarray(episodes.starts[0], float)),
-        VelocityEstimator(nanoseconds(machine.dt_s), settings.loop_tracker),
-        episodes.targets,
-        start_ns,
-        supervisor,
-        progress,
-    )
+
+    settings: GraphSettings
+    parts: GraphParts
+    episodes: Episodes
+
+    @classmethod
+    def ending_by(cls, settings: GraphSettings, ending: Ending) -> "Pursuit":
+        """Trials that end so."""
+        deployment = settings.deployment
+        if ending is Ending.goal:
+            until_goal = replace(deployment.termination, at_goal=True)
+            settings = replace(settings, deployment=replace(deployment, termination=until_goal))
+        plans = settings.kind is ControllerKind.icem
+        n_targets = deployment.planner_targets if plans else deployment.targets
+        return cls(settings, graph_parts(settings), settings.reaching.fixed_episodes(n_targets))
+
+    def run(
+        self, parameters: Parameters, plant_seed: int, start_ns: int, progress: Callable[[int], None]
+    ) -> Recorder:
+        """Pursue the targets on the plant, one after the other from the first episode's start.
+
+        Args:
+            parameters: Of the plant.
+            plant_seed: Of its process variation and its encoders' noise.
+            start_ns: Absolute time of the beginning.
+            progress: Called with the number of targets done.
+        """
+        settings, targets = self.settings, self.episodes.targets
+        machine, rules = settings.machine, settings.deployment.supervisor
+        supervisor: tuple[Component, ...] = ()
+        if rules.rules:
+            built = build_rules(machine, rules, settings.machine_directory)
+            supervisor = (ControlSupervisor(built, rules.period_s),)
+        return run_successive(
+            self.parts.with_goals(known_configurations(self.parts.task.arm, targets)),
+            controller_delays(settings),
+            PlantMachine(parameters, plant_seed, np.asarray(self.episodes.starts[0], float)),
+            VelocityEstimator(nanoseconds(machine.dt_s), settings.loop_tracker),
+            targets,
+            start_ns,
+            supervisor,
+            progress,
+        )
 
 
 def write_pursuit(output: Path, bag: Path, recorder: Recorder, machine: MachineSpecification) -> Counter[str]:
@@ -117,6 +121,13 @@ def write_note(output: Path, machine: MachineSpecification) -> str:
 
 def _write_goals(output: Path, content: object) -> None:
     write_whole(output / GOALS, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def bag_in(output: Path, start: datetime) -> Path:
+    """The bag of a pursuit that begins so; see `refuse_others_log`."""
+    bag = output / "logs" / start.strftime(SESSION_NAME)
+    refuse_others_log(bag)
+    return bag
 
 
 def refuse_others_log(bag: Path) -> None:

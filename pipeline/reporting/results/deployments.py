@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.reaching.metrics import Traces, load_traces, reaching_metrics, success_rate_matrix
-from pipeline.reporting.results.controllers import ControllerResult
+from pipeline.reporting.results.cells import read_controller_cells
+from pipeline.reporting.results.controllers import ControllerResult, controllers_of, read_controllers
 from pipeline.reporting.results.files import read_json, require_file
 from pipeline.reporting.results.paper import DEPLOYED
 
@@ -78,6 +79,23 @@ def files_of(
         )
     ]
     return [path for path in evaluated + deployed if path.exists()]
+
+
+def read_evaluated(
+    cells: Path, artifacts: Path
+) -> tuple[list[ControllerResult], list[Deployment], list[Path]]:
+    """Controllers, their deployments, and the files of both.
+
+    Args:
+        cells: file of the models and seeds that `dvc repro` makes.
+        artifacts: folder of the stages' outputs.
+
+    Raises:
+        InputError: a file is missing or damaged.
+    """
+    controllers = read_controllers(artifacts, controllers_of(read_controller_cells(cells)))
+    deployments = read_deployments(artifacts, controllers)
+    return controllers, deployments, files_of(artifacts, controllers, deployments)
 
 
 def read_deployments(artifacts: Path, controllers: Sequence[ControllerResult]) -> list[Deployment]:
