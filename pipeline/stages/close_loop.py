@@ -1,6 +1,7 @@
 """Stage `close_loop`: from logs measured on the machine to the effect that its model lacks."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +18,8 @@ from pipeline.files.path_checks import Output
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.tracking import StageRun
 from pipeline.tracking.registry.publish import publish_closed_loop
+
+say = partial(print, "close_loop:", flush=True)  # at once
 
 
 @dataclass
@@ -56,11 +59,6 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
         write_page("closed_loop", output)
         say(f"see {output / 'report.html'}")
     run.artifact(output)
-
-
-def say(sentence: str) -> None:
-    """To the user, at once."""
-    print(f"close_loop: {sentence}", flush=True)
 
 
 if __name__ == "__main__":
