@@ -121,7 +121,7 @@ def test_random_holds_stay_in_the_middle_and_have_pauses():
 
 
 def test_nothing_of_the_plant_but_its_operator_and_its_means_is_used():
-    allowed = {"operator", "compiled", "records", "session"}
+    allowed = {"recording.operator", "compiled", "records", "recording.session"}
     folder = Path(effects.__file__).parents[1]
     modules = {
         node.module
