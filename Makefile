@@ -69,7 +69,7 @@ ablation: env ## train PPO with terms of the reward left out (the paper's append
 	$(BIN)/python -m pipeline.stages.reward_ablation $(ABLATION)
 
 # Two cores: a file's tests share what they made, so they stay on one worker.
-PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 20
 STYLE := $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/lint-imports && $(BIN)/mypy
 SINCE ?= origin/main
 
