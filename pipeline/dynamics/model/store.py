@@ -21,6 +21,7 @@ from pipeline.files.atomic import write_whole
 from pipeline.machine.specification import MachineSpecification
 
 SCHEMA_VERSION = 1
+MODEL_FOLDER = "model_folder"  # artifact of a registered model: a served model imports nothing of tracking
 
 
 def save_model(

@@ -11,11 +11,10 @@ import numpy as np
 import pandas
 from mlflow.pyfunc.model import PythonModel, PythonModelContext
 
-from pipeline.dynamics.model.store import load_model
+from pipeline.dynamics.model.store import MODEL_FOLDER, load_model
 from pipeline.effects.store import load_predictor
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
-from pipeline.tracking.registry import MODEL_FOLDER
 
 
 class DynamicsPyfunc(PythonModel):

@@ -9,9 +9,9 @@ import numpy as np
 
 import pipeline
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.store import MODEL_FOLDER
 from pipeline.logs.tuples import Trajectory
 from pipeline.tracking import StageRun, flatten_metrics
-from pipeline.tracking.registry import MODEL_FOLDER
 
 if TYPE_CHECKING:
     import pandas
