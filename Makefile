@@ -36,7 +36,7 @@ repro: env ## run the whole pipeline on the profile in params.yaml (default: som
 	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
 
 .PHONY: demo
-demo: env ## films of reaching, and an undeclared change found: one page in some five minutes (build/demo/index.html)
+demo: env ## films of reaching, and an undeclared change found: one page in some four minutes (build/demo/index.html)
 	rm -rf build/demo
 	TF_CPP_MIN_LOG_LEVEL=3 $(BIN)/python -m pipeline.stages.processes.demo
 
@@ -78,7 +78,7 @@ check: env ## check style, layers and types, and run the tests beside what chang
 	bash -c '$(STYLE)' & $(BIN)/python -m tests.beside $(SINCE); tests=$$?; wait $$! && exit $$tests
 
 .PHONY: test
-test: env ## check style, layers and types, and run the tests but the long ones (8 minutes on two cores)
+test: env ## check style, layers and types, and run the tests but the long ones (10 to 20 minutes on two cores, by the machine)
 	nice -n 5 bash -c '$(STYLE)' & $(PYTEST) -m "not long"; tests=$$?; wait $$! && exit $$tests
 
 .PHONY: test-all
