@@ -8,13 +8,12 @@ import shlex
 import sys
 import time
 
-from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
+from pipeline.configuration.from_python import read_logs
+from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine
 from pipeline.dynamics.judgement import long_prediction
 from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW
 from pipeline.effects.store import load_predictor
 from pipeline.files.atomic import write_whole
-from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.trajectories import load_trajectories
 from pipeline.reporting.pages.demo import DemoStep, demo_page
 from pipeline.stages.processes.demo_steps import FOLDER, STEPS
 
@@ -52,10 +51,7 @@ def run(command: str) -> None:
 def draw(steps: list[DemoStep]) -> str:
     """The page, with the model's predictions of a new log before and after."""
     machine = load_machine(MACHINE)
-    control = load_section("control", ControlConfiguration, "smoke")
-    measured = load_trajectories(
-        FOLDER / "new/sessions", machine, load_section("ingest", IngestConfig, "smoke"), control.loop_tracker
-    )
+    measured = read_logs(machine, FOLDER / "new/sessions", "smoke")
     predictions = {
         when: long_prediction(
             load_predictor(FOLDER / f"loop/model_{when}", machine=machine),
