@@ -27,7 +27,7 @@ from pipeline.logs.trajectories import grid_log, trajectory_sections
 from pipeline.logs.tuples import SUFFIX, Trajectory, is_tuple_file, write_tuples
 from pipeline.machine.specification import MachineSpecification
 
-SCHEMA_VERSION = 3  # raise it when the tuples or the report of a log change
+SCHEMA_VERSION = 4  # raise it when the tuples or the report of a log change
 RECORD_SUFFIX = ".ingest.json"
 SCRATCH_SUFFIX = ".scratch"
 HASH_PIECE_BYTES = 1 << 22
@@ -264,7 +264,11 @@ def _convert(entry: LogEntry, settings: _Settings, store: ColumnStore, tuples_pa
     """Write one log's tuples section by section, and measure the log in the same pass."""
     machine, config = settings.machine, settings.config
     raw = read_log(entry, machine, store)
-    gridded = grid_log(raw, machine, config, store)
+    try:
+        gridded = grid_log(raw, machine, config, store)
+    except InputError as error:
+        damage = next((f"; damage: {note.text}" for note in raw.notes if note.kind is NoteKind.damage), "")
+        raise InputError(f"{error}{damage}") from error
     excitation = Excitation(machine, config.frozen_after_s)
     n_validation_rows = 0
 
@@ -318,7 +322,7 @@ def _read_record(path: Path, fingerprint: str, tuples_path: Path) -> QualityRepo
 
 def _report(record: dict[str, Any]) -> QualityReport:
     report = record["report"]
-    notes = [Note(NoteKind(note["kind"]), note["text"], note["count"]) for note in report["notes"]]
+    notes = [Note(**{**note, "kind": NoteKind(note["kind"])}) for note in report["notes"]]
     return QualityReport(report["name"], report["metrics"], notes, report["findings"])
 
 

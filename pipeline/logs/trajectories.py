@@ -123,9 +123,7 @@ def grid_log(
         text = f"the log is split into {len(lengths)} trajectories"
         notes.append(Note(NoteKind.attention, text, len(lengths) - 1))
     gap_ns = round(config.maximum_gap_s * NANOSECONDS)
-    extents = [
-        extent_without_outliers(times, gap_ns) for times in (raw.joint_log_time_ns, raw.command_log_time_ns)
-    ]
+    extents = [extent_without_outliers(times, gap_ns) for times in conditioned.clocks]
     none = np.zeros(0, np.int64)
     return GriddedLog(
         name=raw.name,

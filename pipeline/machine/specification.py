@@ -12,6 +12,10 @@ import numpy as np
 
 from pipeline.errors import InputError
 
+MAXIMUM_OFFSET_S = (
+    3e9  # of a topic's clock; enough for one that counts from 1970 beside one that counts from zero
+)
+
 
 class JointKind(enum.StrEnum):
     """How a joint moves, and so the unit of its position."""
@@ -43,6 +47,16 @@ class CommandSourceKind(enum.StrEnum):
     field_path = "field_path"  # any message whose definition the bag carries
 
 
+class ClockChoice(enum.StrEnum):
+    """Which clock times the messages of a topic."""
+
+    automatic = (
+        "automatic"  # header stamps, unless the log shows that they cannot be right; of joint states only
+    )
+    header_stamp = "header_stamp"
+    log_time = "log_time"  # when the recorder received the message
+
+
 @dataclass
 class JointSpecification:
     """One joint: name, kind and limits in rad (revolute) or m (prismatic)."""
@@ -55,9 +69,14 @@ class JointSpecification:
 
 @dataclass
 class JointStateSource:
-    """Where joint positions stand in the logs."""
+    """Where joint positions stand in the logs, and the clock that times them."""
 
     topic: str = "/joint_states"
+    clock: ClockChoice = ClockChoice.automatic
+    offset_s: float = 0.0  # added to that clock's times (not to log time where it replaces unusable stamps)
+
+    def __post_init__(self) -> None:
+        _check_offset("joint_states", self.offset_s)
 
 
 @dataclass
@@ -66,6 +85,8 @@ class CommandSource:
 
     topic: str = "/joint_commands"
     source: CommandSourceKind = CommandSourceKind.array
+    clock: ClockChoice = ClockChoice.log_time
+    offset_s: float = 0.0  # added to that clock's times
     # joy: one axis index per joint, sign per joint, and the threshold of the paper's interpreter
     axes: list[int] = field(default_factory=list)
     signs: list[float] = field(default_factory=list)
@@ -73,6 +94,11 @@ class CommandSource:
     # joint_state: which field; field_path: one path per joint ("left.x", "data[3]")
     field_name: str = "velocity"
     field_paths: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        _check_offset("commands", self.offset_s)
+        if self.clock == ClockChoice.automatic:
+            raise InputError("commands.clock is automatic; use header_stamp or log_time")
 
 
 @dataclass
@@ -120,6 +146,13 @@ class ArmDescription:
     yaw_joint: str
     pitch_joints: list[str]
     pitch_offset_rad: float
+
+
+def _check_offset(section: str, offset_s: float) -> None:
+    if not abs(offset_s) <= MAXIMUM_OFFSET_S:
+        raise InputError(
+            f"{section}.offset_s is {offset_s}; it may be at most {MAXIMUM_OFFSET_S:g} s either way"
+        )
 
 
 @dataclass

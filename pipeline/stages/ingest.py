@@ -46,9 +46,9 @@ def main(configuration: IngestStage, run: StageRun) -> None:
         tuples = Path(configuration.output)
         write_page("quality", configuration.machine, MACHINE_DIRECTORY, summary, tuples, report_directory)
     for report in summary.reports:
-        print(f"{report.name}: {report.metrics['n_rows']} rows, {report.metrics['duration_s']:.0f} s")
-        for finding in report.findings:
-            print(f"  {finding}")
+        print(report.line)
+        for text in (*(f"warning: {warning}" for warning in report.warnings), *report.findings):
+            print(f"  {text}")
     run.metrics(flatten_metrics({key: value for key, value in summary.metrics().items() if "/" not in key}))
     for name in ("quality.json", *(["quality.html"] if has_page else [])):
         run.artifact(report_directory / name)

@@ -1,6 +1,7 @@
 """Choice of the clock for a log's joint samples, and measurements of its clocks."""
 
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -10,9 +11,17 @@ import numpy as np
 from pipeline.logs.conditioning.order_statistics import quantiles
 from pipeline.logs.messages.columns import SECTION_ROWS, Column, sections
 from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog
+from pipeline.machine.specification import (
+    ClockChoice,
+    CommandSource,
+    JointStateSource,
+    MachineSpecification,
+)
 
 HEADER_STAMP, LOG_TIME = "header stamp", "log time"
+AS_RECORDED = JointStateSource()
 DRIFT_WINDOWS = 20
+MAXIMUM_UNSET = 0.01  # share of header stamps without time (zero) up to which the others are used
 
 
 @dataclass(frozen=True)
@@ -37,52 +46,125 @@ class ClockReport:
 
 
 def choose_clock(
-    raw: RawLog, maximum_gap_s: float, maximum_clock_offset_s: float
+    raw: RawLog,
+    maximum_gap_s: float,
+    maximum_clock_offset_s: float,
+    source: JointStateSource = AS_RECORDED,
+    commands_offset_s: float = 0.0,
 ) -> tuple[Column, ClockReport, list[Note]]:
     """Choose the joint samples' clock and measure the clocks against each other.
 
-    The header stamp is the sample time (contract, section 1). Log time replaces it if stamps
-    are zero or all equal, if they step back while log time does not, or if they are so far from log time that they come
-    from another clock. Commands always have log time.
+    The header stamp is the sample time (contract, section 1). Unless the machine's configuration names the clock, log
+    time replaces it if more than a few stamps are zero, if all are equal, if they step back while log time does not, or
+    if they are so far from the commands' times that they come from another clock.
 
     Args:
         raw: The log.
         maximum_gap_s: Longer steps back are steps of the clock; shorter ones are reordered messages.
         maximum_clock_offset_s: Median offset beyond which header stamps come from another clock.
+        source: The machine's configuration of the topic: its clock, and the offset that is added to its times.
+        commands_offset_s: How far log time is after the commands' times.
 
     Returns:
         Time of each joint sample, a column of shape (N,), int64; the measurements; and notes.
     """
+    gap_ns, choice = round(maximum_gap_s * NANOSECONDS), ClockChoice(source.clock)
     stamp, log_time = raw.joint_stamp_ns, raw.joint_log_time_ns
+    has_stamps = stamp is not log_time  # tables have one time only
+    stamp = shifted(stamp, source.offset_s, gap_ns)
     low, median, high = quantiles(lambda: _offsets_s(stamp, log_time), [0.01, 0.5, 0.99])
-    reason = _why_not_stamps(
-        stamp, log_time, median, round(maximum_gap_s * NANOSECONDS), maximum_clock_offset_s
-    )
+    reason = ""
+    if choice is ClockChoice.log_time:
+        reason = "the machine's configuration says so"
+        log_time = shifted(log_time, source.offset_s, gap_ns)
+    elif choice is ClockChoice.automatic and has_stamps:
+        apart_s = median - commands_offset_s
+        reason = _why_not_stamps(stamp, log_time, apart_s, gap_ns, maximum_clock_offset_s)
     used = LOG_TIME if reason else HEADER_STAMP
     report = ClockReport(used, reason, median, low, high, drift_ppm(stamp, log_time))
     notes = []
-    if reason:
+    if reason and choice is ClockChoice.automatic:
         notes.append(Note(NoteKind.changed, f"joint samples are timed by log time: {reason}", len(stamp)))
     return (log_time if reason else stamp), report, notes
 
 
+def command_times(raw: RawLog, source: CommandSource, gap_ns: int) -> tuple[Column, float]:
+    """Return the commands' times, a column of shape (M,), int64, and the median by which log time is after them, s.
+
+    The latter is zero where log time times the commands: what is added to it then is no difference of clocks.
+    """
+    stamp, log_time = raw.command_stamp_ns, raw.command_log_time_ns
+    if stamp is None:
+        return shifted(log_time, source.offset_s, gap_ns), 0.0
+    stamp = shifted(stamp, source.offset_s, gap_ns)
+    return stamp, quantiles(lambda: _offsets_s(stamp, log_time), [0.5])[0]
+
+
+def offset_warnings(
+    raw: RawLog, clock: ClockReport, commands_offset_s: float, machine: MachineSpecification
+) -> list[Note]:
+    """Warn of clocks of joint states and commands that differ by more than a control period.
+
+    Log time is what both can be compared with. If the configuration names header stamps for both, they are trusted.
+    """
+    apart_s = (clock.offset_s if clock.used == HEADER_STAMP else 0.0) - commands_offset_s
+    has_chosen = raw.command_stamp_ns is not None and machine.joint_states.clock == ClockChoice.header_stamp
+    if abs(apart_s) <= machine.dt_s or has_chosen:
+        return []
+    text = (
+        f"the times of {machine.joint_states.topic} are {abs(apart_s):.3f} s "
+        f"{'before' if apart_s > 0 else 'after'} those of {machine.commands.topic}, measured against log time, so rows "
+        f"may hold commands that were not in force; choose joint_states.clock or commands.clock, or state the "
+        f"offset_s of either, in conf/machine/{machine.name}.yaml"
+    )
+    return [Note(NoteKind.warning, text, len(raw.q))]
+
+
+def shifted(time_ns: Column, offset_s: float, gap_ns: int) -> Column:
+    """Return a column of times with an offset added to each but those that are unset."""
+    if offset_s == 0.0:
+        return time_ns
+    return _Shifted(time_ns, round(offset_s * NANOSECONDS), count_unset(time_ns, gap_ns) > 0)
+
+
+@dataclass(frozen=True)
+class _Shifted:
+    time_ns: Column
+    offset_ns: int
+    keeps_zero: bool
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    def __getitem__(self, rows: slice) -> np.ndarray:
+        part = self.time_ns[rows]
+        return np.where(part == 0, 0, part + self.offset_ns) if self.keeps_zero else part + self.offset_ns
+
+
+def count_unset(time_ns: Column, gap_ns: int) -> int:
+    """Count the times that are zero because a clock had not started: all others lie further from zero than a gap."""
+    n_zero, nearest = 0, math.inf
+    for (part,) in sections((time_ns,)):
+        is_zero = part == 0
+        n_zero += int(is_zero.sum())
+        if not is_zero.all():
+            nearest = min(nearest, int(np.abs(part[~is_zero]).min()))
+    return n_zero if nearest > gap_ns else 0
+
+
 def _why_not_stamps(
-    stamp: Column, log_time: Column, median_offset_s: float, gap_ns: int, maximum_clock_offset_s: float
+    stamp: Column, log_time: Column, apart_s: float, gap_ns: int, maximum_clock_offset_s: float
 ) -> str:
     """Return why header stamps cannot be used; empty if they can."""
+    n_unset = count_unset(stamp, gap_ns)
+    if n_unset > MAXIMUM_UNSET * len(stamp):
+        return f"{n_unset} header stamps are zero"
     first = int(stamp[0:1][0])
-    n_zero = n_alike = 0
-    for (part,) in sections((stamp,)):
-        n_zero += int((part == 0).sum())
-        n_alike += int((part == first).sum())
-    if n_zero:
-        return f"{n_zero} header stamps are zero"
+    n_alike = sum(int((part == first).sum()) for (part,) in sections((stamp,)))
     if n_alike == len(stamp) > 1:
         return "all header stamps are alike"
-    if abs(median_offset_s) > maximum_clock_offset_s:
-        return (
-            f"header stamps are {median_offset_s:.3f} s from log time, so of another clock than the commands"
-        )
+    if abs(apart_s) > maximum_clock_offset_s:
+        return f"header stamps are {apart_s:.3f} s from log time, so of another clock than the commands"
     n_back, n_isolated = _steps_back(stamp, gap_ns)
     if n_back > _steps_back(log_time, gap_ns)[0] + n_isolated:
         return "the header stamps' clock steps back"
@@ -105,10 +187,12 @@ def drift_ppm(stamp: Column, log_time: Column) -> float:
 
 
 def extent_without_outliers(time_ns: Column, gap_ns: int) -> tuple[int, int]:
-    """Return the first and the last time of a column of shape (N,), isolated stamps excluded."""
+    """Return the first and the last time of a column of shape (N,), unset and isolated stamps excluded."""
     low, high = [], []
+    has_unset = count_unset(time_ns, gap_ns) > 0
     for part, begin, end in _with_neighbours(time_ns):
-        steady = part[begin:end][~isolated_stamps(part, gap_ns)[begin:end]]
+        is_stray = isolated_stamps(part, gap_ns) | (has_unset & (part == 0))
+        steady = part[begin:end][~is_stray[begin:end]]
         if len(steady):
             low.append(int(steady.min()))
             high.append(int(steady.max()))
@@ -129,7 +213,10 @@ def isolated_stamps(time_ns: np.ndarray, gap_ns: int) -> np.ndarray:
 def _offsets_s(
     stamp: Column, log_time: Column, begin: int = 0, end: int | None = None
 ) -> Iterator[np.ndarray]:
-    return ((late - early) / NANOSECONDS for early, late in sections((stamp, log_time), begin, end))
+    """Yield log time − header stamp, s, of samples that have both (or of all, where none has)."""
+    for early, late in sections((stamp, log_time), begin, end):
+        offset, is_set = (late - early) / NANOSECONDS, (early != 0) & (late != 0)
+        yield offset[is_set] if is_set.any() else offset
 
 
 def _elapsed_s(time_ns: Column, start_ns: int, begin: int, end: int) -> Iterator[np.ndarray]:

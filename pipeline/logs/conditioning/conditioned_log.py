@@ -1,8 +1,9 @@
 """Condition a recorded log into streams that can be resampled; every dropped or changed sample is counted.
 
 Rules for joint samples, in this order:
+- A sample whose stamp is zero because the clock had not started is dropped.
 - A sample whose stamp lies far from both neighbours, while these agree, is dropped (a damaged stamp).
-- Samples with a non-finite value are dropped.
+- Samples with a value that is not finite, or too large for a position, are dropped.
 - Encoder wrap-around of revolute joints is undone; whole turns are subtracted so that the log starts near the limits.
 - Values outside the joint limits are kept and counted: the limits describe the machine, not its encoders.
 - A step of the clock back by more than the longest gap splits the log. Smaller steps are reordered messages, which are
@@ -12,19 +13,28 @@ Rules for joint samples, in this order:
 
 Rules for commands: a command outside the machine's set is unknown until the next command, so no tuples are made there.
 If they are many, the configuration is wrong and the log is refused. As for joint samples, isolated stamps are dropped
-and commands are sorted.
+and commands are sorted. Commands whose log time is zero, because the recorder's clock had not started, count as given
+before all others.
 """
 
 from collections.abc import Iterator
 
 from pipeline.errors import InputError
-from pipeline.logs.conditioning.clocks import LOG_TIME, choose_clock
-from pipeline.logs.conditioning.command_rules import HeldCommands, mark_invalid
+from pipeline.logs.conditioning.clocks import (
+    HEADER_STAMP,
+    LOG_TIME,
+    choose_clock,
+    command_times,
+    count_unset,
+    offset_warnings,
+)
+from pipeline.logs.conditioning.command_rules import HeldCommands, keep_first_unset, mark_invalid
 from pipeline.logs.conditioning.encoder_rules import (
     count_beyond_limits,
+    drop_impossible,
     drop_isolated_stamps,
-    drop_non_finite,
     drop_spikes,
+    drop_unset_times,
     split_at_jumps,
     unwrap,
 )
@@ -48,6 +58,8 @@ class ConditionedLog:
 
     Attributes:
         clock: Measurements of the log's clocks.
+        clocks: Times of both streams that give the log's start and end: log times, unless header stamps time the
+            commands.
         notes: Dropped and changed samples; complete once the streams are read and `finish` was called.
         joints: Joint samples in stretches without steps of the clock or jumps of an encoder; times ascend strictly.
         commands: The command in force; NaN where it is unknown.
@@ -62,14 +74,21 @@ class ConditionedLog:
         section_rows: int | None = None,
     ) -> None:
         self.raw = raw
-        time_ns, self.clock, self.notes = choose_clock(
-            raw, config.maximum_gap_s, config.maximum_clock_offset_s
-        )
         gap_ns = round(config.maximum_gap_s * NANOSECONDS)
+        command_ns, offset_s = command_times(raw, machine.commands, gap_ns)
+        time_ns, self.clock, self.notes = choose_clock(
+            raw, config.maximum_gap_s, config.maximum_clock_offset_s, machine.joint_states, offset_s
+        )
         notes, name = self.notes, self.clock.used
+        notes += offset_warnings(raw, self.clock, offset_s, machine)
+        self.clocks = (raw.joint_log_time_ns, raw.command_log_time_ns)
+        if raw.command_stamp_ns is not None:
+            self.clocks = (time_ns, command_ns)
         samples = (Samples(at_ns, q) for at_ns, q in sections((time_ns, raw.q), n_rows=section_rows))
-        stream: Iterator[Samples] = drop_isolated_stamps(samples, gap_ns, "joint samples", name, notes)
-        stream = unwrap(drop_non_finite(stream, machine, notes), machine, notes)
+        n_unset = count_unset(time_ns, gap_ns)
+        stream: Iterator[Samples] = drop_unset_times(samples, n_unset, "joint samples", name, notes)
+        stream = drop_isolated_stamps(stream, gap_ns, "joint samples", name, notes)
+        stream = unwrap(drop_impossible(stream, machine, notes), machine, notes)
         stream = split_at_steps_back(count_beyond_limits(stream, machine, notes), gap_ns)
         stream = sort_by_time(self._counted(stream), gap_ns, "joint samples", name, notes)
         stream = record_intervals(stream, store, JOINT_INTERVALS)
@@ -79,11 +98,14 @@ class ConditionedLog:
         self.n_eras = 0
         issued: Iterator[Samples] = (
             Samples(at_ns, command)
-            for at_ns, command in sections((raw.command_log_time_ns, raw.command), n_rows=section_rows)
+            for at_ns, command in sections((command_ns, raw.command), n_rows=section_rows)
         )
-        issued = drop_isolated_stamps(issued, gap_ns, "commands", LOG_TIME, notes)
+        by = LOG_TIME if raw.command_stamp_ns is None else HEADER_STAMP
+        if count_unset(command_ns, gap_ns):
+            issued = keep_first_unset(issued, by, notes)
+        issued = drop_isolated_stamps(issued, gap_ns, "commands", by, notes)
         valid = mark_invalid(issued, machine, config.maximum_invalid_command_fraction, raw.path, self.notes)
-        ordered = sort_by_time(split_at_steps_back(valid, gap_ns), gap_ns, "commands", LOG_TIME, self.notes)
+        ordered = sort_by_time(split_at_steps_back(valid, gap_ns), gap_ns, "commands", by, self.notes)
         self.commands = HeldCommands(record_intervals(ordered, store, COMMAND_INTERVALS))
 
     def finish(self) -> None:
@@ -95,8 +117,12 @@ class ConditionedLog:
         """
         n_command_eras = self.commands.finish()
         if self.n_eras == 0:
+            reasons = (
+                note.text for note in self.notes if note.text.startswith("joint samples: the position")
+            )
             raise InputError(
-                f"{self.raw.path}: no joint sample is left of {len(self.raw.q)}: none holds numbers for all joints"
+                f"{self.raw.path}: no joint sample is left of {len(self.raw.q)}: none holds a position for all joints"
+                f" ({'; '.join(reasons)})"
             )
         if n_command_eras != self.n_eras:
             raise InputError(

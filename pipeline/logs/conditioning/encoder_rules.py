@@ -13,7 +13,18 @@ from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind
 from pipeline.machine.specification import JointKind, MachineSpecification
 
 TURN = 2 * np.pi
+LARGEST_POSITION = 1e6  # rad or m; no joint of a machine gets there
 SAMPLES_FOR_TURNS = 4096  # whole turns are judged by the median of these first samples
+
+
+def drop_unset_times(
+    stream: Iterable[Samples], n_unset: int, what: str, clock_name: str, notes: list[Note]
+) -> Iterator[Samples]:
+    """Drop samples whose time is zero because the clock had not started; `n_unset` is their number."""
+    if n_unset:
+        notes.append(Note(NoteKind.left_out, f"{what}: their {clock_name} is zero", n_unset))
+    for section in stream:
+        yield section[section.time_ns != 0] if n_unset else section
 
 
 def drop_isolated_stamps(
@@ -31,22 +42,25 @@ def drop_isolated_stamps(
         notes.append(Note(NoteKind.left_out, text, count))
 
 
-def drop_non_finite(
+def drop_impossible(
     stream: Iterable[Samples], machine: MachineSpecification, notes: list[Note]
 ) -> Iterator[Samples]:
-    """Drop samples with a non-finite value."""
-    counts = np.zeros(machine.n_joint, np.int64)
+    """Drop samples with a value that is not finite, or larger than any position."""
+    n_strange, n_large = np.zeros((2, machine.n_joint), np.int64)
     for section in stream:
-        finite = np.isfinite(section.value)
-        if finite.all():
+        possible = np.abs(section.value) <= LARGEST_POSITION
+        if possible.all():
             yield section
             continue
-        counts += np.count_nonzero(~finite, axis=0)
-        yield section[finite.all(axis=1)]
-    for joint, count in zip(machine.joint_names, counts.tolist(), strict=True):
-        if count:
-            text = f"joint samples: the position of {joint} is not a number"
-            notes.append(Note(NoteKind.left_out, text, count))
+        finite = np.isfinite(section.value)
+        n_strange += np.count_nonzero(~finite, axis=0)
+        n_large += np.count_nonzero(finite & ~possible, axis=0)
+        yield section[possible.all(axis=1)]
+    for number, (joint, unit) in enumerate(zip(machine.joint_names, machine.units, strict=True)):
+        for counts, what in ((n_strange, "not a number"), (n_large, f"beyond {LARGEST_POSITION:g} {unit}")):
+            if count := int(counts[number]):
+                text = f"joint samples: the position of {joint} is {what}"
+                notes.append(Note(NoteKind.left_out, text, count))
 
 
 def unwrap(stream: Iterable[Samples], machine: MachineSpecification, notes: list[Note]) -> Iterator[Samples]:
@@ -84,7 +98,7 @@ def unwrap(stream: Iterable[Samples], machine: MachineSpecification, notes: list
         whole = 0 if offset is None else int(offset[number])
         if n_wraps[number] or whole:
             text = f"encoder of {joint} unwrapped: {n_wraps[number]} wraps, {whole} whole turns taken off"
-            notes.append(Note(NoteKind.changed, text, max(int(n_wraps[number]), 1)))
+            notes.append(Note(NoteKind.changed, text, max(int(n_wraps[number]), 1), is_usual=True))
 
 
 def count_beyond_limits(

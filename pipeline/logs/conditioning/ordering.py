@@ -59,7 +59,8 @@ def sort_by_time(
     if held is not None:
         yield held
     if n_back:
-        notes.append(Note(NoteKind.changed, f"{what} out of order by {clock_name}; put in order", n_back))
+        text = f"{what} out of order by {clock_name}; put in order"
+        notes.append(Note(NoteKind.changed, text, n_back, is_usual=True))
     if n_late:
         text = f"{what}: by {clock_name} more than {window_ns / 1e9:g} s older than one before"
         notes.append(Note(NoteKind.left_out, text, n_late))

@@ -78,7 +78,8 @@ def resample(
             if len(stamp_ns):
                 yield GridRows(number, stamp_ns, q, commands.at(stamp_ns))
     if n_early:
-        notes.append(Note(NoteKind.left_out, "joint samples before the first command", n_early))
+        text = "joint samples before the first command"
+        notes.append(Note(NoteKind.left_out, text, n_early, is_usual=True))
 
 
 class _Segment:

@@ -94,6 +94,7 @@ def _read_bag(
         q=sampled["q"],
         command_log_time_ns=commanded["log_time_ns"],
         command=commanded["command"],
+        command_stamp_ns=commanded.get("stamp_ns"),
         targets=poses,
         message_counts=dict(ledger.counts),
         notes=tuple(ledger.notes),

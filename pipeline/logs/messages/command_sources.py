@@ -6,11 +6,16 @@ Each source is an adapter that yields the column `command`, shape (n, n_joint), 
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.messages.joint_states import select_joints
+from pipeline.logs.messages.joint_states import STAMP, select_joints, stamps_ns
 from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.topic_columns import Adapter, MismatchError
-from pipeline.machine.specification import CommandKind, CommandSourceKind, MachineSpecification
+from pipeline.machine.specification import (
+    ClockChoice,
+    CommandKind,
+    CommandSourceKind,
+    MachineSpecification,
+)
 
 ROLE = "commands"
 
@@ -24,11 +29,16 @@ def discretise(value: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def command_adapter(machine: MachineSpecification) -> Adapter:
-    """Return the adapter of the machine's command source.
+    """Return the adapter of the machine's command source; with the column `stamp_ns` if header stamps time them.
 
     Raises:
         InputError: The source's configuration is incomplete.
     """
+    adapter = _source_adapter(machine)
+    return StampedCommands(adapter) if machine.commands.clock == ClockChoice.header_stamp else adapter
+
+
+def _source_adapter(machine: MachineSpecification) -> Adapter:
     source, place = machine.commands, f"conf/machine/{machine.name}.yaml: commands"
     match CommandSourceKind(source.source):
         case CommandSourceKind.array:
@@ -57,6 +67,23 @@ def command_adapter(machine: MachineSpecification) -> Adapter:
                     f"list one per joint ({machine.n_joint})"
                 )
             return FieldPathCommands(list(source.field_paths))
+
+
+class StampedCommands:
+    """Commands of another adapter, with their header stamps."""
+
+    role = ROLE
+
+    def __init__(self, adapter: Adapter) -> None:
+        self.adapter = adapter
+
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
+        """The adapter's fields and the stamp."""
+        return (*self.adapter.wanted(topic), *STAMP)
+
+    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
+        """Add the stamps."""
+        return {**self.adapter.convert(group), "stamp_ns": stamps_ns(group)}
 
 
 class ArrayCommands:

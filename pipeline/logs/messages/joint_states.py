@@ -7,6 +7,8 @@ from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.raw_log import NANOSECONDS
 from pipeline.logs.messages.topic_columns import MismatchError
 
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+
 
 def stamps_ns(group: FieldGroup) -> np.ndarray:
     """Return the header stamps of decoded messages, shape (n,), int64."""
@@ -44,7 +46,7 @@ class JointStateAdapter:
         """Stamp, names and positions."""
         if topic.type_name != self.type_name:
             raise MismatchError(f"they are {topic.type_name}, not {self.type_name}")
-        return ("header.stamp.sec", "header.stamp.nanosec", "name", "position")
+        return (*STAMP, "name", "position")
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Pick the machine's joints by name."""

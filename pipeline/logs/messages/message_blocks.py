@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pipeline.logs.messages.notes import NoteList
 from pipeline.logs.messages.raw_log import Note, NoteKind
 
 MAXIMUM_TIME_NS = 1 << 62  # the year 2116; later times are damage, and differences of times stay within int64
@@ -61,7 +62,7 @@ class ReadingLedger:
     path: Path
     topics: dict[str, list[LoggedTopic]] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
-    notes: list[Note] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=NoteList)
 
     def add_topic(self, topic: LoggedTopic) -> None:
         """Add a topic; a name with several types is kept with all of them."""

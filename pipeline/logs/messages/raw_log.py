@@ -16,6 +16,7 @@ class NoteKind(enum.StrEnum):
     left_out = "left_out"  # messages or samples that were read but not used
     changed = "changed"  # values that differ from those in the log
     attention = "attention"  # no action was taken, but the user should know
+    warning = "warning"  # rows are probably wrong until the user acts
 
 
 @dataclass(frozen=True)
@@ -26,11 +27,13 @@ class Note:
         kind: Whether the note is about damage, a loss or a change.
         text: One line.
         count: Number of messages, samples or places concerned.
+        is_usual: Whether sound logs have it, too; it is then told in the quality report only.
     """
 
     kind: NoteKind
     text: str
     count: int = 1
+    is_usual: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,7 @@ class RawLog:
         joint_log_time_ns: Log time of each joint sample, shape (N,), int64.
         q: Joint positions in the machine's joint order, shape (N, n_joint), float64, rad or m.
         command_log_time_ns: Log time of each command, shape (M,), int64.
+        command_stamp_ns: `header.stamp` of each command, shape (M,), int64; None where log time times the commands.
         command: Commands in the machine's joint order, shape (M, n_joint), float64.
         targets: Target poses, if the log has any.
         message_counts: Messages per topic (rows per file for tables), all topics of the log.
@@ -77,5 +81,6 @@ class RawLog:
     command_log_time_ns: Column
     command: Column
     targets: TargetPoses | None = None
+    command_stamp_ns: Column | None = None
     message_counts: dict[str, int] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()

@@ -8,7 +8,7 @@ from pipeline.logs.ingest import IngestSummary
 from pipeline.logs.quality import QualityReport
 from pipeline.logs.tuples import SUFFIX, thinned_positions
 from pipeline.machine.chain import ArmChain, read_chain
-from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.specification import ClockChoice, MachineSpecification
 from pipeline.reporting.figures.clouds import MAXIMUM_POINTS, cloud_of
 from pipeline.reporting.figures.workspace import cloud_figure
 from pipeline.reporting.page import Figure, KeyFigure, Section, render_page
@@ -82,6 +82,9 @@ def quality_page(
     verdict = f"{totals['n_logs']} logs, {minutes:.0f} minutes, {totals['n_rows']} rows of tuples; " + (
         "all could be used." if n_failed == 0 else f"{n_failed} failed."
     )
+    verdict += "".join(
+        f" Warning: {report.name}: {text}." for report in summary.reports for text in report.warnings
+    )
     notes = sum(note.count for report in summary.reports for note in report.notes)
     return render_page(
         f"Quality of the logs of {machine.name}",
@@ -121,12 +124,13 @@ def _log_section(
             )
         )
     clock = "log time" if metrics["clock/uses_log_time"] else "header stamps"
+    commands_clock = ClockChoice(machine.commands.clock).replace("_", " ")
     n_trajectories = metrics["n_trajectories"]
     return Section(
         report.name,
         f"{metrics['duration_s']:.0f} s, {metrics['n_rows']} rows in "
         f"{n_trajectories} {'trajectory' if n_trajectories == 1 else 'trajectories'}; "
-        f"joint samples are timed by {clock}, commands by log time.",
+        f"joint samples are timed by {clock}, commands by {commands_clock}.",
         figures,
         tables,
         [f"Later stages will miss: {finding}" for finding in report.findings],
