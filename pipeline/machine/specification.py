@@ -57,6 +57,24 @@ class ClockChoice(enum.StrEnum):
     log_time = "log_time"  # when the recorder received the message
 
 
+def per_joint(entries: list[str], joint_names: tuple[str, ...], place: str) -> list[str]:
+    """Return what the machine's file says of each joint.
+
+    Args:
+        entries: One per joint, or one for all in which `{joint}` stands for the joint's name.
+        joint_names: In the machine's joint order.
+        place: Where the entries stand, for the message.
+
+    Raises:
+        InputError: There is another number of entries.
+    """
+    if len(entries) == 1 and "{joint}" in entries[0]:
+        return [entries[0].replace("{joint}", joint) for joint in joint_names]
+    if len(entries) != len(joint_names):
+        raise InputError(f"{place} has {len(entries)} entries; list one per joint ({len(joint_names)})")
+    return list(entries)
+
+
 @dataclass
 class JointSpecification:
     """One joint: name, kind and limits in rad (revolute) or m (prismatic)."""
@@ -69,11 +87,20 @@ class JointSpecification:
 
 @dataclass
 class JointStateSource:
-    """Where joint positions stand in the logs, and the clock that times them."""
+    """Where joint positions stand in the logs, and the clock that times them.
+
+    Attributes:
+        field_paths: For messages that are not joint states: one path per joint ("arm.angle", "data[3]"), or one for
+            all in which `{joint}` stands for the joint's name.
+        stamp: Path of the sample time in messages; empty: `header.stamp` or `timestamp`.
+        offset_s: Added to that clock's times (not to log time where it replaces unusable stamps).
+    """
 
     topic: str = "/joint_states"
+    field_paths: list[str] = field(default_factory=list)
+    stamp: str = ""
     clock: ClockChoice = ClockChoice.automatic
-    offset_s: float = 0.0  # added to that clock's times (not to log time where it replaces unusable stamps)
+    offset_s: float = 0.0
 
     def __post_init__(self) -> None:
         _check_offset("joint_states", self.offset_s)

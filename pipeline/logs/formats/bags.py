@@ -11,7 +11,7 @@ from pipeline.logs.formats.sqlite3.file import read_sqlite3
 from pipeline.logs.formats.tables import read_table
 from pipeline.logs.messages.columns import ColumnStore, MemoryStore
 from pipeline.logs.messages.command_sources import command_adapter
-from pipeline.logs.messages.joint_states import JointStateAdapter, TargetPoseAdapter
+from pipeline.logs.messages.joint_states import TargetPoseAdapter, joint_state_adapter
 from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger, StorageReader
 from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog, TargetPoses
 from pipeline.logs.messages.topic_columns import TopicColumns
@@ -60,7 +60,7 @@ def _readable_blocks(
 def _read_bag(
     entry: LogEntry, machine: MachineSpecification, reader: StorageReader, store: ColumnStore
 ) -> RawLog:
-    joint_states = TopicColumns(machine.joint_states.topic, JointStateAdapter(machine.joint_names), store)
+    joint_states = TopicColumns(machine.joint_states.topic, joint_state_adapter(machine), store)
     commands = TopicColumns(machine.commands.topic, command_adapter(machine), store)
     pose_adapter = TargetPoseAdapter()
     targets = TopicColumns(machine.target_topic, pose_adapter, store)

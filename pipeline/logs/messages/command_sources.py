@@ -3,21 +3,27 @@
 Each source is an adapter that yields the column `command`, shape (n, n_joint), in the machine's joint order.
 """
 
+import re
+
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.messages.joint_states import STAMP, select_joints, stamps_ns
+from pipeline.logs.messages.field_paths import number_at, stamp_paths, stamps_ns
+from pipeline.logs.messages.joint_states import joint_fields, joint_values
 from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup
-from pipeline.logs.messages.topic_columns import Adapter, MismatchError
+from pipeline.logs.messages.mismatch import MismatchError
+from pipeline.logs.messages.topic_columns import Adapter
 from pipeline.machine.specification import (
     ClockChoice,
     CommandKind,
     CommandSourceKind,
     MachineSpecification,
+    per_joint,
 )
 
 ROLE = "commands"
+ARRAY_TYPE = re.compile(r"std_msgs(/msg/|\.)\w+MultiArray")  # the latter in Protobuf
 
 
 def discretise(value: np.ndarray, threshold: float) -> np.ndarray:
@@ -61,12 +67,9 @@ def _source_adapter(machine: MachineSpecification) -> Adapter:
                 raise InputError(f"{place}.field_name is `{source.field_name}`; use one of {fields}")
             return JointStateCommands(machine.joint_names, source.field_name)
         case CommandSourceKind.field_path:
-            if len(source.field_paths) != machine.n_joint:
-                raise InputError(
-                    f"{place}.field_paths has {len(source.field_paths)} entries; "
-                    f"list one per joint ({machine.n_joint})"
-                )
-            return FieldPathCommands(list(source.field_paths))
+            return FieldPathCommands(
+                per_joint(source.field_paths, machine.joint_names, f"{place}.field_paths")
+            )
 
 
 class StampedCommands:
@@ -79,7 +82,7 @@ class StampedCommands:
 
     def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """The adapter's fields and the stamp."""
-        return (*self.adapter.wanted(topic), *STAMP)
+        return (*self.adapter.wanted(topic), *stamp_paths())
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Add the stamps."""
@@ -96,7 +99,7 @@ class ArrayCommands:
 
     def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """The values."""
-        if not (topic.type_name.startswith("std_msgs/msg/") and topic.type_name.endswith("MultiArray")):
+        if not ARRAY_TYPE.fullmatch(topic.type_name):
             raise MismatchError(
                 f"they are {topic.type_name}, not an array; set commands.source in conf/machine"
             )
@@ -141,7 +144,6 @@ class JointStateCommands:
     """`sensor_msgs/JointState`: commands by joint name in one of its fields."""
 
     role = ROLE
-    type_name = "sensor_msgs/msg/JointState"
     FIELDS = ("position", "velocity", "effort")
 
     def __init__(self, joint_names: tuple[str, ...], field_name: str) -> None:
@@ -150,19 +152,11 @@ class JointStateCommands:
 
     def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """Names and the field."""
-        if topic.type_name != self.type_name:
-            raise MismatchError(f"they are {topic.type_name}, not {self.type_name}")
-        return ("name", self.field_name)
+        return joint_fields(topic, self.field_name)
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Pick the machine's joints by name."""
-        names, values = group.text("name"), group.sequence(self.field_name)
-        columns = select_joints(names, self.joint_names)
-        if values.shape[1] != len(names):
-            raise MismatchError(
-                f"their field {self.field_name} holds {values.shape[1]} values for {len(names)} names"
-            )
-        return {"command": values[:, columns].astype(np.float64)}
+        return {"command": joint_values(group, self.field_name, self.joint_names)}
 
 
 class FieldPathCommands:
@@ -179,16 +173,4 @@ class FieldPathCommands:
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Pick each path's value."""
-        values = [self._value(group, path) for path in self.paths]
-        return {"command": np.stack(values, axis=1)}
-
-    def _value(self, group: FieldGroup, path: str) -> np.ndarray:
-        base, _, index = path.removesuffix("]").rpartition("[")
-        if path in group.numbers or not (path.endswith("]") and index.isdecimal()):
-            return group.number(path).astype(np.float64)
-        values = group.sequence(base)
-        if int(index) >= values.shape[1]:
-            raise MismatchError(
-                f"their field `{base}` holds {values.shape[1]} values, so there is no `{path}`"
-            )
-        return values[:, int(index)].astype(np.float64)
+        return {"command": np.stack([number_at(group, path) for path in self.paths], axis=1)}

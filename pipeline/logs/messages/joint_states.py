@@ -1,19 +1,61 @@
-"""Joint positions and target poses from ROS messages."""
+"""Joint positions and target poses from messages."""
 
 import numpy as np
 
+from pipeline.logs.messages.field_paths import number_at, stamp_paths, stamps_ns
 from pipeline.logs.messages.message_blocks import LoggedTopic
-from pipeline.logs.messages.message_layout import FieldGroup
-from pipeline.logs.messages.raw_log import NANOSECONDS
-from pipeline.logs.messages.topic_columns import MismatchError
+from pipeline.logs.messages.message_layout import FieldGroup, LayoutError
+from pipeline.logs.messages.mismatch import MismatchError
+from pipeline.logs.messages.topic_columns import Adapter
+from pipeline.machine.specification import MachineSpecification, per_joint
 
-STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+ROLE = "joint states"
+ROS_TYPE = "sensor_msgs/msg/JointState"
+FOXGLOVE_TYPE = "foxglove.JointStates"
+FOXGLOVE_NAMES = "joints[].name"
+SELF_DESCRIBING = ("json", "protobuf")
 
 
-def stamps_ns(group: FieldGroup) -> np.ndarray:
-    """Return the header stamps of decoded messages, shape (n,), int64."""
-    seconds = group.number("header.stamp.sec").astype(np.int64)
-    return seconds * NANOSECONDS + group.number("header.stamp.nanosec").astype(np.int64)
+def joint_state_adapter(machine: MachineSpecification) -> Adapter:
+    """Return the adapter of the machine's joint states.
+
+    Raises:
+        InputError: The configuration lists another number of fields than the machine has joints.
+    """
+    source, place = machine.joint_states, f"conf/machine/{machine.name}.yaml: joint_states"
+    if not source.field_paths:
+        return JointStateAdapter(machine.joint_names)
+    paths = per_joint(source.field_paths, machine.joint_names, f"{place}.field_paths")
+    return FieldPathJointStates(paths, source.stamp)
+
+
+def joint_fields(topic: LoggedTopic, field_name: str) -> tuple[str, str]:
+    """Return the paths of the joints' names and of one of their fields.
+
+    Raises:
+        MismatchError: The messages are of another type.
+    """
+    tells_its_fields = topic.encoding in SELF_DESCRIBING
+    if topic.type_name == ROS_TYPE or (tells_its_fields and topic.type_name.endswith(".JointState")):
+        return "name", field_name
+    if tells_its_fields and topic.type_name == FOXGLOVE_TYPE:
+        return FOXGLOVE_NAMES, f"joints[].{field_name}"
+    raise MismatchError(f"they are {topic.type_name or 'of no named type'}, not {ROS_TYPE}")
+
+
+def joint_values(group: FieldGroup, field_name: str, joint_names: tuple[str, ...]) -> np.ndarray:
+    """Return a field of the machine's joints, picked by name, shape (n, n_joint), float64.
+
+    Raises:
+        MismatchError: A joint is missing, or there are more or fewer values than names.
+    """
+    is_foxglove = FOXGLOVE_NAMES in group.strings
+    names = group.text(FOXGLOVE_NAMES if is_foxglove else "name")
+    values = group.sequence(f"joints[].{field_name}" if is_foxglove else field_name)
+    columns = select_joints(names, joint_names)
+    if values.shape[1] != len(names):
+        raise MismatchError(f"their field {field_name} holds {values.shape[1]} values for {len(names)} names")
+    return values[:, columns].astype(np.float64)
 
 
 def select_joints(names: tuple[str, ...], joint_names: tuple[str, ...]) -> list[int]:
@@ -34,27 +76,47 @@ def select_joints(names: tuple[str, ...], joint_names: tuple[str, ...]) -> list[
 
 
 class JointStateAdapter:
-    """`sensor_msgs/JointState` → columns `stamp_ns` (n,) and `q` (n, n_joint) in joint order."""
+    """`sensor_msgs/JointState`, `foxglove.JointStates` → columns `stamp_ns` (n,), `q` (n, n_joint) in joint order."""
 
-    role = "joint states"
-    type_name = "sensor_msgs/msg/JointState"
+    role = ROLE
 
     def __init__(self, joint_names: tuple[str, ...]) -> None:
         self.joint_names = joint_names
 
     def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """Stamp, names and positions."""
-        if topic.type_name != self.type_name:
-            raise MismatchError(f"they are {topic.type_name}, not {self.type_name}")
-        return (*STAMP, "name", "position")
+        return (*stamp_paths(), *joint_fields(topic, "position"))
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Pick the machine's joints by name."""
-        names, position = group.text("name"), group.sequence("position")
-        columns = select_joints(names, self.joint_names)
-        if position.shape[1] != len(names):
-            raise MismatchError(f"they hold {position.shape[1]} positions for {len(names)} names")
-        return {"stamp_ns": stamps_ns(group), "q": position[:, columns].astype(np.float64)}
+        return {"stamp_ns": _stamps_if_any(group), "q": joint_values(group, "position", self.joint_names)}
+
+
+class FieldPathJointStates:
+    """Any message: one field per joint, by path, and the path of the time stamp."""
+
+    role = ROLE
+
+    def __init__(self, paths: list[str], stamp: str) -> None:
+        self.paths = paths
+        self.stamp = stamp
+
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
+        """The paths, and those of the time stamp."""
+        return (*self.paths, *stamp_paths(self.stamp))
+
+    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
+        """Pick each path's value."""
+        q = np.stack([number_at(group, path) for path in self.paths], axis=1)
+        return {"stamp_ns": _stamps_if_any(group, self.stamp), "q": q}
+
+
+def _stamps_if_any(group: FieldGroup, place: str = "") -> np.ndarray:
+    """The time stamps, shape (n,), int64; zero where the messages lack them, which log time then replaces."""
+    try:
+        return stamps_ns(group, place)
+    except LayoutError:
+        return np.zeros(len(group.index), np.int64)
 
 
 class TargetPoseAdapter:

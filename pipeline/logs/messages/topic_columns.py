@@ -7,14 +7,12 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.messages.columns import Column, ColumnStore
+from pipeline.logs.messages.encodings import decode
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
-from pipeline.logs.messages.message_definitions import DefinitionError, Definitions, parse_definition
-from pipeline.logs.messages.message_layout import FieldGroup, LayoutError, decode_block
+from pipeline.logs.messages.message_definitions import DefinitionError
+from pipeline.logs.messages.message_layout import FieldGroup, LayoutError
+from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.raw_log import Note, NoteKind
-
-
-class MismatchError(Exception):
-    """Messages lack wanted content; the text says what is missing."""
 
 
 class Adapter(Protocol):
@@ -61,11 +59,10 @@ class TopicColumns:
         """Decode a block and append its columns."""
         try:
             wanted = self.adapter.wanted(block.topic)
-            definitions = _definitions(block.topic)
+            groups, malformed = decode(block, wanted)
         except (MismatchError, DefinitionError) as reason:
             self.reasons[str(reason)] += len(block.start)
             return
-        groups, malformed = decode_block(block, definitions, wanted)
         if len(malformed):
             self.reasons["they do not fit their definition"] += len(malformed)
         parts, order = [], []
@@ -120,9 +117,3 @@ class TopicColumns:
         return (
             f"{place}: topic {self.topic_name} {what}, set it in conf/machine; seen: {seen or 'none'}{damage}"
         )
-
-
-def _definitions(topic: LoggedTopic) -> Definitions:
-    if topic.encoding not in ("cdr", "ros1"):
-        raise MismatchError(f"their encoding `{topic.encoding}` is neither `cdr` nor `ros1`")
-    return parse_definition(topic.type_name, topic.definition, topic.definition_format)

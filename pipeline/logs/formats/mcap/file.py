@@ -20,9 +20,11 @@ from pipeline.logs.formats.message_compression import decompressed_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.messages.message_blocks import BlockColumns, LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import full_type_name
+from pipeline.logs.messages.protobuf_messages import BYTES_AS_TEXT
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, DATA_END = 2, 3, 4, 5, 6, 7, 8, 15
+BINARY_SCHEMAS = ("protobuf", "flatbuffer")
 KNOWN_OPCODES = range(1, 16)
 PREFIX = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
@@ -236,7 +238,7 @@ class _Scan:
                 (number,) = struct.unpack_from("<H", body)
                 name, position = _string(body, 2)
                 encoding, position = _string(body, position)
-                text, _ = _string(body, position)
+                text, _ = _string(body, position, BYTES_AS_TEXT if encoding in BINARY_SCHEMAS else "utf-8")
                 self.schemas[number] = (name, encoding, text)
             else:
                 number, schema = struct.unpack_from("<HH", body)
@@ -250,9 +252,9 @@ class _Scan:
             self.ledger.damage(offset, "the description of a channel is damaged")
 
 
-def _string(body: bytes, position: int) -> tuple[str, int]:
+def _string(body: bytes, position: int, encoding: str = "utf-8") -> tuple[str, int]:
     (length,) = struct.unpack_from("<I", body, position)
     end = position + 4 + length
     if end > len(body):
         raise IndexError(end)
-    return body[position + 4 : end].decode(), end
+    return body[position + 4 : end].decode(encoding), end

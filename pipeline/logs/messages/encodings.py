@@ -1,0 +1,35 @@
+"""Decode blocks of messages of every encoding."""
+
+from collections.abc import Collection
+
+import numpy as np
+
+from pipeline.logs.messages.json_messages import decode_json
+from pipeline.logs.messages.message_blocks import MessageBlock
+from pipeline.logs.messages.message_definitions import parse_definition
+from pipeline.logs.messages.message_layout import FieldGroup, decode_block
+from pipeline.logs.messages.mismatch import MismatchError
+from pipeline.logs.messages.protobuf_messages import decode_protobuf
+
+ENCODINGS = ("cdr", "ros1", "json", "protobuf")
+
+
+def decode(block: MessageBlock, wanted: Collection[str]) -> tuple[list[FieldGroup], np.ndarray]:
+    """Decode the wanted fields of a block.
+
+    Returns:
+        Groups of messages that are alike, and the indices of malformed messages, shape (n_malformed,).
+
+    Raises:
+        DefinitionError: The type's definition cannot be used.
+        MismatchError: The encoding is not read.
+    """
+    topic = block.topic
+    if topic.encoding == "json":
+        return decode_json(block, wanted)
+    if topic.encoding == "protobuf":
+        return decode_protobuf(block, wanted)
+    if topic.encoding not in ENCODINGS:
+        raise MismatchError(f"their encoding `{topic.encoding}` is not one of {', '.join(ENCODINGS)}")
+    definitions = parse_definition(topic.type_name, topic.definition, topic.definition_format)
+    return decode_block(block, definitions, wanted)

@@ -1,0 +1,70 @@
+"""Paths of fields in messages: `left.x`, `data[3]`, and `joints[].position` for all elements of a list."""
+
+import re
+
+import numpy as np
+
+from pipeline.logs.messages.message_layout import FieldGroup, LayoutError
+from pipeline.logs.messages.mismatch import MismatchError
+from pipeline.logs.messages.raw_log import NANOSECONDS
+
+EVERY = -1  # the step `[]`
+STEP = re.compile(r"(?:^|\.)([^.\[\]]+)|\[(\d*)\]")
+SECONDS_AND_NANOSECONDS = (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos"), ("secs", "nsecs"))
+
+Step = str | int
+
+
+def steps_of(path: str) -> tuple[Step, ...]:
+    """Split a path into names, indices, and `EVERY` for `[]`."""
+    return tuple(
+        match[1] if match[1] is not None else int(match[2]) if match[2] else EVERY
+        for match in STEP.finditer(path)
+    )
+
+
+def number_at(group: FieldGroup, path: str) -> np.ndarray:
+    """Return the number at a path, which may be an element of a sequence, shape (n,), float64.
+
+    Raises:
+        MismatchError: The sequence is too short.
+        LayoutError: The messages have no such field.
+    """
+    base, _, index = path.removesuffix("]").rpartition("[")
+    if path in group.numbers or not (path.endswith("]") and index.isdecimal()):
+        return group.number(path).astype(np.float64)
+    values = group.sequence(base)
+    if int(index) >= values.shape[1]:
+        raise MismatchError(f"their field `{base}` holds {values.shape[1]} values, so there is no `{path}`")
+    return values[:, int(index)].astype(np.float64)
+
+
+def stamp_paths(place: str = "") -> tuple[str, ...]:
+    """Return the paths of the seconds and nanoseconds of a time stamp, by ROS, Foxglove and Protobuf.
+
+    Args:
+        place: Path of the stamp; empty: `header.stamp` or `timestamp`.
+    """
+    parts = {name: None for names in SECONDS_AND_NANOSECONDS for name in names}
+    return tuple(f"{path}.{name}" for path in _places(place) for name in parts)
+
+
+def stamps_ns(group: FieldGroup, place: str = "") -> np.ndarray:
+    """Return the time stamps of decoded messages, shape (n,), int64.
+
+    Args:
+        place: Path of the stamp; empty: `header.stamp` or `timestamp`.
+
+    Raises:
+        LayoutError: The messages have no time stamp there.
+    """
+    for path in _places(place):
+        for seconds, nanoseconds in SECONDS_AND_NANOSECONDS:
+            if f"{path}.{seconds}" in group.numbers and f"{path}.{nanoseconds}" in group.numbers:
+                whole = group.number(f"{path}.{seconds}").astype(np.int64)
+                return whole * NANOSECONDS + group.number(f"{path}.{nanoseconds}").astype(np.int64)
+    raise LayoutError(f"they have no time stamp `{'` or `'.join(_places(place))}`")
+
+
+def _places(place: str) -> tuple[str, ...]:
+    return (place,) if place else ("header.stamp", "timestamp")

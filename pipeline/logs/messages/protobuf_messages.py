@@ -1,0 +1,103 @@
+"""Messages in Protobuf, as Foxglove's tools record them in MCAP files, with the `protobuf` library.
+
+The schema of a channel is a serialised `FileDescriptorSet`.
+"""
+
+import functools
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError, Message
+from google.protobuf.message_factory import GetMessageClass
+
+from pipeline.logs.messages.field_paths import Step
+from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock
+from pipeline.logs.messages.message_definitions import MAXIMUM_DEFINITION_CHARACTERS, DefinitionError
+from pipeline.logs.messages.message_layout import FieldGroup
+from pipeline.logs.messages.message_trees import TreeError, decode_trees
+
+BYTES_AS_TEXT = "latin-1"  # how a definition of bytes stands in `LoggedTopic.definition`
+
+
+def decode_protobuf(block: MessageBlock, wanted: Collection[str]) -> tuple[list[FieldGroup], np.ndarray]:
+    """Decode the wanted fields. An optional number that is not set is not a number; others are zero.
+
+    Raises:
+        DefinitionError: The channel's schema cannot be used.
+    """
+    message_class = message_class_of(block.topic)
+
+    def parse(message: bytes) -> Message:
+        try:
+            return message_class.FromString(message)
+        except DecodeError as error:
+            raise TreeError(str(error)) from error
+
+    return decode_trees(block, wanted, parse, protobuf_child)
+
+
+def message_class_of(topic: LoggedTopic) -> type[Message]:
+    """Return the class of a topic's messages.
+
+    Raises:
+        DefinitionError: The schema cannot be used.
+    """
+    return _message_class(topic.type_name, topic.definition)
+
+
+@functools.lru_cache(maxsize=64)
+def _message_class(type_name: str, definition: str) -> type[Message]:
+    if len(definition) > MAXIMUM_DEFINITION_CHARACTERS:
+        raise DefinitionError(f"definition of {type_name} has {len(definition)} bytes")
+    pool = DescriptorPool()
+    try:
+        files = FileDescriptorSet.FromString(definition.encode(BYTES_AS_TEXT))
+        for file in _in_order_of_dependence(files):
+            pool.Add(file)  # type: ignore[attr-defined, no-untyped-call]
+        return GetMessageClass(pool.FindMessageTypeByName(type_name))  # type: ignore[no-untyped-call]
+    except (DecodeError, TypeError, ValueError, KeyError, RecursionError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise DefinitionError(f"definition of {type_name} cannot be used ({reason})") from error
+
+
+def _in_order_of_dependence(files: FileDescriptorSet) -> list[FileDescriptorProto]:
+    """The files, each behind those that it imports."""
+    by_name = {file.name: file for file in files.file}
+    ordered: dict[str, FileDescriptorProto] = {}
+    waiting, begun = list(reversed(by_name)), set()
+    while waiting:
+        name = waiting[-1]
+        missing = [other for other in by_name[name].dependency if other in by_name and other not in ordered]
+        if missing and name not in begun:
+            begun.add(name)
+            waiting += missing
+        else:
+            ordered.setdefault(waiting.pop(), by_name[name])
+    return list(ordered.values())
+
+
+def protobuf_child(value: Any, step: Step) -> Any:
+    """The value at a step."""
+    if isinstance(value, Message):
+        field = value.DESCRIPTOR.fields_by_name.get(step)
+        if field is None:
+            return None
+        if field.has_presence and field.message_type is None and not value.HasField(field.name):
+            return math.nan
+        found = getattr(value, field.name)
+    else:
+        found = _element(value, step)
+    is_list = isinstance(found, Sequence) and not isinstance(found, str | bytes)
+    return list(found) if is_list else found
+
+
+def _element(value: Any, step: Step) -> Any:
+    """The element of a list or a map."""
+    if isinstance(value, Mapping):
+        return value.get(step)
+    is_within = isinstance(value, list) and isinstance(step, int) and step < len(value)
+    return value[step] if is_within else None

@@ -1,0 +1,147 @@
+"""Messages in JSON and Protobuf give what the same session gives in CDR."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.messages.encodings import decode
+from pipeline.logs.messages.field_paths import EVERY, number_at, stamps_ns, steps_of
+from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock
+from pipeline.logs.messages.message_definitions import DefinitionError
+from pipeline.logs.messages.mismatch import MismatchError
+from pipeline.logs.trajectories import load_trajectories
+from pipeline.machine.specification import CommandSource, CommandSourceKind, JointStateSource
+from tests.logs import self_describing_bags as bags
+from tests.logs.conftest import make_session
+
+
+@pytest.fixture(scope="module")
+def short(machine):
+    return make_session(machine, seconds=6)
+
+
+@pytest.fixture(scope="module")
+def by_path(machine):
+    """Commands by field path; joint states are Foxglove's own, by the joints' names."""
+    paths = [f"valves[{number}]" for number in range(machine.n_joint)]
+    return replace(machine, commands=CommandSource(source=CommandSourceKind.field_path, field_paths=paths))
+
+
+def block_of(encoding, *messages, type_name="", definition=""):
+    length = np.array([len(message) for message in messages])
+    data = np.frombuffer(b"".join(messages), np.uint8)
+    topic = LoggedTopic("/t", type_name, encoding, definition)
+    return MessageBlock(topic, np.arange(len(messages)), data, np.cumsum(length) - length, length)
+
+
+@pytest.mark.parametrize("kind", bags.KINDS)
+def test_exactly_the_samples_of_the_session(tmp_path, by_path, short, kind):
+    flipped = replace(short, q=short.q[:, ::-1])
+    bags.write(tmp_path / "b.mcap", kind, flipped, by_path.joint_names[::-1])
+    entry = find_logs(tmp_path / "b.mcap")[0]
+    raw = read_log(entry, by_path)
+    np.testing.assert_array_equal(raw.q, short.q)
+    np.testing.assert_array_equal(raw.joint_stamp_ns, short.stamp_ns)
+    np.testing.assert_array_equal(raw.joint_log_time_ns, short.log_time_ns)
+    np.testing.assert_array_equal(raw.command, short.command)
+    assert not raw.notes
+
+
+@pytest.mark.parametrize("kind", bags.KINDS)
+def test_exactly_the_tuples_of_cdr(tmp_path, machine, by_path, short, config, loop_tracker, kind):
+    short.write(tmp_path / "cdr" / "a", machine)
+    (tmp_path / kind).mkdir()
+    bags.write(tmp_path / kind / "a.mcap", kind, short, machine.joint_names)
+    paths = replace(
+        by_path,
+        joint_states=JointStateSource(
+            field_paths=[f"joints[{i}].position" for i in range(4)], stamp="timestamp"
+        ),
+    )
+    (expected,) = load_trajectories(tmp_path / "cdr", machine, config, loop_tracker)
+    for described in (by_path, paths):
+        (found,) = load_trajectories(tmp_path / kind, described, config, loop_tracker)
+        for name in ("stamp_ns", "q", "qd", "a", "t_s"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def test_messages_of_several_shapes_keep_their_order():
+    block = block_of(
+        "json", b'{"x": 1, "d": [1, 2]}', b"{", b'{"x": 2.5, "d": [3]}', b'{"x": null, "d": [4, 5]}'
+    )
+    groups, malformed = decode(block, ("x", "d[1]"))
+    assert malformed.tolist() == [1]
+    two, one = groups
+    assert two.index.tolist() == [0, 3] and one.index.tolist() == [2]
+    np.testing.assert_array_equal(number_at(two, "x"), [1, np.nan])
+    np.testing.assert_array_equal(number_at(two, "d[1]"), [2, 5])
+    with pytest.raises(MismatchError, match="holds 1 values"):
+        number_at(one, "d[1]")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b"[" * 100_000, b"9" * 10_000, b'{"x": [[1]]}', b'{"x": {"y": 1}}', b'"x"', b"null", b"\xff", b""],
+)
+def test_odd_json_has_no_such_field(text):
+    groups, malformed = decode(block_of("json", text), ("x", "x[3]", "x[].y"))
+    assert all(not group.numbers for group in groups) and len(groups) + len(malformed) == 1
+
+
+def test_numbers_beyond_64_bits_are_floats():
+    ((group,), _) = decode(
+        block_of("json", b'{"x": 18446744073709551616, "y": -1%s}' % (b"0" * 400)), ("x", "y")
+    )
+    assert group.number("x")[0] == 2.0**64 and group.number("y")[0] == -np.inf
+
+
+def test_stamps_of_every_convention():
+    for names in (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos"), ("secs", "nsecs")):
+        message = b'{"s": {"%s": 5, "%s": 7}}' % tuple(name.encode() for name in names)
+        ((group,), _) = decode(block_of("json", message), (f"s.{names[0]}", f"s.{names[1]}"))
+        assert stamps_ns(group, "s").tolist() == [5_000_000_007]
+
+
+def test_steps_of_paths():
+    assert steps_of("a.b[3].c[].d") == ("a", "b", 3, "c", EVERY, "d")
+
+
+def test_unset_numbers_of_protobuf():
+    """An optional position that is not set is no position; a number without presence is zero."""
+    states, _ = bags.classes()
+    definition = bags.schema_files().SerializeToString().decode("latin-1")
+    message = states(joints=[{"name": "a"}, {"name": "b", "position": 2.0}]).SerializeToString()
+    block = block_of("protobuf", message, type_name="foxglove.JointStates", definition=definition)
+    ((group,), _) = decode(block, ("joints[].position", "joints[].name", "timestamp.seconds"))
+    np.testing.assert_array_equal(group.sequence("joints[].position"), [[np.nan, 2.0]])
+    assert group.text("joints[].name") == ("a", "b") and group.number("timestamp.seconds")[0] == 0
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        b"\xff\xff",
+        b"",
+        FileDescriptorSet(file=[FileDescriptorProto(name="a", dependency=["a", "b"])]).SerializeToString(),
+        FileDescriptorSet(
+            file=[
+                FileDescriptorProto(name="a", dependency=["b"]),
+                FileDescriptorProto(name="b", dependency=["a"]),
+            ]
+        ).SerializeToString(),
+        bytes(1 << 20),
+    ],
+)
+def test_schemas_that_cannot_be_used(files):
+    block = block_of("protobuf", b"", type_name="a.B", definition=files.decode("latin-1"))
+    with pytest.raises(DefinitionError, match=r"definition of a\.B"):
+        decode(block, ("x",))
+
+
+def test_encoding_that_is_not_read():
+    with pytest.raises(MismatchError, match=r"their encoding `cbor` is not one of cdr, ros1, json, protobuf"):
+        decode(block_of("cbor", b""), ("x",))
