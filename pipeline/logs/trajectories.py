@@ -10,6 +10,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.logs.conditioning.clocks import ClockReport, extent_without_outliers
 from pipeline.logs.conditioning.conditioned_log import COMMAND_INTERVALS, JOINT_INTERVALS, ConditionedLog
+from pipeline.logs.conditioning.order_statistics import quantiles
 from pipeline.logs.conditioning.resample import GridRows, resample
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
@@ -116,8 +117,8 @@ def grid_log(
         notes.append(Note(NoteKind.left_out, text, sum(short)))
     if not lengths:
         raise InputError(
-            f"{raw.path}: no trajectory: no {config.minimum_trajectory_s:g} s of joint samples without gap "
-            f"follow the first command ({len(raw.q)} joint samples, {len(raw.command)} commands)"
+            f"{raw.path}: no trajectory: no {config.minimum_trajectory_s:g} s of joint samples without gap follow the "
+            f"first command ({len(raw.q)} joint samples{_spacing(store)}, {len(raw.command)} commands)"
         )
     if len(lengths) > 1:
         text = f"the log is split into {len(lengths)} trajectories"
@@ -218,6 +219,15 @@ def load_logs(
 def first_validation_row(n_rows: int, fraction: float) -> int:
     """Return the first validation row; the last `fraction` of the rows are for validation."""
     return n_rows - round(fraction * n_rows)
+
+
+def _spacing(store: ColumnStore) -> str:
+    """How far joint samples are apart, which tells of a wrong unit of time."""
+    intervals_ns = store.columns(JOINT_INTERVALS).get("interval_ns")
+    if intervals_ns is None or not len(intervals_ns):
+        return ""
+    (median,) = quantiles(lambda: (part / NANOSECONDS for (part,) in sections((intervals_ns,))), [0.5])
+    return f", {median:.3g} s apart"
 
 
 def _known_stretches(rows: Iterable[GridRows]) -> Iterator[GridRows]:

@@ -15,18 +15,22 @@ from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog
 from pipeline.machine.specification import MachineSpecification
 
 NANOSECONDS_PER = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+NANOSECONDS_PER_DAY = 86_400 * NANOSECONDS_PER["s"]
 SAMPLES, COMMANDS = "samples", "commands"  # tables of the store
 READING_FAULTS = (polars.exceptions.PolarsError, OSError, ValueError)
 PIECE_BYTES = 1 << 22  # longer than any line of a table
 SMALLEST_SLICE = 64  # rows; smallest slice of a damaged table that is tried
 LISTED_COLUMNS, LISTED_CHARACTERS = 24, 40
+BEYOND = "…beyond"  # holds what stands behind the last column of a CSV file's header
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
 def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStore) -> RawLog:
     """Read one table: a row per sample, with the columns that the machine's `columns` names.
 
     A row may lack the positions or the commands (streams of different rates in one table); it is then a sample of the
-    other stream alone. Rows without time, or with neither, are counted and dropped.
+    other stream alone. Rows without time, or with neither, are counted and dropped, as are rows of a CSV file with more
+    values than columns. A time column of a temporal type has its own unit.
 
     Raises:
         InputError: The file cannot be read, or a column is missing or holds no numbers.
@@ -39,11 +43,16 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
     positions = [columns.position.replace("{joint}", joint) for joint in machine.joint_names]
     commands = [columns.command.replace("{joint}", joint) for joint in machine.joint_names]
     path = entry.files[0]
-    n_rows = n_unused = 0
+    n_rows = n_unused = n_timed = n_long = 0
+    example = ""  # of a time that is not understood
     damage: list[str] = []
     try:
         for frame in _batches(path, entry.format, (columns.time, *positions, *commands), place, damage):
             n_rows += len(frame)
+            if BEYOND in frame.columns:
+                is_long = frame[BEYOND].is_not_null()
+                n_long += int(is_long.sum())
+                frame = frame.filter(~is_long)
             time_ns, has_time = _time_ns(frame[columns.time], NANOSECONDS_PER[columns.time_unit])
             streams = {SAMPLES: _numbers(frame, positions), COMMANDS: _numbers(frame, commands)}
             used = np.zeros(len(frame), bool)
@@ -52,16 +61,29 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
                 store.append(table, {"time_ns": time_ns[chosen], "value": values[chosen]})
                 used |= chosen
             n_unused += int((~used).sum())
+            n_timed += int(has_time.sum())
+            example = example or _example(frame[columns.time].filter(~has_time))
     except READING_FAULTS as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         if not n_rows:
             raise InputError(f"{path}: not a readable table ({reason}); repair or remove it") from error
         damage.append(f"the table is damaged after row {n_rows} ({reason}); the rows before it were read")
     sampled, commanded = store.columns(SAMPLES), store.columns(COMMANDS)
+    unknown = ""
+    if not n_timed and example:
+        unknown = (
+            f": column {columns.time} holds `{example}`, not a number of {columns.time_unit}; time_unit may be "
+            f"{', '.join(NANOSECONDS_PER)}"
+        )
     for what, found in (("positions", sampled), ("commands", commanded)):
         if not found or not len(found["time_ns"]):
-            raise InputError(f"{path}: no row holds a time and {what}; check the column map in {place}")
+            raise InputError(
+                f"{path}: no row holds a time and {what}; check the column map in {place}{unknown}"
+            )
     notes = [Note(NoteKind.damage, f"{path.name}: {text}") for text in damage]
+    if n_long:
+        text = f"{path.name}: {n_long} rows left out: they hold more values than the table has columns"
+        notes.append(Note(NoteKind.left_out, text, n_long))
     if n_unused:
         text = f"{path.name}: {n_unused} rows left out: they hold no time, or neither positions nor commands"
         notes.append(Note(NoteKind.left_out, text, n_unused))
@@ -98,19 +120,32 @@ def _batches(
                 for first, last, reason in lost
             ]
         return
+    if _is_utf16(path):
+        raise InputError(f"{path}: is text in UTF-16; save it as UTF-8 (Excel: `CSV UTF-8`)")
     with tempfile.TemporaryDirectory() as folder:
-        end = _end_of_text(path)
+        end, readable = _end_of_text(path), path
         if end is not None:
             damage.append(f"byte {end}: no text stands here; the rows before it were read")
-            path = _copy_front(path, end, Path(folder))
-        # All columns as text: a stray word in a column then costs its row, not the file.
-        text = polars.scan_csv(path, infer_schema=False, truncate_ragged_lines=True, encoding="utf8-lossy")
-        yield from _collected(_selected(text, wanted, path, place))
+            readable = _copy_front(path, end, Path(folder))
+        yield from _collected(_selected(_scan_csv(readable), (*wanted, BEYOND), path, place))
+
+
+def _scan_csv(path: Path) -> polars.LazyFrame:
+    """Open a CSV file with all columns as text: a stray word in a column then costs its row, not the file."""
+    names = polars.scan_csv(path, infer_schema=False, encoding="utf8-lossy").collect_schema().names()
+    return polars.scan_csv(
+        path,
+        schema=dict.fromkeys([*names, BEYOND], polars.String),
+        missing_columns="insert",
+        truncate_ragged_lines=True,
+        encoding="utf8-lossy",
+    )
 
 
 def _selected(table: polars.LazyFrame, wanted: tuple[str, ...], path: Path, place: str) -> polars.LazyFrame:
-    seen = table.collect_schema().names()
-    missing = [name for name in dict.fromkeys(wanted) if name not in seen]
+    schema = table.collect_schema()
+    seen = [name for name in schema if name != BEYOND]
+    missing = [name for name in dict.fromkeys(wanted) if name not in schema]
     if missing:
         listed = ", ".join(name[:LISTED_CHARACTERS] for name in seen[:LISTED_COLUMNS])
         more = f" and {len(seen) - LISTED_COLUMNS} more" if len(seen) > LISTED_COLUMNS else ""
@@ -118,6 +153,13 @@ def _selected(table: polars.LazyFrame, wanted: tuple[str, ...], path: Path, plac
             f"{path}: column {', '.join(missing)} is missing; map it in {place}, or move the table away if it is no "
             f"log; columns seen: {listed}{more}"
         )
+    for number, name in enumerate(wanted):
+        dtype = schema[name]
+        is_time = number == 0 and dtype.is_temporal()
+        if not (is_time or dtype.is_numeric() or dtype in (polars.String, polars.Boolean, polars.Null)):
+            raise InputError(
+                f"{path}: column {name} holds {dtype}, not numbers; map another column in {place}"
+            )
     return table.select(list(dict.fromkeys(wanted)))
 
 
@@ -142,6 +184,13 @@ def _readable_slices(
         middle = (begin + end) // 2
         yield from _readable_slices(table, begin, middle, lost)
         yield from _readable_slices(table, middle, end, lost)
+
+
+def _is_utf16(path: Path) -> bool:
+    with path.open("rb") as file:
+        head = file.read(64)
+    halves = sorted((head[0::2], head[1::2]))  # of Latin letters, one half is zero
+    return head[:2] in UTF16_MARKS or (len(head) > 3 and not any(halves[0]) and all(halves[1]))
 
 
 def _end_of_text(path: Path) -> int | None:
@@ -173,14 +222,22 @@ def _numbers(frame: polars.DataFrame, names: list[str]) -> np.ndarray:
     for name in names:
         column = frame[name]
         text = column.str.strip_chars() if column.dtype == polars.String else column
-        parts.append(_cast(text, polars.Float64).fill_null(float("nan")).to_numpy())
+        parts.append(text.cast(polars.Float64, strict=False).fill_null(float("nan")).to_numpy())
     return np.stack(parts, axis=1)
 
 
 def _time_ns(column: polars.Series, nanoseconds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return times in ns and which rows have one."""
+    """Return times in ns and which rows have one.
+
+    Args:
+        column: Numbers, text, or a temporal type.
+        nanoseconds: Unit of numbers and text.
+    """
+    if (dtype := column.dtype).is_temporal():
+        nanoseconds = _unit_of(dtype)
+        column = column.to_physical()
     text = column.str.strip_chars() if column.dtype == polars.String else column
-    number = _cast(text, polars.Float64).fill_null(float("nan")).to_numpy()
+    number = text.cast(polars.Float64, strict=False).fill_null(float("nan")).to_numpy()
     limit = MAXIMUM_TIME_NS // nanoseconds
     valid = np.isfinite(number) & (np.abs(number) < limit)
     # Whole units and fractions apart: seconds since 1970 with nanoseconds exceed float64's precision.
@@ -188,17 +245,23 @@ def _time_ns(column: polars.Series, nanoseconds: int) -> tuple[np.ndarray, np.nd
     rest = np.where(valid, number, 0.0) - units
     time_ns = units.astype(np.int64) * nanoseconds + np.rint(rest * nanoseconds).astype(np.int64)
     if column.dtype not in (polars.Float64, polars.Float32):
-        whole = _cast(text, polars.Int64)  # exact, where a float64 of nanoseconds since 1970 is not
+        whole = text.cast(
+            polars.Int64, strict=False
+        )  # exact, where a float64 of nanoseconds since 1970 is not
         is_whole = whole.is_not_null().to_numpy()
         exact = whole.fill_null(0).clip(-limit, limit).to_numpy() * nanoseconds
         time_ns = np.where(is_whole, exact, time_ns)
     return time_ns, valid
 
 
-def _cast(column: polars.Series, dtype: type[polars.DataType]) -> polars.Series:
-    if column.dtype.is_temporal():
-        column = column.cast(polars.Datetime("ns")).cast(polars.Int64)
-    try:
-        return column.cast(dtype, strict=False)
-    except polars.exceptions.PolarsError as error:
-        raise InputError(f"column {column.name} holds {column.dtype}, not numbers") from error
+def _unit_of(dtype: polars.DataType) -> int:
+    """Nanoseconds per unit of a temporal type's numbers."""
+    if isinstance(dtype, polars.Datetime | polars.Duration):
+        return NANOSECONDS_PER[dtype.time_unit]
+    return NANOSECONDS_PER_DAY if isinstance(dtype, polars.Date) else NANOSECONDS_PER["ns"]
+
+
+def _example(cells: polars.Series) -> str:
+    """The first cell that is not empty."""
+    filled = cells.drop_nulls()
+    return str(filled[0])[:LISTED_CHARACTERS] if len(filled) else ""

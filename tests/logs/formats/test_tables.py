@@ -1,0 +1,147 @@
+"""Tables as other tools write them: times of every kind, text encodings, ragged rows; against the written numbers."""
+
+import datetime
+
+import numpy as np
+import polars
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.ingest import ingest
+from tests.logs.whole_logs import write_table
+
+UTC = datetime.UTC
+
+
+@pytest.fixture
+def table(tmp_path) -> polars.DataFrame:
+    (tmp_path / "other").mkdir()
+    return polars.read_csv(write_table(tmp_path / "other" / "a.csv"))
+
+
+@pytest.fixture
+def read(machine, tmp_path):
+    def read():
+        (entry,) = find_logs(tmp_path / "logs")
+        return read_log(entry, machine)
+
+    (tmp_path / "logs").mkdir()
+    return read
+
+
+@pytest.fixture
+def refusal(read):
+    """The one line, which names the file of the user."""
+
+    def refused(tmp_path) -> str:
+        with pytest.raises(InputError) as failure:
+            read()
+        line = str(failure.value)
+        assert line.startswith(f"{tmp_path / 'logs' / 'a.'}") and "\n" not in line
+        return line
+
+    return refused
+
+
+@pytest.mark.parametrize(
+    "dtype",
+    [
+        polars.Datetime("ns"),
+        polars.Datetime("us"),
+        polars.Datetime("ms"),
+        polars.Datetime("us", "Europe/Zurich"),
+        polars.Duration("ns"),
+        polars.Duration("ms"),
+        polars.Time,
+    ],
+    ids=str,
+)
+def test_temporal_columns_have_their_own_unit(table, read, tmp_path, dtype):
+    milliseconds = 1_000_000 + 20 * np.arange(len(table))
+    unit = {"ns": 1_000_000, "us": 1000, "ms": 1}[getattr(dtype, "time_unit", "ns")]
+    t = polars.Series("t", milliseconds * unit, polars.Int64).cast(dtype)
+    table.with_columns(t).write_parquet(tmp_path / "logs" / "a.parquet")
+    raw = read()
+    np.testing.assert_array_equal(raw.joint_log_time_ns, milliseconds * 1_000_000)
+    np.testing.assert_array_equal(raw.q[:, 0], table["q_swing"])
+
+
+def test_days_are_times_too(read, table, tmp_path):
+    dates = polars.Series("t", [datetime.date(2024, 5, 6)] * len(table))
+    table.with_columns(dates).write_parquet(tmp_path / "logs" / "a.parquet")
+    expected = datetime.datetime(2024, 5, 6, tzinfo=UTC).timestamp() * 1e9
+    assert set(read().joint_log_time_ns.tolist()) == {int(expected)}
+
+
+def test_dates_in_text_are_refused_with_the_unit(table, refusal, tmp_path):
+    start = datetime.datetime(2024, 5, 6, 9, tzinfo=UTC)
+    times = [str(start + datetime.timedelta(milliseconds=20 * row)) for row in range(len(table))]
+    table.with_columns(polars.Series("t", times)).write_csv(tmp_path / "logs" / "a.csv")
+    line = refusal(tmp_path)
+    assert (
+        "column t holds `2024-05-06 09:00:00+00:00`, not a number of s; time_unit may be s, ms, us, ns"
+        in line
+    )
+
+
+def test_nanoseconds_taken_for_seconds_are_refused_with_the_unit(table, refusal, tmp_path):
+    times = 1_700_000_000_000_000_000 + 20_000_000 * np.arange(len(table))
+    table.with_columns(polars.Series("t", times)).write_csv(tmp_path / "logs" / "a.csv")
+    assert "column t holds `1700000000000000000`, not a number of s" in refusal(tmp_path)
+
+
+def test_milliseconds_taken_for_seconds_are_told_by_their_distance(
+    table, tmp_path, machine, config, loop_tracker
+):
+    (tmp_path / "logs").mkdir()
+    table.with_columns(t=20 * polars.int_range(len(table))).write_csv(tmp_path / "logs" / "a.csv")
+    (failure,) = ingest(machine, tmp_path / "logs", tmp_path / "out", config, loop_tracker).failures
+    assert "joint samples, 20 s apart" in failure.reason
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_utf16_is_refused_by_name(table, refusal, tmp_path, encoding):
+    (tmp_path / "logs" / "a.csv").write_bytes(table.write_csv().encode(encoding))
+    assert "text in UTF-16; save it as UTF-8" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["list", "binary", "categorical"])
+def test_columns_that_hold_no_numbers_are_named(table, refusal, tmp_path, kind):
+    column = polars.col("q_boom")
+    other = {
+        "list": polars.concat_list(column),
+        "binary": column.cast(polars.String).cast(polars.Binary),
+        "categorical": column.cast(polars.String).cast(polars.Categorical),
+    }[kind]
+    table.with_columns(q_boom=other).write_parquet(tmp_path / "logs" / "a.parquet")
+    line = refusal(tmp_path).lower()
+    assert f"column q_boom holds {kind}" in line and "not numbers" in line
+
+
+def test_the_line_about_the_front_of_a_damaged_file_names_the_file(table, refusal, tmp_path):
+    text = table.rename({"q_boom": "boom"}).write_csv().encode()
+    (tmp_path / "logs" / "a.csv").write_bytes(text[:5000] + b"\0" * 100 + text[5100:])
+    assert "column q_boom is missing" in refusal(tmp_path)
+
+
+def test_rows_with_a_stray_comma_are_left_out_and_told(table, read, tmp_path):
+    lines = table.write_csv().splitlines()
+    broken = range(10, 310, 10)
+    for row in broken:
+        cells = lines[1 + row].split(",")
+        lines[1 + row] = ",".join([cells[0], *cells[1].split("."), *cells[2:]])  # a decimal comma
+    (tmp_path / "logs" / "a.csv").write_text("\n".join(lines))
+    raw = read()
+    kept = np.delete(np.arange(len(table)), broken)
+    np.testing.assert_array_equal(raw.q, table.select(polars.selectors.starts_with("q_")).to_numpy()[kept])
+    (note,) = raw.notes
+    assert note.count == 30 and "a.csv: 30 rows left out: they hold more values than" in note.text
+
+
+def test_a_table_that_begins_at_zero_has_a_time(table, tmp_path, machine, config, loop_tracker):
+    (tmp_path / "logs").mkdir()
+    table.with_columns(polars.col("t") - polars.col("t").first()).write_csv(tmp_path / "logs" / "a.csv")
+    (report,) = ingest(machine, tmp_path / "logs", tmp_path / "out", config, loop_tracker).reports
+    assert report.notes == [] and report.line == f"{report.name}: {report.metrics['n_rows']} rows, 12 s"
