@@ -1,0 +1,42 @@
+"""Stage `describe`: what foreign logs hold, and a draft of the machine's file that reads them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import MISSING
+
+from pipeline.configuration.paths import InputLogs, OutputFile
+from pipeline.configuration.stage import PipelineConfiguration, stage
+from pipeline.files.atomic import write_whole
+from pipeline.logs.describe.describe import describe
+from pipeline.logs.describe.draft import draft_machine
+from pipeline.logs.describe.listing import listing
+from pipeline.tracking import StageRun
+
+
+@dataclass
+class DescribeStage(PipelineConfiguration):
+    """Keys of `conf/describe.yaml`."""
+
+    logs: InputLogs = MISSING
+    output: OutputFile | None = None
+
+
+@stage(DescribeStage)
+def main(configuration: DescribeStage, run: StageRun) -> None:
+    """Print what the logs hold, and write or print the draft."""
+    contents = describe(Path(configuration.logs))
+    for line in listing(contents):
+        print(line)
+    output = Path(configuration.output) if configuration.output else None
+    draft = draft_machine(contents, output.stem if output else "")
+    if output is None:
+        print(f"\n{draft}", end="")
+    else:
+        write_whole(output, draft.encode())
+        print(f"\ndescribe: {output}: replace every ???, then ingest with machine={output.stem}")
+        run.artifact(output)
+
+
+if __name__ == "__main__":
+    main()

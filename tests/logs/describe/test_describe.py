@@ -1,0 +1,154 @@
+"""What `describe` says of logs, and that the machine drafted from them reads them."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import polars
+import pytest
+from omegaconf import OmegaConf
+
+from pipeline.errors import InputError
+from pipeline.logs.describe.describe import describe
+from pipeline.logs.describe.draft import UNKNOWN, draft_machine
+from pipeline.logs.describe.listing import listing
+from pipeline.logs.describe.tables import time_unit
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discover import find_logs
+from pipeline.machine.specification import CommandSourceKind, MachineSpecification
+from tests.logs import foreign_bags as foreign
+from tests.logs import self_describing_bags
+from tests.logs.conftest import make_session
+from tests.stages.command import run_stage
+
+
+@pytest.fixture(scope="module")
+def short(machine):
+    return make_session(machine, seconds=6)
+
+
+def filled_in(draft: str) -> MachineSpecification:
+    """The draft after a user has set name and limits."""
+    text = draft.replace(f"name: {UNKNOWN}", "name: mine", 1)
+    text = re.sub(rf"lower: {re.escape(UNKNOWN)}, upper: {re.escape(UNKNOWN)}", "lower: -3, upper: 3", text)
+    assert UNKNOWN not in "".join(line.partition("#")[0] for line in text.splitlines()), text
+    return OmegaConf.to_object(
+        OmegaConf.merge(OmegaConf.structured(MachineSpecification), OmegaConf.create(text))
+    )
+
+
+def read_with_draft(folder):
+    contents = describe(folder)
+    drafted = filled_in(draft_machine(contents, ""))
+    (entry,) = find_logs(folder)
+    return drafted, read_log(entry, drafted), "\n".join(listing(contents))
+
+
+def test_bag_of_joint_states_and_an_array(tmp_path, machine, short):
+    short.write(tmp_path / "a", machine)
+    drafted, raw, text = read_with_draft(tmp_path)
+    assert drafted.joint_names == machine.joint_names and drafted.command_kind == "discrete"
+    np.testing.assert_array_equal(raw.q, short.q)
+    np.testing.assert_array_equal(raw.command, short.command)
+    low, high = short.q.min(axis=0), short.q.max(axis=0)
+    assert f"{low[0]:.4g} to {high[0]:.4g}; {low[1]:.4g} to {high[1]:.4g}" in text
+    assert "/joint_commands: std_msgs/msg/Int8MultiArray, 120 messages, 20 Hz" in text
+    assert "swing, boom, arm, bucket" in text
+
+
+def test_ranges_follow_names_that_change_their_order(tmp_path, machine, short):
+    names = machine.joint_names
+    entries = [
+        (int(t), "/joint_states", foreign.joint_state(foreign.ROS2, t, *pair))
+        for i, (t, q) in enumerate(zip(short.stamp_ns, short.q, strict=True))
+        for pair in [(names, q) if i % 2 else (names[::-1], q[::-1])]
+    ]
+    foreign.write_mcap(tmp_path / "a.mcap", entries)
+    (stream,) = describe(tmp_path).streams.values()
+    assert stream.names == list(names[::-1])
+    np.testing.assert_array_equal(stream.fields["position"].low, short.q.min(axis=0)[::-1])
+
+
+@pytest.mark.parametrize("kind", self_describing_bags.KINDS)
+def test_json_and_protobuf(tmp_path, machine, short, kind):
+    self_describing_bags.write(tmp_path / "a.mcap", kind, short, machine.joint_names)
+    drafted, raw, _ = read_with_draft(tmp_path)
+    assert drafted.commands.field_paths == [f"valves[{i}]" for i in range(4)]
+    np.testing.assert_array_equal(raw.q, short.q)
+    np.testing.assert_array_equal(raw.command, short.command)
+
+
+def test_joystick_and_joint_state_commands(tmp_path, machine, short):
+    states = foreign.messages(
+        foreign.ROS2,
+        replace(short, command_ns=short.command_ns[:0], command=short.command[:0]),
+        machine.joint_names,
+    )
+    for topic, message, source in (
+        ("/joy", lambda t, a: foreign.joy(foreign.ROS2, t, [*a, 0.5]), CommandSourceKind.joy),
+        (
+            "/arm_cmd",
+            lambda t, a: foreign.joint_state(foreign.ROS2, t, machine.joint_names, [], velocity=a),
+            CommandSourceKind.joint_state,
+        ),
+    ):
+        commands = [
+            (int(t), topic, message(t, a)) for t, a in zip(short.command_ns, short.command, strict=True)
+        ]
+        folder = tmp_path / topic[1:]
+        foreign.write_mcap(folder / "a.mcap", sorted(states + commands, key=lambda entry: entry[0]))
+        drafted, raw, _ = read_with_draft(folder)
+        assert drafted.commands.topic == topic and drafted.commands.source == source
+        assert len(raw.command) == len(short.command)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+@pytest.mark.parametrize(
+    ("position", "command"), [("q_{}", "a_{}"), ("{}.angle", "{}.valve_cmd"), ("pos/{}", "u/{}")]
+)
+def test_table(tmp_path, machine, short, suffix, position, command):
+    columns = {"time_ms": np.arange(len(short.q)) * 20.0 + 5.0}
+    columns |= {position.format(joint): short.q[:, i] for i, joint in enumerate(machine.joint_names)}
+    columns |= {
+        command.format(joint): np.resize(short.command[:, i], len(short.q))
+        for i, joint in enumerate(machine.joint_names)
+    }
+    getattr(polars.DataFrame(columns), f"write_{suffix}")(tmp_path / f"a.{suffix}")
+    drafted, raw, text = read_with_draft(tmp_path)
+    assert drafted.joint_names == machine.joint_names and drafted.columns.time_unit == "ms"
+    np.testing.assert_array_equal(raw.q, short.q)
+    assert "50 Hz" in text
+
+
+def test_time_units():
+    times = np.arange(100) * 0.05
+    assert [time_unit(times * scale) for scale in (1, 1e3, 1e6, 1e9)] == ["s", "ms", "us", "ns"]
+    assert [time_unit((1.7e9 + times) * scale) for scale in (1, 1e3, 1e6, 1e9)] == ["s", "ms", "us", "ns"]
+
+
+def test_unreadable_logs_are_named_and_the_others_described(tmp_path, machine, short):
+    short.write(tmp_path / "good", machine)
+    (tmp_path / "bad.mcap").write_bytes(b"no MCAP")
+    (tmp_path / "bad.csv").write_bytes("t,q\n1,2\n".encode("utf-16"))
+    contents = describe(tmp_path)
+    assert (
+        len(contents.failures) == 2
+        and "bad.csv: its first line does not name columns" in contents.failures[0]
+    )
+    with pytest.raises(InputError, match=r"nothing can be read: .*bad\.mcap"):
+        describe(tmp_path / "bad.mcap")
+
+
+def test_what_is_not_known_is_left_to_the_user(tmp_path):
+    twist = foreign.joint_state(foreign.ROS2, 1, ["a", "b"], [0.1, 0.2])
+    foreign.write_mcap(tmp_path / "a.mcap", [(10**9, "/joint_states", twist)])
+    draft = draft_machine(describe(tmp_path), "two")
+    assert "name: two" in draft and "commands:\n  topic: ???" in draft
+
+
+def test_command(tmp_path, machine, short):
+    short.write(tmp_path / "logs" / "a", machine)
+    result = run_stage("describe", "logs=logs", "output=mine.yaml", folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "replace every ???, then ingest with machine=mine" in result.stdout
+    assert filled_in((tmp_path / "mine.yaml").read_text()).name == "mine"
