@@ -2,6 +2,7 @@
 
 import bz2
 from collections.abc import Callable
+from typing import Protocol, cast
 
 import lz4.frame
 import zstandard
@@ -22,7 +23,7 @@ class DecompressionError(Exception):
 
 
 def decompress(compression: str, data: bytes, size: int | None, cut: bool = False) -> bytes:
-    """Decompress one chunk.
+    """Decompress one chunk, which may be several frames.
 
     Args:
         compression: `""` or `none`, `lz4`, `zstd`, `bz2`.
@@ -39,12 +40,16 @@ def decompress(compression: str, data: bytes, size: int | None, cut: bool = Fals
     limit = MAXIMUM_CHUNK_BYTES if size is None else size
     if limit > MAXIMUM_CHUNK_BYTES:
         raise DecompressionError(f"the chunk declares {limit} bytes, more than {MAXIMUM_CHUNK_BYTES}")
+    fault = None
     if compression in ("", "none"):
-        result, fault = data[: limit + 1], None
-    elif compression in _STREAMS:
-        result, fault = _STREAMS[compression](data, limit + 1, cut)
-    else:
+        result = data[: limit + 1]
+    elif compression not in FRAMES:
         raise DecompressionError(f"compression `{compression}` is unknown")
+    elif not cut and (whole := _at_once(compression, data, size)) is not None:
+        result = whole
+    else:
+        pieces, fault = _in_pieces(compression, data, limit + 1)
+        result = cast(bytes, pieces)  # it is read like bytes; a copy would double the memory
     if fault is not None and not cut:
         raise DecompressionError(fault, result)
     if len(result) > limit or (size is not None and len(result) != size and not cut):
@@ -52,93 +57,87 @@ def decompress(compression: str, data: bytes, size: int | None, cut: bool = Fals
     return result
 
 
-def _zstd(data: bytes, limit: int, cut: bool) -> tuple[bytes, str | None]:
+class _Decompressor(Protocol):
+    """One frame's decompressor, as in `bz2` and `lz4`."""
+
+    @property
+    def eof(self) -> bool: ...
+
+    @property
+    def needs_input(self) -> bool: ...
+
+    @property
+    def unused_data(self) -> bytes | None: ...
+
+    def decompress(self, data: bytes, max_length: int, /) -> bytes: ...
+
+
+class _ZstdFrame:
+    """The same for zstd, whose decompressor does not bound its output: the input is given in small pieces."""
+
+    def __init__(self) -> None:
+        self.frame = zstandard.ZstdDecompressor().decompressobj()
+        self.waiting = memoryview(b"")
+
+    def decompress(self, data: bytes, max_length: int) -> bytes:
+        """Return the next piece; at most 32 MiB, whatever `max_length`."""
+        self.waiting = memoryview(data) if data else self.waiting
+        piece, self.waiting = self.waiting[:ZSTD_PIECE_BYTES], self.waiting[ZSTD_PIECE_BYTES:]
+        return self.frame.decompress(piece)
+
+    @property
+    def eof(self) -> bool:
+        return self.frame.eof
+
+    @property
+    def needs_input(self) -> bool:
+        return not self.waiting
+
+    @property
+    def unused_data(self) -> bytes:
+        return self.frame.unused_data + self.waiting
+
+
+def _at_once(compression: str, data: bytes, size: int | None) -> bytes | None:
+    """Decompress a single sound frame, which is the rule; None if it is something else."""
     try:
-        if not cut:
-            stated = zstandard.frame_content_size(data)
-            if stated >= limit:
-                return b"", f"zstd: the frame declares {stated} bytes"
-            if stated >= 0:
-                return zstandard.ZstdDecompressor().decompress(data), None
-    except zstandard.ZstdError as error:
-        return b"", f"zstd: {error}"
-    decompressor, position = zstandard.ZstdDecompressor().decompressobj(), 0
-
-    def read(_: int) -> bytes:
-        nonlocal position
-        result = b""
-        while not result and not decompressor.eof and position < len(data):
-            result = decompressor.decompress(data[position : position + ZSTD_PIECE_BYTES])
-            position += ZSTD_PIECE_BYTES
-        return result
-
-    result, fault = _in_pieces(read, limit, zstandard.ZstdError)
-    return result, fault or (
-        None if decompressor.eof or len(result) >= limit else "zstd: the frame has no end"
-    )
+        if compression == "zstd" and size is not None and zstandard.frame_content_size(data) == size:
+            return zstandard.ZstdDecompressor().decompress(data)
+        if compression == "lz4":
+            limit = MAXIMUM_CHUNK_BYTES if size is None else size + 1
+            frame = lz4.frame.LZ4FrameDecompressor()
+            result = frame.decompress(data, max_length=min(limit, len(data) * LZ4_MOST_PER_BYTE))
+            return result if frame.eof and not frame.unused_data else None
+    except (zstandard.ZstdError, RuntimeError):
+        pass  # in pieces, so that bytes before the fault are kept
+    return None
 
 
-def _lz4(data: bytes, limit: int, cut: bool) -> tuple[bytes, str | None]:
-    decompressor = lz4.frame.LZ4FrameDecompressor()
-    if not cut:
+def _in_pieces(compression: str, data: bytes, limit: int) -> tuple[bytearray, str | None]:
+    """Decompress frame after frame up to `limit` bytes; a fault ends this and keeps the earlier bytes."""
+    make, fault_type = FRAMES[compression]
+    result, waiting = bytearray(), data
+    while waiting and len(result) < limit:
+        frame, n_before = make(), len(result)
         try:
-            result = decompressor.decompress(data, max_length=min(limit, len(data) * LZ4_MOST_PER_BYTE))
-            if decompressor.eof:
-                return result, None
-        except RuntimeError:
-            pass  # in pieces, so that bytes before the fault are kept
-        decompressor.reset()
-    waiting = data
-
-    def read(n_bytes: int) -> bytes:
-        nonlocal waiting
-        if decompressor.eof:
-            return b""
-        piece, waiting = decompressor.decompress(waiting, max_length=n_bytes), b""
-        return piece
-
-    result, fault = _in_pieces(read, limit, RuntimeError)
-    return result, fault or (
-        None if decompressor.eof or len(result) >= limit else "lz4: the frame has no end"
-    )
-
-
-def _bz2(data: bytes, limit: int, cut: bool) -> tuple[bytes, str | None]:
-    decompressor = bz2.BZ2Decompressor()
-    waiting = data
-
-    def read(n_bytes: int) -> bytes:
-        nonlocal waiting
-        if decompressor.eof:
-            return b""
-        piece, waiting = decompressor.decompress(waiting, n_bytes), b""
-        return piece
-
-    result, fault = _in_pieces(read, limit, OSError)
-    return result, fault or (
-        None if decompressor.eof or len(result) >= limit else "bz2: the stream has no end"
-    )
-
-
-def _in_pieces(
-    read: Callable[[int], bytes], limit: int, fault_type: type[Exception]
-) -> tuple[bytes, str | None]:
-    """Read up to `limit` bytes; a fault ends the reading and keeps the earlier bytes."""
-    pieces: list[bytes] = []
-    total = 0
-    while total < limit:
-        try:
-            piece = read(min(PIECE_BYTES, limit - total))
+            while not frame.eof and len(result) < limit and (waiting or not frame.needs_input):
+                result += frame.decompress(waiting, min(PIECE_BYTES, limit - len(result)))
+                waiting = b""
         except fault_type as error:
-            return b"".join(pieces), str(error)
-        if not piece:
-            break
-        pieces.append(piece)
-        total += len(piece)
-    return b"".join(pieces), None
+            # Bytes behind a whole frame that begin no other are padding.
+            is_padding = waiting is not data and len(result) == n_before > 0
+            return result, None if is_padding else f"{compression}: {error}"
+        if not frame.eof and len(result) < limit:
+            return result, f"{compression}: the frame has no end"
+        waiting = frame.unused_data or b""
+    return result, None if data else f"{compression}: the frame has no end"
 
 
 PIECE_BYTES = 1 << 16
 ZSTD_PIECE_BYTES = 1 << 10  # of compressed bytes; one can become 32 KiB, so that a piece is at most 32 MiB
 LZ4_MOST_PER_BYTE = 255  # most bytes from one compressed byte; bounds the allocation
-_STREAMS = {"zstd": _zstd, "lz4": _lz4, "bz2": _bz2}
+FRAMES: dict[str, tuple[Callable[[], _Decompressor], type[Exception]]] = {
+    "zstd": (_ZstdFrame, zstandard.ZstdError),
+    "lz4": (lz4.frame.LZ4FrameDecompressor, RuntimeError),
+    "bz2": (bz2.BZ2Decompressor, OSError),
+}

@@ -6,7 +6,7 @@ equals that of a walk over the whole chunk. If the index is contradicted, that w
 the next verified entry.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,15 @@ import numpy as np
 from pipeline.logs.messages.message_blocks import BlockColumns, ReadingLedger
 
 Walk = Callable[[int, int, BlockColumns], int]
+RECORDS_ALWAYS_WALKED = 1 << 16
+
+
+def record_budget(n_stored_bytes: int) -> Iterator[int]:
+    """Count how many records of a chunk may be walked.
+
+    Each record's own time takes more than a stored byte, so a chunk of more records is a decompression bomb.
+    """
+    return iter(range(RECORDS_ALWAYS_WALKED + n_stored_bytes))
 
 
 @dataclass(frozen=True)
@@ -26,7 +35,6 @@ class IndexedRecords:
         begin: Where each record begins in the chunk, shape (n,), int64.
         start: Where its message begins, shape (n,), int64.
         length: Length of its message in bytes, shape (n,), int64.
-        channels: Channels with at least one record.
         are_all: Whether every entry of the index was verified.
     """
 
@@ -35,23 +43,20 @@ class IndexedRecords:
     begin: np.ndarray
     start: np.ndarray
     length: np.ndarray
-    channels: tuple[int, ...]
     are_all: bool
 
     def select(self, true: np.ndarray) -> "IndexedRecords | None":
         """Return the records that a mask of shape (n,) keeps; None if it keeps nothing."""
         if true.all():
             return self if len(true) else None
-        channel = self.channel[true]
-        if not len(channel):
+        if not true.any():
             return None
         return IndexedRecords(
-            channel=channel,
+            channel=self.channel[true],
             log_time_ns=self.log_time_ns[true],
             begin=self.begin[true],
             start=self.start[true],
             length=self.length[true],
-            channels=tuple(np.unique(channel).tolist()),
             are_all=False,
         )
 
@@ -75,11 +80,11 @@ def records_at(data: np.ndarray, begin: np.ndarray, dtype: np.dtype) -> np.ndarr
 
 def gather_records(
     columns: BlockColumns, n_bytes: int, indexed: IndexedRecords | None, walk: Walk, ledger: ReadingLedger
-) -> tuple[BlockColumns, list[tuple[int, int]]]:
+) -> list[tuple[int, int]]:
     """Find all messages of a chunk.
 
     Args:
-        columns: Empty columns for the chunk's messages.
+        columns: Empty columns, to which the chunk's messages are added.
         n_bytes: Length of the chunk.
         indexed: Verified records of its index; None without an index.
         walk: Adds the messages of a stretch (begin, end) to columns, and returns the end of the stretch or the start
@@ -87,16 +92,14 @@ def gather_records(
         ledger: Where the walk notes damage.
 
     Returns:
-        The columns, and the lost stretches (begin, end).
+        The lost stretches (begin, end).
     """
     n_notes = len(ledger.notes)
     if indexed is not None and (stretches := _between(indexed, n_bytes)) is not None:
-        for channel in np.flatnonzero(np.bincount(indexed.channel)).tolist():
-            own = indexed.channel == channel
-            columns.add_many(channel, indexed.log_time_ns[own], indexed.start[own], indexed.length[own])
+        columns.add_many(indexed.channel, indexed.log_time_ns, indexed.start, indexed.length)
         if all(walk(begin, end, columns) == end for begin, end in stretches):
-            return columns, []
-        columns = BlockColumns(columns.data)
+            return []
+        columns.clear()
         del ledger.notes[n_notes:]
     lost = []
     position = 0
@@ -106,7 +109,7 @@ def gather_records(
             following = np.searchsorted(indexed.begin, reached, side="right")
             position = int(indexed.begin[following]) if following < len(indexed.begin) else n_bytes
         lost.append((reached, position))
-    return columns, lost
+    return lost
 
 
 def describe_loss(lost: list[tuple[int, int]], n_bytes: int) -> str:

@@ -5,7 +5,7 @@ way for all formats, and memory is bounded by the largest chunk.
 """
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -57,18 +57,23 @@ class MessageBlock:
 
 @dataclass
 class ReadingLedger:
-    """Record of reading a bag: topics, message counts and notes on damage."""
+    """Record of reading a bag: topics, message counts and notes on damage.
+
+    Attributes:
+        path: The bag, or the file that is being read.
+        topics: The descriptions of each topic by its name; several if its channels differ.
+        counts: Messages of each topic.
+        notes: Damage, losses and irregularities.
+    """
 
     path: Path
-    topics: dict[str, list[LoggedTopic]] = field(default_factory=dict)
+    topics: dict[str, dict[LoggedTopic, None]] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=NoteList)
 
     def add_topic(self, topic: LoggedTopic) -> None:
         """Add a topic; a name with several types is kept with all of them."""
-        known = self.topics.setdefault(topic.name, [])
-        if topic not in known:
-            known.append(topic)
+        self.topics.setdefault(topic.name, {})[topic] = None
         self.counts.setdefault(topic.name, 0)
 
     def count(self, topic: LoggedTopic, n: int) -> None:
@@ -80,68 +85,111 @@ class ReadingLedger:
         place = self.path.name if offset is None else f"{self.path.name}, byte {offset}"
         self.notes.append(Note(NoteKind.damage, f"{place}: {lost}", count))
 
+    def compare_counts(self, source: str, stated: int, n_read: int) -> None:
+        """Tell of a difference between the number of messages that a file states and the number that was read.
+
+        It is told with the last damage of the file, if that was noted.
+        """
+        if stated == n_read:
+            return
+        text, count = f"{source} {stated} messages, and {n_read} were found", abs(stated - n_read)
+        last = self.notes[-1] if self.notes else None
+        if last and last.kind is NoteKind.damage and last.text.startswith(self.path.name):
+            self.notes[-1] = replace(last, text=f"{last.text}; {text}", count=max(count, last.count))
+        else:
+            self.damage(None, text, count)
+
+
+def by_topic(
+    channel: np.ndarray, topics: Mapping[int, LoggedTopic]
+) -> Iterator[tuple[LoggedTopic | None, np.ndarray]]:
+    """Group messages by topic; the channels of one topic are merged in the order of the file.
+
+    Args:
+        channel: Channel, connection or topic number of each message, shape (n,), integers.
+        topics: By channel.
+
+    Yields:
+        A topic, or None for all channels without one; and which messages are its own, shape (n_own,), ascending.
+    """
+    groups: dict[LoggedTopic | None, int] = {}
+    numbers, inverse = np.unique(channel, return_inverse=True)
+    group_of = [groups.setdefault(topics.get(number), len(groups)) for number in numbers.tolist()]
+    group = np.array(group_of, np.int64)[inverse]
+    order = np.argsort(group, kind="stable")
+    ends = np.cumsum(np.bincount(group, minlength=len(groups)))
+    yield from zip(groups, np.split(order, ends), strict=False)  # what remains behind the last end is empty
+
 
 class BlockColumns:
-    """Gathers the messages of a chunk by channel, one by one or many at once."""
+    """Gathers the messages of a chunk, one by one or many at once."""
 
     def __init__(self, data: np.ndarray) -> None:
         self.data = data
-        self.found: dict[int, tuple[list[int], list[int], list[int]]] = {}
-        self.found_at_once: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self.walked: list[tuple[int, int, int, int]] = []
+        self.indexed: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
 
     def add(self, channel: int, log_time_ns: int, start: int, length: int) -> None:
         """Add one message."""
-        columns = self.found.get(channel)
-        if columns is None:
-            columns = self.found[channel] = ([], [], [])
-        columns[0].append(log_time_ns)
-        columns[1].append(start)
-        columns[2].append(length)
+        self.walked.append((channel, log_time_ns, start, length))
 
-    def add_many(self, channel: int, log_time_ns: np.ndarray, start: np.ndarray, length: np.ndarray) -> None:
-        """Add many messages of a channel in file order, before any other of the channel."""
-        self.found_at_once[channel] = (log_time_ns, start, length)
+    def add_many(
+        self, channel: np.ndarray, log_time_ns: np.ndarray, start: np.ndarray, length: np.ndarray
+    ) -> None:
+        """Add many messages."""
+        self.indexed.append((channel, log_time_ns, start, length))
+
+    def clear(self) -> None:
+        """Forget all messages."""
+        self.walked, self.indexed = [], []
+
+    def __len__(self) -> int:
+        return len(self.walked) + sum(len(channel) for channel, *_ in self.indexed)
 
     @property
     def channels(self) -> set[int]:
         """Channels with at least one message."""
-        return {*self.found, *self.found_at_once}
+        found = {channel for channel, *_ in self.walked}
+        return found.union(*(np.unique(channel).tolist() for channel, *_ in self.indexed))
+
+    def in_file_order(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return channels, unsigned log times, starts and lengths in the order of the file, each of shape (n,)."""
+        types = (np.int64, np.uint64, np.int64, np.int64)
+        parts = [*self.indexed]
+        if self.walked or not parts:
+            rows = zip(*self.walked, strict=True) if self.walked else [()] * len(types)
+            channel, log_time, start, length = map(np.array, rows, types)
+            parts.append((channel, log_time, start, length))
+        if len(parts) == 1:
+            return parts[0]
+        joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
+        order = np.argsort(joined[2], kind="stable")
+        channel, log_time, start, length = (column[order] for column in joined)
+        return channel, log_time, start, length
 
     def blocks(
-        self, topics: Mapping[int, LoggedTopic], ledger: ReadingLedger, wanted: Collection[str], offset: int
+        self,
+        topics: Mapping[int, LoggedTopic],
+        ledger: ReadingLedger,
+        wanted: Collection[str],
+        offset: int,
     ) -> Iterator[MessageBlock]:
         """Count the messages of all channels and yield a block for each wanted topic."""
-        for channel in sorted(self.channels):
-            log_time, start, length = self._columns(channel)
-            topic = topics.get(channel)
+        channels, log_times, starts, lengths = self.in_file_order()
+        for topic, own in by_topic(channels, topics):
             if topic is None:
-                lost = f"{len(start)} messages in the chunk that starts here are of a channel never described"
-                ledger.damage(offset, lost, len(start))
+                lost = f"{len(own)} messages in the chunk that starts here are of a channel never described"
+                ledger.damage(offset, lost, len(own))
                 continue
-            ledger.count(topic, len(start))
+            ledger.count(topic, len(own))
             if topic.name in wanted:
+                log_time, start, length = log_times[own], starts[own], lengths[own]
                 possible = log_time <= MAXIMUM_TIME_NS
                 if n_impossible := len(start) - int(possible.sum()):
                     lost = f"{n_impossible} messages of {topic.name} in this chunk have impossible times"
                     ledger.damage(offset, lost, n_impossible)
                     log_time, start, length = log_time[possible], start[possible], length[possible]
                 yield MessageBlock(topic, log_time.astype(np.int64), self.data, start, length)
-
-    def _columns(self, channel: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return unsigned log times, starts and lengths in file order, each of shape (n,)."""
-        parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        if channel in self.found_at_once:
-            parts.append(self.found_at_once[channel])
-        if channel in self.found:
-            log_time, start, length = self.found[channel]
-            parts.append(
-                (np.array(log_time, np.uint64), np.array(start, np.int64), np.array(length, np.int64))
-            )
-        if len(parts) == 1:
-            return parts[0]
-        joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
-        order = np.argsort(joined[1], kind="stable")
-        return joined[0][order], joined[1][order], joined[2][order]
 
 
 class StorageReader(Protocol):

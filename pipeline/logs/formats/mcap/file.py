@@ -14,19 +14,28 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
-from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records
+from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records, record_budget
 from pipeline.logs.formats.mcap.index import ENTRY_WORDS, find_messages
+from pipeline.logs.formats.mcap.summary import (
+    CHANNEL,
+    CHUNK,
+    DATA_END,
+    FOOTER,
+    MAGIC,
+    MAXIMUM_DESCRIPTION_BYTES,
+    MESSAGE,
+    MESSAGE_INDEX,
+    PREFIX,
+    SCHEMA,
+    Summary,
+)
 from pipeline.logs.formats.message_compression import decompressed_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.messages.message_blocks import BlockColumns, LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import full_type_name
 from pipeline.logs.messages.protobuf_messages import BYTES_AS_TEXT
 
-MAGIC = b"\x89MCAP0\r\n"
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, DATA_END = 2, 3, 4, 5, 6, 7, 8, 15
 BINARY_SCHEMAS = ("protobuf", "flatbuffer")
-KNOWN_OPCODES = range(1, 16)
-PREFIX = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 MESSAGE_FIELDS = MESSAGE_HEADER.size - PREFIX.size
 CHUNK_HEADER = struct.Struct(
@@ -34,8 +43,7 @@ CHUNK_HEADER = struct.Struct(
 )  # start, end, uncompressed size, checksum, length of the compression's name
 INDEX_HEADER = struct.Struct("<HI")  # channel, length of its entries in bytes
 ENTRY_BYTES = 8 * ENTRY_WORDS
-CHUNK_INDEX_START = struct.Struct("<QQQ")  # start and end of its messages, offset of the chunk
-FOOTER_FIELDS = struct.Struct("<QQI")  # start of the summary, start of its offsets, checksum
+DATA_END_BYTES = 4
 UNCHUNKED_BATCH_BYTES = 1 << 22
 
 
@@ -62,87 +70,75 @@ class _Scan:
         self.wanted = wanted
         self.schemas: dict[int, tuple[str, str, str]] = {}
         self.topics: dict[int, LoggedTopic] = {}
-        self.chunk_starts: list[int] = []
-        self.summary_is_read = False
+        self.summary = Summary(opened.file, opened.size)
         self.unchunked = bytearray()  # message records outside of chunks
+        self.n_found = self.n_indexed = self.n_found_indexed = 0  # messages
+        self.indexes_end = 0  # of the records that index the last chunk
 
     def blocks(self) -> Iterator[MessageBlock]:
         """Yield blocks until the data section, the file or its readable part ends."""
-        offset = len(MAGIC)
-        while True:
+        offset, is_ended = len(MAGIC), False
+        while offset < self.size and not is_ended:
+            self.file.seek(offset)
             prefix = self.file.read(PREFIX.size)
             if len(prefix) < PREFIX.size:
-                self.ledger.damage(
-                    offset, "the file ends here without MCAP's end mark; all before it was read"
-                )
                 break
             opcode, length = PREFIX.unpack(prefix)
             end = offset + PREFIX.size + length
-            if opcode not in KNOWN_OPCODES or (end > self.size and opcode not in (CHUNK, MESSAGE)):
-                following = self.next_indexed_chunk(offset)
-                lost = following - offset
-                self.ledger.damage(offset, f"no MCAP record stands here; {lost} bytes are lost")
-                if following == self.size:
-                    break
-                self.file.seek(following)
-                offset = following
+            if opcode != CHUNK and self.summary.has_chunk(offset):
+                self.ledger.damage(
+                    offset, f"the record's opcode {opcode} is damaged; the index has a chunk here"
+                )
+                opcode = CHUNK
+            swallowed = self.summary.next_chunk(offset, min(end, self.size))
+            is_cut = end > self.size
+            if opcode == 0 or swallowed or (is_cut and opcode != CHUNK):
+                following = swallowed or self.summary.next_chunk(offset) or self.size
+                self.ledger.damage(offset, f"no MCAP record stands here; {following - offset} bytes are lost")
+                offset, is_ended = following, following == self.size
                 continue
-            if opcode in (DATA_END, FOOTER):
-                break
+            self.file.seek(offset + PREFIX.size)
             if opcode == CHUNK:
                 yield from self.chunk(offset, length)
+                end = max(end, self.indexes_end)
+            elif opcode == MESSAGE_INDEX and length >= INDEX_HEADER.size:  # of a chunk that was not read
+                _, n_bytes = INDEX_HEADER.unpack(self.file.read(INDEX_HEADER.size))
+                self.n_indexed += n_bytes // ENTRY_BYTES
             elif opcode == MESSAGE:
-                self.unchunked += prefix + self.file.read(min(length, self.size - offset - PREFIX.size))
-                if len(self.unchunked) >= UNCHUNKED_BATCH_BYTES or end > self.size:
-                    yield from self.flush(offset)
+                yield from self.message(prefix, offset, length)
             elif opcode in (SCHEMA, CHANNEL):
-                self.describe(opcode, self.file.read(length), offset)
-            if end > self.size:
-                break
-            self.file.seek(end)
+                self.describe(opcode, self.file.read(min(length, MAXIMUM_DESCRIPTION_BYTES)), offset)
+            elif (opcode, length) == (DATA_END, DATA_END_BYTES):
+                is_ended = self.summary.next_chunk(offset) is None
             offset = end
+            is_ended |= is_cut or (opcode == FOOTER and end == self.size - len(MAGIC))
         yield from self.flush(offset)
+        if not is_ended:
+            self.ledger.damage(offset, "the file ends here without MCAP's end mark; all before it was read")
+        self.compare()
 
-    def next_indexed_chunk(self, offset: int) -> int:
-        """Return the next chunk's start from the file's index, or the file's size without one."""
-        self.read_summary()
-        return min((start for start in self.chunk_starts if offset < start < self.size), default=self.size)
+    def compare(self) -> None:
+        """Hold the number of messages against what the file states."""
+        if self.summary.n_messages is not None:
+            self.ledger.compare_counts("its statistics state", self.summary.n_messages, self.n_found)
+        elif self.n_found_indexed < self.n_indexed:
+            self.ledger.compare_counts("its chunks' indexes list", self.n_indexed, self.n_found_indexed)
 
-    def read_summary(self) -> None:
-        """Read the summary at the file's end, once: chunk offsets, and the channels' repeated descriptions.
-
-        It is needed only if the data section is damaged.
-        """
-        if self.summary_is_read:
+    def message(self, prefix: bytes, offset: int, length: int) -> Iterator[MessageBlock]:
+        """Take the message record at `offset`, which stands outside of chunks."""
+        if length > MAXIMUM_CHUNK_BYTES:
+            self.ledger.damage(offset, f"the message declares {length} bytes; it is lost")
             return
-        self.summary_is_read = True
-        here, tail = self.file.tell(), PREFIX.size + FOOTER_FIELDS.size + len(MAGIC)
-        self.file.seek(max(self.size - tail, 0))
-        end = self.file.read(tail)
-        if len(end) == tail and end[0] == FOOTER and end.endswith(MAGIC):
-            summary_start, _, _ = FOOTER_FIELDS.unpack_from(end, PREFIX.size)
-            if 0 < summary_start < self.size and self.size - summary_start < MAXIMUM_CHUNK_BYTES:
-                self.file.seek(summary_start)
-                self.take_summary(self.file.read(), summary_start)
-        self.file.seek(here)
-
-    def take_summary(self, summary: bytes, offset: int) -> None:
-        """Walk the summary's records."""
-        position = 0
-        while position + PREFIX.size <= len(summary):
-            opcode, length = PREFIX.unpack_from(summary, position)
-            body = summary[position + PREFIX.size : position + PREFIX.size + length]
-            if opcode == CHUNK_INDEX and len(body) >= CHUNK_INDEX_START.size:
-                self.chunk_starts.append(CHUNK_INDEX_START.unpack_from(body)[2])
-            elif opcode in (SCHEMA, CHANNEL):
-                self.describe(opcode, body, offset)
-            position += PREFIX.size + length
+        self.unchunked += prefix + self.file.read(length)
+        if len(self.unchunked) >= UNCHUNKED_BATCH_BYTES:
+            yield from self.flush(offset)
 
     def flush(self, offset: int) -> Iterator[MessageBlock]:
         """Yield the messages outside of chunks."""
         if self.unchunked:
             data, self.unchunked = bytes(self.unchunked), bytearray()
-            yield from self.records(data, f"in the unchunked messages before byte {offset}", offset, {})
+            place = f"in the unchunked messages before byte {offset}"
+            yield from self.records(data, place, offset, {}, len(data))
 
     def chunk(self, offset: int, length: int) -> Iterator[MessageBlock]:
         """Yield the blocks of the chunk record at `offset`, whose prefix was read."""
@@ -173,48 +169,62 @@ class _Scan:
             self.ledger.damage(offset, f"the chunk's checksum fails; the chunk ({size} bytes) is lost")
             return
         indexes = {} if cut else self.message_indexes(offset + PREFIX.size + length)
-        yield from self.records(data, "in the chunk that starts here", offset, indexes)
+        yield from self.records(data, "in the chunk that starts here", offset, indexes, len(records))
 
     def message_indexes(self, position: int) -> dict[int, np.ndarray]:
         """Read the message index records that follow a chunk."""
         indexes: dict[int, np.ndarray] = {}
+        are_sound = True
         self.file.seek(position)
         while len(prefix := self.file.read(PREFIX.size)) == PREFIX.size:
             opcode, length = PREFIX.unpack(prefix)
-            if opcode != MESSAGE_INDEX or length > self.size:
+            if opcode != MESSAGE_INDEX or length > self.size or self.summary.has_chunk(position):
                 break
+            self.file.seek(position + PREFIX.size)
             body = self.file.read(length)
             if len(body) < INDEX_HEADER.size:
                 break
             channel, n_bytes = INDEX_HEADER.unpack_from(body)
             if channel in indexes or n_bytes % ENTRY_BYTES or INDEX_HEADER.size + n_bytes > len(body):
-                return {}
-            if n_bytes:
+                are_sound = False
+            elif n_bytes:
                 words = np.frombuffer(body, "<u8", n_bytes // ENTRY_BYTES * ENTRY_WORDS, INDEX_HEADER.size)
                 indexes[channel] = words.reshape(-1, ENTRY_WORDS)
-        return indexes
+            position += PREFIX.size + length
+        self.indexes_end = position
+        return indexes if are_sound else {}
 
     def records(
-        self, data: bytes, place: str, offset: int, indexes: dict[int, np.ndarray]
+        self, data: bytes, place: str, offset: int, indexes: dict[int, np.ndarray], n_stored_bytes: int
     ) -> Iterator[MessageBlock]:
-        """Find message, schema and channel records and yield one block per wanted channel."""
+        """Find message, schema and channel records and yield one block per wanted topic."""
+        budget = record_budget(n_stored_bytes)
 
         def walk(begin: int, end: int, columns: BlockColumns) -> int:
-            return self.walk(data, begin, end, columns, offset)
+            return self.walk(data, begin, end, columns, offset, budget)
 
-        buffer = np.frombuffer(data, np.uint8)
-        indexed = find_messages(buffer, indexes)
-        columns, lost = gather_records(BlockColumns(buffer), len(data), indexed, walk, self.ledger)
+        columns = BlockColumns(np.frombuffer(data, np.uint8))
+        lost = gather_records(columns, len(data), find_messages(columns.data, indexes), walk, self.ledger)
         if lost:
             self.ledger.damage(offset, f"{place}, {describe_loss(lost, len(data))}")
+        self.n_found += len(columns)
+        if indexes:
+            self.n_indexed += sum(map(len, indexes.values()))
+            self.n_found_indexed += len(columns)
         if not columns.channels <= self.topics.keys():
-            self.read_summary()
+            for opcode, place_described, body in self.summary.descriptions:
+                self.describe(opcode, body, place_described)
+            self.summary.descriptions.clear()
         yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
 
-    def walk(self, data: bytes, position: int, end: int, columns: BlockColumns, offset: int) -> int:
+    def walk(
+        self, data: bytes, position: int, end: int, columns: BlockColumns, offset: int, budget: Iterator[int]
+    ) -> int:
         """Walk the records of a stretch of a chunk; return its end, or the start of a damaged record."""
         unpack = MESSAGE_HEADER.unpack_from
-        while position + PREFIX.size <= end:
+        for _ in budget:
+            if position + PREFIX.size > end:
+                break
             if data[position] == MESSAGE and position + MESSAGE_HEADER.size <= end:
                 _, length, channel, _, log_time, _ = unpack(data, position)
                 following = position + PREFIX.size + length
@@ -224,7 +234,7 @@ class _Scan:
             else:
                 opcode, length = PREFIX.unpack_from(data, position)
                 following = position + PREFIX.size + length
-                if opcode not in KNOWN_OPCODES or opcode == MESSAGE or following > end:
+                if opcode in (0, MESSAGE) or following > end:
                     break
                 if opcode in (SCHEMA, CHANNEL):
                     self.describe(opcode, data[position + PREFIX.size : following], offset)

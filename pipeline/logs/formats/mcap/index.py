@@ -46,5 +46,5 @@ def find_messages(data: np.ndarray, indexes: dict[int, np.ndarray]) -> IndexedRe
     message_length = length.astype(np.int64) - FIELDS_BYTES
     true &= start + message_length <= len(data)
     are_all = n_within == len(offset)
-    found = IndexedRecords(channel, log_time, begin, start, message_length, tuple(indexes), are_all)
+    found = IndexedRecords(channel, log_time, begin, start, message_length, are_all)
     return found.select(true)

@@ -5,14 +5,16 @@ recorder (`.bag.active`) are read up to their last byte.
 """
 
 import struct
+from bisect import bisect_right
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
-from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records
+from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records, record_budget
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.formats.rosbag1.index import find_messages, index_entries
 from pipeline.logs.formats.rosbag1.record import (
@@ -64,7 +66,12 @@ class _RecordScan:
         self.ledger = opened.ledger
         self.wanted = wanted
         self.topics: dict[int, LoggedTopic] = {}
+        self.chunk_counts: dict[
+            int, int
+        ] = {}  # messages by offset of the chunk, as the bag's index states them
         self.chunk_starts: list[int] = []
+        self.n_found = self.n_indexed = self.n_found_indexed = 0  # messages in chunks
+        self.indexes_end = 0  # of the records that index the last chunk
         self.index_start = 0
         self.is_closed = True  # unless the bag's header says otherwise
         self.unchunked = bytearray()  # records of a chunk that the recorder did not close
@@ -76,33 +83,49 @@ class _RecordScan:
         while offset < self.size:
             try:
                 header, data_start, data_length = self.record(offset)
+                end = data_start + data_length
+                opcode = header["op"][0]
+                if (swallowed := self.next_chunk(offset, min(end, self.size))) != self.size:
+                    raise RecordError(f"a record declares {data_length} bytes and holds byte {swallowed}")
+                if opcode in (CONNECTION, MESSAGE) and (end > self.size or data_length > MAXIMUM_CHUNK_BYTES):
+                    raise RecordError("the file ends within this record")
             except RecordError as reason:
                 following = self.next_place(offset)
                 self.ledger.damage(offset, f"{reason}; {following - offset} bytes are lost")
                 offset = following
                 continue
-            if header["op"][0] == BAG_HEADER and len(header.get("index_pos", b"")) == POSITION.size:
+            if opcode == BAG_HEADER and len(header.get("index_pos", b"")) == POSITION.size:
                 (self.index_start,) = POSITION.unpack(header["index_pos"])
                 self.is_closed = self.index_start != 0
-            end = data_start + data_length
-            opcode = header["op"][0]
+                self.read_index()
+            if "compression" in header and opcode != CHUNK:
+                self.ledger.damage(
+                    offset, f"the record's opcode {opcode} is damaged; its fields are a chunk's"
+                )
+                opcode = CHUNK
             if opcode == CHUNK:
                 crashed = data_length == 0 and header.get("compression", b"none") != b"none"
                 length = self.size - data_start if crashed else data_length
                 yield from self.chunk(offset, header, data_start, length, crashed)
-                end = self.size if crashed else end
+                end = self.size if crashed else max(end, self.indexes_end)
                 if data_length == 0:
                     self.unchunked_start = offset
             elif opcode in (CONNECTION, MESSAGE):
                 self.file.seek(offset)
                 self.unchunked_start = offset if self.unchunked_start is None else self.unchunked_start
-                self.unchunked += self.file.read(min(end, self.size) - offset)
+                self.unchunked += self.file.read(end - offset)
                 if len(self.unchunked) >= UNCHUNKED_BATCH_BYTES:
                     yield from self.flush()
             elif end > self.size:
                 self.ledger.damage(offset, "the file ends within this record")
+            elif opcode == INDEX and len(count := header.get("count", b"")) == WORD.size:
+                self.n_indexed += WORD.unpack(count)[0]  # of a chunk that was not read
             offset = end
         yield from self.flush()
+        if self.chunk_counts:
+            self.ledger.compare_counts("its index states", sum(self.chunk_counts.values()), self.n_found)
+        elif self.n_found_indexed < self.n_indexed:
+            self.ledger.compare_counts("its chunks' indexes list", self.n_indexed, self.n_found_indexed)
         if len(self.ledger.notes) > n_notes:
             return
         if not self.is_closed:
@@ -116,26 +139,40 @@ class _RecordScan:
         """Return where to resume after damage: the next chunk's start from the file's index, or the file's end."""
         if offset == len(VERSION) < RECORDS_START < self.size:
             return RECORDS_START
-        self.read_index()
-        return min((start for start in self.chunk_starts if offset < start < self.size), default=self.size)
+        return self.next_chunk(offset, self.size)
+
+    def next_chunk(self, offset: int, before: int) -> int:
+        """Return where the next chunk between two offsets begins; the file's size without one.
+
+        A chunk of the index counts only if a chunk's record stands there.
+        """
+        for number in range(bisect_right(self.chunk_starts, offset), len(self.chunk_starts)):
+            start = self.chunk_starts[number]
+            if start >= before:
+                break
+            with suppress(RecordError):
+                if "compression" in self.record(start)[0]:
+                    return start
+        return self.size
 
     def read_index(self) -> None:
-        """Read the index at the file's end, once: chunk offsets, and the connections' repeated descriptions.
-
-        It is needed only if the bag is damaged.
-        """
-        position, self.index_start = self.index_start, 0
+        """Read the index at the file's end: the chunks' offsets and message counts, the connections' descriptions."""
+        position = self.index_start
         while 0 < position < self.size:
             try:
                 header, data_start, data_length = self.record(position)
+                data = self.file.read(min(data_length, MAXIMUM_HEADER_BYTES))
                 if header["op"][0] == CONNECTION:
-                    self.file.seek(data_start)
-                    self.connect(header, self.file.read(min(data_length, MAXIMUM_HEADER_BYTES)))
+                    self.connect(header, data)
             except RecordError:
                 break
             if header["op"][0] == CHUNK_INFO and len(header.get("chunk_pos", b"")) == POSITION.size:
-                self.chunk_starts.append(POSITION.unpack(header["chunk_pos"])[0])
+                counts = np.frombuffer(data, "<u4", len(data) // WORD.size)[
+                    1::2
+                ]  # behind each connection's number
+                self.chunk_counts[POSITION.unpack(header["chunk_pos"])[0]] = int(counts.sum())
             position = data_start + data_length
+        self.chunk_starts = sorted(self.chunk_counts)
 
     def record(self, offset: int) -> tuple[dict[str, bytes], int, int]:
         """Read a record's header: its fields, and start and length of its data."""
@@ -157,32 +194,31 @@ class _RecordScan:
     ) -> Iterator[MessageBlock]:
         """Yield the blocks of one chunk."""
         compression = header.get("compression", b"none").decode(errors="replace")
-        size = (
-            WORD.unpack(header["size"])[0]
-            if len(header.get("size", b"")) == WORD.size and not crashed
-            else None
-        )
+        size = WORD.unpack(header["size"])[0] if len(header.get("size", b"")) == WORD.size else 0
+        # An uncompressed chunk is as long as its record. Until 2023 the writer of `rosbags` wrote 1 for every size.
+        known_size = size if size > 1 and compression != "none" and not crashed else None
         cut = crashed or data_start + length > self.size
         if length > MAXIMUM_CHUNK_BYTES:
             self.ledger.damage(offset, f"the chunk declares {length} bytes; it is lost")
             return
         self.file.seek(data_start)
         try:
-            data = decompress(compression, self.file.read(length), size, cut)
+            stored = self.file.read(length)
+            data = decompress(compression, stored, known_size, cut)
         except DecompressionError as error:
             self.ledger.damage(offset, f"the chunk cannot be decompressed ({error}); the chunk is lost")
             return
         if cut:
-            whole = "" if size is None else f" of its {size}"
+            whole = f" of its {size}" if size > 1 and not crashed else ""
             self.ledger.damage(offset, f"the file ends within this chunk; {len(data)}{whole} bytes were read")
-        yield from self.records(data, offset, [] if cut else self.indexes(data_start + length))
+        yield from self.records(data, offset, [] if cut else self.indexes(data_start + length), len(stored))
 
     def flush(self) -> Iterator[MessageBlock]:
         """Yield the messages outside of chunks."""
         if self.unchunked:
             data, self.unchunked = bytes(self.unchunked), bytearray()
             offset, self.unchunked_start = self.unchunked_start or 0, None
-            yield from self.records(data, offset, [])
+            yield from self.records(data, offset, [], len(data))
 
     def indexes(self, offset: int) -> list[tuple[int, np.ndarray]]:
         """Read the index records that follow a chunk."""
@@ -192,32 +228,35 @@ class _RecordScan:
                 header, data_start, length = self.record(offset)
             except RecordError:
                 break
-            if header["op"][0] != INDEX or length > self.size - data_start:
+            if header["op"][0] != INDEX or "compression" in header or length > self.size - data_start:
                 break
             entries = index_entries(header, self.file.read(length))
             if entries is not None:
                 found.append(entries)
             offset = data_start + length
+        self.indexes_end = offset
         return found
 
     def records(
-        self, data: bytes, offset: int, indexes: list[tuple[int, np.ndarray]]
+        self, data: bytes, offset: int, indexes: list[tuple[int, np.ndarray]], n_stored_bytes: int
     ) -> Iterator[MessageBlock]:
-        """Find message and connection records and yield one block per wanted connection."""
+        """Find message and connection records and yield one block per wanted topic."""
         reasons: list[str] = []
         header_of = MessageHeaderReader()
+        budget = record_budget(n_stored_bytes)
 
         def walk(begin: int, end: int, columns: BlockColumns) -> int:
-            return self.walk(data, begin, end, columns, header_of, reasons)
+            return self.walk(data, begin, end, columns, header_of, reasons, budget)
 
         columns = BlockColumns(np.frombuffer(data, np.uint8))
-        indexed = find_messages(data, indexes)
-        columns, lost = gather_records(columns, len(data), indexed, walk, self.ledger)
+        lost = gather_records(columns, len(data), find_messages(data, indexes), walk, self.ledger)
         if lost:
             place = f"in the chunk that starts here, {reasons[-len(lost)]}"
             self.ledger.damage(offset, f"{place}; {describe_loss(lost, len(data))}")
-        if not columns.channels <= self.topics.keys():
-            self.read_index()
+        self.n_found += len(columns)
+        if indexes:
+            self.n_indexed += sum(len(entries) for _, entries in indexes)
+            self.n_found_indexed += len(columns)
         yield from columns.blocks(self.topics, self.ledger, self.wanted, offset)
 
     def walk(
@@ -228,11 +267,14 @@ class _RecordScan:
         columns: BlockColumns,
         header_of: MessageHeaderReader,
         reasons: list[str],
+        budget: Iterator[int],
     ) -> int:
         """Walk the records of a stretch of a chunk; return its end, or the start of a damaged record and the reason."""
         word = WORD.unpack_from
         try:
-            while position < end:
+            for _ in budget:
+                if position >= end:
+                    return position
                 if position + WORD.size > end:
                     raise RecordError("a record ends early")
                 (header_length,) = word(data, position)
@@ -252,6 +294,7 @@ class _RecordScan:
                     if header["op"][0] == CONNECTION:
                         self.connect(header, data[start:following])
                 position = following
+            reasons.append("more records than its bytes can hold")
         except RecordError as reason:
             reasons.append(str(reason))
         return position

@@ -71,8 +71,7 @@ def find_messages(data: bytes, indexes: list[tuple[int, np.ndarray]]) -> Indexed
     if heads.tobytes() != expected.tobytes():
         shape = (n_within, record.itemsize)
         true &= (heads.view(np.uint8).reshape(shape) == expected.view(np.uint8).reshape(shape)).all(axis=1)
-    channels = tuple({number for number, entries in indexes if len(entries)})
-    found = IndexedRecords(connection, log_time, begin, start, length, channels, n_within == len(offset))
+    found = IndexedRecords(connection, log_time, begin, start, length, n_within == len(offset))
     return found.select(true)
 
 

@@ -33,7 +33,12 @@ def fields_of(body: bytes, needs_opcode: bool = True) -> dict[str, bytes]:
             raise RecordError("no record of a ROS bag stands here")
         fields[name.decode(errors="replace")] = value
         position += length
-    if needs_opcode and (len(fields.get("op", b"")) != 1 or fields["op"][0] not in KNOWN_OPCODES):
+    if needs_opcode and (
+        len(fields.get("op", b"")) != 1
+        or (
+            fields["op"][0] not in KNOWN_OPCODES and "compression" not in fields
+        )  # only chunks have that field
+    ):
         raise RecordError("no record of a ROS bag stands here")
     return fields
 
