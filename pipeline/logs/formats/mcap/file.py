@@ -45,6 +45,7 @@ INDEX_HEADER = struct.Struct("<HI")  # channel, length of its entries in bytes
 ENTRY_BYTES = 8 * ENTRY_WORDS
 DATA_END_BYTES = 4
 UNCHUNKED_BATCH_BYTES = 1 << 22
+MAXIMUM_UNCHUNKED_BYTES = 1 << 27  # of a message outside of chunks
 
 
 def read_mcap(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Iterator[MessageBlock]:
@@ -126,7 +127,7 @@ class _Scan:
 
     def message(self, prefix: bytes, offset: int, length: int) -> Iterator[MessageBlock]:
         """Take the message record at `offset`, which stands outside of chunks."""
-        if length > MAXIMUM_CHUNK_BYTES:
+        if length > MAXIMUM_UNCHUNKED_BYTES:
             self.ledger.damage(offset, f"the message declares {length} bytes; it is lost")
             return
         self.unchunked += prefix + self.file.read(length)
@@ -178,7 +179,8 @@ class _Scan:
         self.file.seek(position)
         while len(prefix := self.file.read(PREFIX.size)) == PREFIX.size:
             opcode, length = PREFIX.unpack(prefix)
-            if opcode != MESSAGE_INDEX or length > self.size or self.summary.has_chunk(position):
+            following = position + PREFIX.size + length
+            if opcode != MESSAGE_INDEX or following > self.size or self.summary.has_chunk(position):
                 break
             self.file.seek(position + PREFIX.size)
             body = self.file.read(length)
@@ -190,7 +192,7 @@ class _Scan:
             elif n_bytes:
                 words = np.frombuffer(body, "<u8", n_bytes // ENTRY_BYTES * ENTRY_WORDS, INDEX_HEADER.size)
                 indexes[channel] = words.reshape(-1, ENTRY_WORDS)
-            position += PREFIX.size + length
+            position = following
         self.indexes_end = position
         return indexes if are_sound else {}
 

@@ -40,6 +40,7 @@ RECORDS_START = (
 MAXIMUM_HEADER_BYTES = 1 << 20
 POSITION = struct.Struct("<Q")
 UNCHUNKED_BATCH_BYTES = 1 << 22
+MAXIMUM_UNCHUNKED_BYTES = 1 << 27  # of a record outside of chunks
 
 
 def read_rosbag1(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Iterator[MessageBlock]:
@@ -87,8 +88,8 @@ class _RecordScan:
                 opcode = header["op"][0]
                 if (swallowed := self.next_chunk(offset, min(end, self.size))) != self.size:
                     raise RecordError(f"a record declares {data_length} bytes and holds byte {swallowed}")
-                if opcode in (CONNECTION, MESSAGE) and (end > self.size or data_length > MAXIMUM_CHUNK_BYTES):
-                    raise RecordError("the file ends within this record")
+                if opcode in (CONNECTION, MESSAGE) and min(end, self.size) - offset > MAXIMUM_UNCHUNKED_BYTES:
+                    raise RecordError(f"a record declares {data_length} bytes")
             except RecordError as reason:
                 following = self.next_place(offset)
                 self.ledger.damage(offset, f"{reason}; {following - offset} bytes are lost")
@@ -113,7 +114,7 @@ class _RecordScan:
             elif opcode in (CONNECTION, MESSAGE):
                 self.file.seek(offset)
                 self.unchunked_start = offset if self.unchunked_start is None else self.unchunked_start
-                self.unchunked += self.file.read(end - offset)
+                self.unchunked += self.file.read(min(end, self.size) - offset)
                 if len(self.unchunked) >= UNCHUNKED_BATCH_BYTES:
                     yield from self.flush()
             elif end > self.size:
