@@ -44,6 +44,7 @@ class CommandSourceKind(enum.StrEnum):
     )
     joy = "joy"  # sensor_msgs/Joy: axes with sign and threshold
     joint_state = "joint_state"  # sensor_msgs/JointState: by joint name, one of its fields
+    named = "named"  # any message that names its joints, by joint name
     field_path = "field_path"  # any message whose definition the bag carries
 
 
@@ -93,17 +94,21 @@ class JointStateSource:
         field_paths: For messages that are not joint states: one path per joint ("arm.angle", "data[3]"), or one for
             all in which `{joint}` stands for the joint's name.
         stamp: Path of the sample time in messages; empty: `header.stamp` or `timestamp`.
-        offset_s: Added to that clock's times (not to log time where it replaces unusable stamps).
+        scale: Per joint or one for all: position = scale × number in the log + offset.
+        offset: Likewise, rad or m.
+        clock_offset_s: Added to that clock's times (not to log time where it replaces unusable stamps).
     """
 
     topic: str = "/joint_states"
     field_paths: list[str] = field(default_factory=list)
     stamp: str = ""
+    scale: list[float] = field(default_factory=list)
+    offset: list[float] = field(default_factory=list)
     clock: ClockChoice = ClockChoice.automatic
-    offset_s: float = 0.0
+    clock_offset_s: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_offset("joint_states", self.offset_s)
+        _check_offset("joint_states", self.clock_offset_s)
 
 
 @dataclass
@@ -113,17 +118,23 @@ class CommandSource:
     topic: str = "/joint_commands"
     source: CommandSourceKind = CommandSourceKind.array
     clock: ClockChoice = ClockChoice.log_time
-    offset_s: float = 0.0  # added to that clock's times
-    # joy: one axis index per joint, sign per joint, and the threshold of the paper's interpreter
+    clock_offset_s: float = 0.0  # added to that clock's times
+    # joy: one axis index per joint, sign per joint; the threshold of the paper's interpreter (joy must have it)
     axes: list[int] = field(default_factory=list)
     signs: list[float] = field(default_factory=list)
     threshold: float | None = None
+    # command = scale × number in the log + offset, per joint or one for all, before the threshold
+    scale: list[float] = field(default_factory=list)
+    offset: list[float] = field(default_factory=list)
+    # named: paths of the joints' names and of their values ("joint_names", "points[0].velocities"; "joints[].name")
+    names: str = ""
+    values: str = ""
     # joint_state: which field; field_path: one path per joint ("left.x", "data[3]")
     field_name: str = "velocity"
     field_paths: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        _check_offset("commands", self.offset_s)
+        _check_offset("commands", self.clock_offset_s)
         if self.clock == ClockChoice.automatic:
             raise InputError("commands.clock is automatic; use header_stamp or log_time")
 
@@ -175,10 +186,10 @@ class ArmDescription:
     pitch_offset_rad: float
 
 
-def _check_offset(section: str, offset_s: float) -> None:
-    if not abs(offset_s) <= MAXIMUM_OFFSET_S:
+def _check_offset(section: str, clock_offset_s: float) -> None:
+    if not abs(clock_offset_s) <= MAXIMUM_OFFSET_S:
         raise InputError(
-            f"{section}.offset_s is {offset_s}; it may be at most {MAXIMUM_OFFSET_S:g} s either way"
+            f"{section}.clock_offset_s is {clock_offset_s}; it may be at most {MAXIMUM_OFFSET_S:g} s either way"
         )
 
 

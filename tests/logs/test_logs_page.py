@@ -12,7 +12,8 @@ from pipeline.configuration.load import load_machine, load_section
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import FORMATS, find_logs
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.messages.command_sources import command_adapter, discretise
+from pipeline.logs.messages.command_sources import command_adapter
+from pipeline.logs.messages.conversion import discretise
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.machine.specification import CommandSourceKind, MachineSpecification
 from tests.logs import foreign_bags as foreign

@@ -71,12 +71,12 @@ def choose_clock(
     gap_ns, choice = round(maximum_gap_s * NANOSECONDS), ClockChoice(source.clock)
     stamp, log_time = raw.joint_stamp_ns, raw.joint_log_time_ns
     has_stamps = stamp is not log_time  # tables have one time only
-    stamp = shifted(stamp, source.offset_s, gap_ns)
+    stamp = shifted(stamp, source.clock_offset_s, gap_ns)
     low, median, high = quantiles(lambda: _offsets_s(stamp, log_time), [0.01, 0.5, 0.99])
     reason = ""
     if choice is ClockChoice.log_time:
         reason = "the machine's configuration says so"
-        log_time = shifted(log_time, source.offset_s, gap_ns)
+        log_time = shifted(log_time, source.clock_offset_s, gap_ns)
     elif choice is ClockChoice.automatic and has_stamps:
         apart_s = median - commands_offset_s
         reason = _why_not_stamps(stamp, log_time, apart_s, gap_ns, maximum_clock_offset_s)
@@ -95,8 +95,8 @@ def command_times(raw: RawLog, source: CommandSource, gap_ns: int) -> tuple[Colu
     """
     stamp, log_time = raw.command_stamp_ns, raw.command_log_time_ns
     if stamp is None:
-        return shifted(log_time, source.offset_s, gap_ns), 0.0
-    stamp = shifted(stamp, source.offset_s, gap_ns)
+        return shifted(log_time, source.clock_offset_s, gap_ns), 0.0
+    stamp = shifted(stamp, source.clock_offset_s, gap_ns)
     return stamp, quantiles(lambda: _offsets_s(stamp, log_time), [0.5])[0]
 
 
@@ -115,7 +115,7 @@ def offset_warnings(
         f"the times of {machine.joint_states.topic} are {abs(apart_s):.3f} s "
         f"{'before' if apart_s > 0 else 'after'} those of {machine.commands.topic}, measured against log time, so rows "
         f"may hold commands that were not in force; choose joint_states.clock or commands.clock, or state the "
-        f"offset_s of either, in conf/machine/{machine.name}.yaml"
+        f"clock_offset_s of either, in conf/machine/{machine.name}.yaml"
     )
     return [Note(NoteKind.warning, text, len(raw.q))]
 

@@ -10,6 +10,7 @@ import polars
 from pipeline.errors import InputError
 from pipeline.logs.formats.discover import LogEntry, LogFormat
 from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore
+from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
 from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog
 from pipeline.machine.specification import MachineSpecification
@@ -42,6 +43,7 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
         )
     positions = [columns.position.replace("{joint}", joint) for joint in machine.joint_names]
     commands = [columns.command.replace("{joint}", joint) for joint in machine.joint_names]
+    to_positions, to_commands = position_conversion(machine), command_conversion(machine)
     path = entry.files[0]
     n_rows = n_unused = n_timed = n_long = 0
     example = ""  # of a time that is not understood
@@ -54,7 +56,10 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
                 n_long += int(is_long.sum())
                 frame = frame.filter(~is_long)
             time_ns, has_time = _time_ns(frame[columns.time], NANOSECONDS_PER[columns.time_unit])
-            streams = {SAMPLES: _numbers(frame, positions), COMMANDS: _numbers(frame, commands)}
+            streams = {
+                SAMPLES: to_positions(_numbers(frame, positions)),
+                COMMANDS: to_commands(_numbers(frame, commands)),
+            }
             used = np.zeros(len(frame), bool)
             for table, values in streams.items():
                 chosen = has_time & ~np.isnan(values).all(axis=1)

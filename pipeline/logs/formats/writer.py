@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 from pipeline.errors import InputError
 from pipeline.files.atomic import PARTIAL_SUFFIX
 from pipeline.logs.messages.columns import as_array
+from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.logs.messages.message_definitions import parse_definition
 from pipeline.logs.messages.message_layout import layout_of, structured_view
 from pipeline.logs.messages.raw_log import NANOSECONDS, TargetPoses
@@ -64,7 +65,8 @@ def write_bag(
         joint_state_header_stamp_ns: Sample time of each joint state, shape (N,), int64.
         joint_state_log_time_ns: Log time of each joint state, shape (N,), int64.
         joint_names: Names in the messages, in any order; names outside the machine are allowed.
-        positions: Joint positions in the order of `joint_names`, shape (N, len(joint_names)), rad or m.
+        positions: Joint positions in the order of `joint_names`, shape (N, len(joint_names)), rad or m; written as
+            the machine's scale and offset have it.
         command_log_time_ns: When each command was recorded, shape (M,), int64.
         commands: Commands in the machine's joint order, shape (M, n_joint).
         target_poses: Target poses, if any were given.
@@ -87,7 +89,7 @@ def write_bag(
             joint_state_header_stamp_ns,
             joint_state_log_time_ns,
             tuple(joint_names),
-            np.asarray(positions),
+            _recorded_positions(machine, tuple(joint_names), np.asarray(positions)),
         ),
         _commands(store, machine, command_log_time_ns, np.asarray(commands)),
     ]
@@ -134,10 +136,26 @@ def _joint_states(
     )
 
 
+def _recorded_positions(
+    machine: MachineSpecification, names: tuple[str, ...], positions: np.ndarray
+) -> np.ndarray:
+    """Turn positions into the numbers from which the machine's `joint_states` make them."""
+    conversion = position_conversion(machine)
+    if conversion.scale is None and conversion.offset is None:
+        return positions
+    columns = [names.index(joint) for joint in machine.joint_names]
+    recorded = positions.astype(np.float64)
+    recorded[:, columns] = conversion.recorded(recorded[:, columns])
+    return recorded
+
+
 def _commands(
     store: Typestore, machine: MachineSpecification, log_time_ns: np.ndarray, commands: np.ndarray
 ) -> _Channel:
-    discrete = machine.command_kind == CommandKind.discrete
+    conversion = command_conversion(machine)
+    is_scaled = conversion.scale is not None or conversion.offset is not None
+    discrete = machine.command_kind == CommandKind.discrete and not is_scaled
+    commands = conversion.recorded(commands)
     type_name = f"std_msgs/msg/{'Int8' if discrete else 'Float32'}MultiArray"
     layout = store.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
     data = np.zeros(machine.n_joint, dtype=np.int8 if discrete else np.float32)

@@ -8,8 +8,9 @@ import re
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.messages.field_paths import number_at, stamp_paths, stamps_ns
-from pipeline.logs.messages.joint_states import joint_fields, joint_values
+from pipeline.logs.messages.conversion import ConvertedColumn, command_conversion
+from pipeline.logs.messages.field_paths import elements, number_at, stamp_paths, stamps_ns
+from pipeline.logs.messages.joint_states import joint_fields, joint_values, select_joints
 from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.mismatch import MismatchError
@@ -26,21 +27,13 @@ ROLE = "commands"
 ARRAY_TYPE = re.compile(r"std_msgs(/msg/|\.)\w+MultiArray")  # the latter in Protobuf
 
 
-def discretise(value: np.ndarray, threshold: float) -> np.ndarray:
-    """Turn stick deflections in [-1, 1] into -1, 0, 1: full command beyond ±threshold, else zero.
-
-    Source: the paper's joystick interpreter, with the rule of its proto-actions (eq. proto_discretization).
-    """
-    return np.where(np.abs(value) > threshold, np.sign(value), 0.0)
-
-
 def command_adapter(machine: MachineSpecification) -> Adapter:
     """Return the adapter of the machine's command source; with the column `stamp_ns` if header stamps time them.
 
     Raises:
         InputError: The source's configuration is incomplete.
     """
-    adapter = _source_adapter(machine)
+    adapter = ConvertedColumn(_source_adapter(machine), "command", command_conversion(machine))
     return StampedCommands(adapter) if machine.commands.clock == ClockChoice.header_stamp else adapter
 
 
@@ -59,13 +52,17 @@ def _source_adapter(machine: MachineSpecification) -> Adapter:
                 raise InputError(
                     f"{place}.threshold is missing; state from which deflection on a stick is a command"
                 )
-            threshold = source.threshold if machine.command_kind == CommandKind.discrete else None
-            return JoyCommands(list(source.axes), np.array(source.signs, dtype=np.float64), threshold)
+            return JoyCommands(list(source.axes), np.array(source.signs, dtype=np.float64))
         case CommandSourceKind.joint_state:
             if source.field_name not in JointStateCommands.FIELDS:
                 fields = ", ".join(JointStateCommands.FIELDS)
                 raise InputError(f"{place}.field_name is `{source.field_name}`; use one of {fields}")
             return JointStateCommands(machine.joint_names, source.field_name)
+        case CommandSourceKind.named:
+            for key, path in (("names", source.names), ("values", source.values)):
+                if not path:
+                    raise InputError(f"{place}.{key} is missing; name the field, such as joint_names")
+            return NamedCommands(machine.joint_names, source.names, source.values)
         case CommandSourceKind.field_path:
             return FieldPathCommands(
                 per_joint(source.field_paths, machine.joint_names, f"{place}.field_paths")
@@ -114,15 +111,14 @@ class ArrayCommands:
 
 
 class JoyCommands:
-    """`sensor_msgs/Joy`: one signed stick axis per joint; discretised for discrete machines."""
+    """`sensor_msgs/Joy`: one signed stick axis per joint."""
 
     role = ROLE
     type_name = "sensor_msgs/msg/Joy"
 
-    def __init__(self, axes: list[int], signs: np.ndarray, threshold: float | None) -> None:
+    def __init__(self, axes: list[int], signs: np.ndarray) -> None:
         self.axes = axes
         self.signs = signs
-        self.threshold = threshold
 
     def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """All axes."""
@@ -131,13 +127,12 @@ class JoyCommands:
         return ("axes",)
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
-        """Pick the axes, apply the signs, discretise."""
+        """Pick the axes, apply the signs."""
         axes = group.sequence("axes")
         absent = [axis for axis in self.axes if not 0 <= axis < axes.shape[1]]
         if absent:
             raise MismatchError(f"axis {absent[0]} is not among their {axes.shape[1]} axes")
-        value = axes[:, self.axes].astype(np.float64) * self.signs
-        return {"command": value if self.threshold is None else discretise(value, self.threshold)}
+        return {"command": axes[:, self.axes].astype(np.float64) * self.signs}
 
 
 class JointStateCommands:
@@ -157,6 +152,31 @@ class JointStateCommands:
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Pick the machine's joints by name."""
         return {"command": joint_values(group, self.field_name, self.joint_names)}
+
+
+class NamedCommands:
+    """Any message that names its joints: commands by joint name, from two lists or from a list of messages."""
+
+    role = ROLE
+
+    def __init__(self, joint_names: tuple[str, ...], names: str, values: str) -> None:
+        self.joint_names = joint_names
+        self.names = names
+        self.values = values
+
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
+        """Names and values."""
+        return (*elements(self.names), *elements(self.values))
+
+    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
+        """Pick the machine's joints by name."""
+        names = tuple(name for path in elements(self.names) for name in group.strings.get(path, ()))
+        parts = [group.numbers[path] for path in elements(self.values) if path in group.numbers]
+        n_values = sum(part.shape[1] for part in parts)
+        columns = select_joints(names, self.joint_names)
+        if n_values != len(names):
+            raise MismatchError(f"their field `{self.values}` holds {n_values} values for {len(names)} names")
+        return {"command": np.concatenate(parts, axis=1)[:, columns].astype(np.float64)}
 
 
 class FieldPathCommands:

@@ -9,6 +9,7 @@ from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.raw_log import NANOSECONDS
 
 EVERY = -1  # the step `[]`
+MAXIMUM_ELEMENTS = 64  # of a list of messages, one per joint
 STEP = re.compile(r"(?:^|\.)([^.\[\]]+)|\[(\d*)\]")
 SECONDS_AND_NANOSECONDS = (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos"), ("secs", "nsecs"))
 
@@ -37,6 +38,12 @@ def number_at(group: FieldGroup, path: str) -> np.ndarray:
     if int(index) >= values.shape[1]:
         raise MismatchError(f"their field `{base}` holds {values.shape[1]} values, so there is no `{path}`")
     return values[:, int(index)].astype(np.float64)
+
+
+def elements(path: str) -> tuple[str, ...]:
+    """Return a path, and where it holds `[]` also those of the first elements, as ROS messages name them."""
+    numbered = (path.replace("[]", f"[{number}]") for number in range(MAXIMUM_ELEMENTS))
+    return (path, *numbered) if "[]" in path else (path,)
 
 
 def stamp_paths(place: str = "") -> tuple[str, ...]:

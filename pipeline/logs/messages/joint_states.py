@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pipeline.logs.messages.conversion import ConvertedColumn, position_conversion
 from pipeline.logs.messages.field_paths import number_at, stamp_paths, stamps_ns
 from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup, LayoutError
@@ -24,9 +25,11 @@ def joint_state_adapter(machine: MachineSpecification) -> Adapter:
     """
     source, place = machine.joint_states, f"conf/machine/{machine.name}.yaml: joint_states"
     if not source.field_paths:
-        return JointStateAdapter(machine.joint_names)
-    paths = per_joint(source.field_paths, machine.joint_names, f"{place}.field_paths")
-    return FieldPathJointStates(paths, source.stamp)
+        adapter: Adapter = JointStateAdapter(machine.joint_names)
+    else:
+        paths = per_joint(source.field_paths, machine.joint_names, f"{place}.field_paths")
+        adapter = FieldPathJointStates(paths, source.stamp)
+    return ConvertedColumn(adapter, "q", position_conversion(machine))
 
 
 def joint_fields(topic: LoggedTopic, field_name: str) -> tuple[str, str]:

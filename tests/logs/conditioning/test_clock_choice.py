@@ -60,7 +60,9 @@ def warnings_of(result) -> list[str]:
 def test_an_offset_above_a_period_is_a_warning_that_says_what_to_do(one, make):
     (text,) = warnings_of(make(replace(one, stamp_ns=one.stamp_ns - 5 * SECOND)))
     assert "the times of /joint_states are 5.00" in text and "s before those of /joint_commands" in text
-    assert all(key in text for key in ("joint_states.clock", "offset_s", "conf/machine/bobcat_e10.yaml"))
+    assert all(
+        key in text for key in ("joint_states.clock", "clock_offset_s", "conf/machine/bobcat_e10.yaml")
+    )
 
 
 @pytest.mark.parametrize(("by_s", "warns"), [(-0.045, False), (-0.06, True), (0.06, True)])
@@ -71,7 +73,7 @@ def test_the_warning_begins_at_one_period(one, make, by_s, warns):
 
 def test_a_stated_offset_gives_the_rows_of_the_log_without_it(one, make, machine):
     shifted = replace(one, stamp_ns=one.stamp_ns - 5 * SECOND)
-    result = make(shifted, replace(machine, joint_states=JointStateSource(offset_s=5.0)))
+    result = make(shifted, replace(machine, joint_states=JointStateSource(clock_offset_s=5.0)))
     assert_rows(result, one.stamp_ns, one.q, one.command_ns, one.command)
     assert warnings_of(result) == [] and abs(result.clock.offset_s) < 0.05
 
@@ -79,14 +81,15 @@ def test_a_stated_offset_gives_the_rows_of_the_log_without_it(one, make, machine
 def test_an_offset_of_years_is_allowed(one, make, machine):
     shifted = replace(one, stamp_ns=one.stamp_ns - one.stamp_ns[0] // SECOND * SECOND)
     offset_s = float(one.stamp_ns[0] // SECOND)
-    result = make(shifted, replace(machine, joint_states=JointStateSource(offset_s=offset_s)))
+    result = make(shifted, replace(machine, joint_states=JointStateSource(clock_offset_s=offset_s)))
     assert_rows(result, one.stamp_ns, one.q, one.command_ns, one.command)
 
 
 def test_joint_states_by_log_time(one, make, machine):
     shifted = replace(one, stamp_ns=one.stamp_ns - 5 * SECOND)
     result = make(
-        shifted, replace(machine, joint_states=JointStateSource(clock=ClockChoice.log_time, offset_s=0.25))
+        shifted,
+        replace(machine, joint_states=JointStateSource(clock=ClockChoice.log_time, clock_offset_s=0.25)),
     )
     assert_rows(result, one.log_time_ns + SECOND // 4, one.q, one.command_ns, one.command)
     assert warnings_of(result) == [] and not any("timed by log time" in note.text for note in result.notes)
@@ -94,7 +97,7 @@ def test_joint_states_by_log_time(one, make, machine):
 
 def test_an_offset_of_the_commands(one, make, machine):
     late = replace(one, command_ns=one.command_ns + 2 * SECOND)
-    result = make(late, replace(machine, commands=CommandSource(offset_s=-2.0)))
+    result = make(late, replace(machine, commands=CommandSource(clock_offset_s=-2.0)))
     assert_rows(result, one.stamp_ns, one.q, one.command_ns, one.command)
 
 
@@ -167,8 +170,8 @@ def test_automatic_is_no_clock_of_commands():
 
 @pytest.mark.parametrize("offset_s", [1e10, float("nan")])
 def test_an_offset_that_no_clock_has_is_refused(offset_s):
-    with pytest.raises(InputError, match=r"joint_states\.offset_s"):
-        JointStateSource(offset_s=offset_s)
+    with pytest.raises(InputError, match=r"joint_states\.clock_offset_s"):
+        JointStateSource(clock_offset_s=offset_s)
 
 
 def test_positions_that_no_joint_has_are_told_without_overflow(one, make, recwarn):

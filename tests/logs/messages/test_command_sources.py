@@ -7,7 +7,7 @@ from rosbags.typesys import get_types_from_msg
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
-from pipeline.logs.messages.command_sources import discretise
+from pipeline.logs.messages.conversion import discretise
 from pipeline.machine.specification import CommandKind, CommandSource, CommandSourceKind
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import load_machine, make_session
@@ -171,3 +171,57 @@ def test_topic_of_two_types_is_ambiguous(tmp_path, short, machine):
 def test_discretise(value, threshold):
     expected = -1 if value < -threshold else 1 if value > threshold else 0
     assert discretise(np.array([value]), threshold)[0] == expected
+
+
+TRAJECTORY = (
+    "string[] joint_names\nvendor/Point[] points\n" + "=" * 80 + "\nMSG: vendor/Point\nfloat64[] velocities\n"
+)
+VALVES = "vendor/Valve[] valves\n" + "=" * 80 + "\nMSG: vendor/Valve\nstring id\nfloat32 duty\n"
+foreign.ROS2.register(get_types_from_msg(TRAJECTORY, "vendor/msg/Trajectory"))
+foreign.ROS2.register(get_types_from_msg(VALVES, "vendor/msg/Valves"))
+
+
+def trajectory(names, values):
+    """As `trajectory_msgs/JointTrajectory`: names once, values in the points."""
+    types = foreign.ROS2.types
+    point = types["vendor/msg/Point"](velocities=np.array(values, np.float64))
+    return types["vendor/msg/Trajectory"](joint_names=list(names), points=[point])
+
+
+def valves(names, values):
+    types = foreign.ROS2.types
+    listed = [
+        types["vendor/msg/Valve"](id=name, duty=value) for name, value in zip(names, values, strict=True)
+    ]
+    return types["vendor/msg/Valves"](valves=listed)
+
+
+@pytest.mark.parametrize(
+    ("make", "names", "values"),
+    [(trajectory, "joint_names", "points[0].velocities"), (valves, "valves[].id", "valves[].duty")],
+)
+def test_any_message_that_names_its_joints(tmp_path, short, machine, make, names, values):
+    """In another order in every second message, with a joint more."""
+    source = CommandSource(topic="/cmd", source=CommandSourceKind.named, names=names, values=values)
+    order, number = [*machine.joint_names, "extra"], iter(range(10**6))
+
+    def message(t, a):
+        pairs = list(zip(order, [*a, 9.0], strict=True))
+        pairs = pairs[::-1] if next(number) % 2 else pairs
+        return make(*zip(*pairs, strict=True))
+
+    np.testing.assert_array_equal(read_with(tmp_path, short, source, message).command, short.command)
+
+
+def test_named_commands_say_what_is_missing(tmp_path, short, machine):
+    source = CommandSource(
+        topic="/cmd", source=CommandSourceKind.named, names="joint_names", values="points[0].velocities"
+    )
+    with pytest.raises(InputError, match="joint swing, boom is missing; names in the messages: arm, bucket"):
+        read_with(tmp_path, short, source, lambda _, a: trajectory(["arm", "bucket"], a[2:]))
+    (tmp_path / "a.mcap").unlink()
+    with pytest.raises(InputError, match="holds 3 values for 4 names"):
+        read_with(tmp_path, short, source, lambda _, a: trajectory(machine.joint_names, a[:3]))
+    source.values = ""
+    with pytest.raises(InputError, match=r"commands\.values is missing"):
+        read_with(tmp_path, short, source, lambda _, a: trajectory(machine.joint_names, a))
