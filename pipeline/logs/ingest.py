@@ -105,9 +105,8 @@ def ingest(
     Raises:
         InputError: The folder holds no logs (unless allowed), or the output cannot be written.
     """
-    entries = _outside(_find(logs_directory, allow_empty), logs_directory, output_directory)
-    if not entries and not allow_empty:
-        raise InputError(f"{logs_directory}: holds no logs but tuples in the output; name a folder of logs")
+    entries = _find(logs_directory, allow_empty)
+    _refuse_overwriting(entries, logs_directory, output_directory)
     try:
         output_directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -166,34 +165,24 @@ def _find(directory: Path, allow_empty: bool) -> list[LogEntry]:
     return find_logs(directory)
 
 
-def _outside(entries: list[LogEntry], logs_directory: Path, output_directory: Path) -> list[LogEntry]:
-    """The logs without the tuples of an earlier run, if the output lies among the logs.
+def _refuse_overwriting(entries: list[LogEntry], logs_directory: Path, output_directory: Path) -> None:
+    """Check that no log lies where tuples are written or removed.
 
     Logs may lie in subfolders of the output: only files directly in the output are overwritten or removed.
 
     Raises:
-        InputError: The output is the folder of the logs, or a log lies where tuples are written or removed.
+        InputError: The output is the folder of the logs, or would overwrite one.
     """
     # unlike `resolve`, realpath accepts link loops
     output, logs = (Path(os.path.realpath(path)) for path in (output_directory, logs_directory))
     if output == logs:
         raise InputError(f"{output_directory}: is the folder of the logs; name another folder for the output")
-    outside = []
     for entry in entries:
-        is_within = Path(os.path.realpath(entry.path)).is_relative_to(output)
-        if is_within and not logs.is_relative_to(output) and _holds_tuples(entry):
-            continue
         if any(_would_be_lost(path, output) for path in (entry.path, *entry.files)):
             raise InputError(
                 f"{entry.path}: lies where the output {output_directory} has its tuples; move the logs into a folder "
                 "of their own, or name another output"
             )
-        outside.append(entry)
-    return outside
-
-
-def _holds_tuples(entry: LogEntry) -> bool:
-    return entry.path.suffix == SUFFIX and is_tuple_file(entry.path)
 
 
 def _would_be_lost(path: Path, output: Path) -> bool:
@@ -287,7 +276,8 @@ def _convert(entry: LogEntry, settings: _Settings, store: ColumnStore, tuples_pa
 def _fingerprint(entry: LogEntry, settings: _Settings) -> str:
     """Return a digest of everything that the tuples and the record depend on."""
     digest = hashlib.sha256()
-    described = [SCHEMA_VERSION, entry.name, entry.format, [path.name for path in entry.files], entry.missing]
+    described = [SCHEMA_VERSION, entry.name, entry.format, [path.name for path in entry.files]]
+    described += [[note.text for note in entry.notes], entry.message_count]
     sections = [asdict(settings.machine), asdict(settings.config), asdict(settings.loop_tracker)]
     digest.update(json.dumps([*described, *sections]).encode())
     for path in entry.files:

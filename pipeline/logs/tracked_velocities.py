@@ -55,7 +55,10 @@ def continue_tracking(
 def _compiled() -> Callable[..., None]:
     import numba
 
-    return numba.njit(cache=True)(_track)
+    try:
+        return numba.njit(cache=True)(_track)
+    except RuntimeError:  # no folder for the compiled code can be written
+        return numba.njit(_track)
 
 
 def _track(

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from pipeline.errors import InputError
+from pipeline.logs import tracked_velocities
 from pipeline.logs.loop_tracker import LoopTrackerConfig, advance, initial_state
 from pipeline.logs.tracked_velocities import WORTH_COMPILING, track
 
@@ -72,3 +73,20 @@ def test_compiled_and_interpreted_agree_bit_for_bit(loop_tracker):
     q = np.random.default_rng(0).normal(size=(WORTH_COMPILING // 2, 2)).cumsum(axis=0)
     interpreted = track(q[:-1], 0.05, loop_tracker)
     np.testing.assert_array_equal(track(q, 0.05, loop_tracker)[:-1], interpreted)
+
+
+def test_no_folder_for_compiled_code_can_be_written(monkeypatch):
+    """A read-only checkout and a home that cannot be written: it is compiled in each process."""
+    import numba
+    from numba.core.caching import CacheImpl
+
+    monkeypatch.setattr(CacheImpl, "_locator_classes", [])
+    tracked_velocities._compiled.cache_clear()
+    with pytest.raises(RuntimeError, match="no locator available"):
+        numba.njit(cache=True)(tracked_velocities._track)
+    q = np.cumsum(np.random.default_rng(0).normal(size=(50, 2)), axis=0)
+    config = LoopTrackerConfig(5.0, 50.0)
+    expected = track(q, 0.05, config)
+    monkeypatch.setattr(tracked_velocities, "WORTH_COMPILING", 0)
+    np.testing.assert_array_equal(track(q, 0.05, config), expected)
+    tracked_velocities._compiled.cache_clear()

@@ -69,6 +69,14 @@ FOLDERS: dict[str, Right] = {
     "ros1_connections": Right(),
     "rosbags_size1": Right(),
     "zstd_frames": Right(),
+    # Folders, metadata and names
+    "foreign_metadata": Right(rows=(WHOLE,) * 2),
+    "foreign_metadata_ros1": Right(rows=(WHOLE,) * 3),
+    "link_latest": Right(failures=1, says=("latest.mcap: not an MCAP file",)),  # the copy holds the link's text
+    "metadata_and_others": Right(rows=(WHOLE,) * 3),
+    "name_collision": Right(rows=(160, WHOLE, WHOLE)),
+    "yaml_bomb": Right(says=("metadata.yaml is damaged",)),
+    "yaml_deep": Right(rows=(WHOLE,) * 2),
 }
 
 

@@ -1,6 +1,7 @@
 """Read one log of any format into a `RawLog`."""
 
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from pipeline.errors import InputError
@@ -41,7 +42,8 @@ def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore 
         store = MemoryStore()
     if entry.format in STORAGE_READERS:
         return _read_bag(entry, machine, STORAGE_READERS[entry.format], store)
-    return read_table(entry, machine, store)
+    table = read_table(entry, machine, store)
+    return replace(table, notes=(*entry.notes, *table.notes))
 
 
 def _readable_blocks(
@@ -57,6 +59,15 @@ def _readable_blocks(
         ledger.notes.append(Note(NoteKind.damage, f"{ledger.path.name}: the file is lost: {reason}"))
 
 
+def _compare_with_metadata(entry: LogEntry, ledger: ReadingLedger) -> None:
+    """Note if `metadata.yaml` states another number of messages than were read."""
+    stated, n_read = entry.message_count, sum(ledger.counts.values())
+    if stated is not None and stated != n_read:
+        kind = NoteKind.damage if n_read < stated else NoteKind.attention
+        text = f"{entry.path.name}: metadata.yaml counts {stated} messages, and {n_read} were read"
+        ledger.notes.append(Note(kind, text, abs(stated - n_read)))
+
+
 def _read_bag(
     entry: LogEntry, machine: MachineSpecification, reader: StorageReader, store: ColumnStore
 ) -> RawLog:
@@ -67,15 +78,14 @@ def _read_bag(
     collectors = (joint_states, commands, targets)
     wanted = {collector.topic_name for collector in collectors}
     ledger = ReadingLedger(entry.path)
-    for name in entry.missing:
-        ledger.notes.append(
-            Note(NoteKind.damage, f"{entry.path.name}: file {name} is listed in metadata.yaml and missing")
-        )
+    for note in entry.notes:
+        ledger.notes.append(note)
     for path in entry.files:
         for block in _readable_blocks(reader, path, ledger, wanted, is_only=len(entry.files) == 1):
             for collector in collectors:
                 if collector.topic_name == block.topic.name:
                     collector.add(block)
+    _compare_with_metadata(entry, ledger)
     sampled, commanded = joint_states.finish(ledger), commands.finish(ledger)
     poses = None
     if not targets.is_empty:

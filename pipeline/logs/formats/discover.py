@@ -6,17 +6,14 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import yaml
-
 from pipeline.errors import InputError
 from pipeline.logs.formats.compressed_file import COMPRESSED_SUFFIXES
+from pipeline.logs.formats.log_names import unique_names
 from pipeline.logs.formats.opened_file import why_unreadable
+from pipeline.logs.formats.rosbag2_metadata import METADATA, BagMetadata, read_metadata
+from pipeline.logs.messages.raw_log import Note, NoteKind
+from pipeline.logs.tuples import SUFFIX, is_tuple_file
 
-METADATA = "metadata.yaml"
-YamlLoader = getattr(
-    yaml, "CSafeLoader", yaml.SafeLoader
-)  # the C loader is ten times faster, where available
-MAXIMUM_METADATA_CHARACTERS = 1 << 22
 SPLIT_NAME = re.compile(r"(?P<stem>.+)_(?P<number>\d+)")
 
 
@@ -32,6 +29,9 @@ class LogFormat(enum.StrEnum):
 
 BAG_SUFFIXES = (".mcap", ".db3")  # of ROS 2
 COMPRESSION_FORMATS = ("", "zstd")
+UNREAD_SUFFIXES = (".gz", ".bz2", ".xz", ".lz4", ".zip", *COMPRESSED_SUFFIXES)
+NOT_UTF8 = "{}: its name is not UTF-8; rename it"
+KEPT_COPY = ".orig.bag"  # the original that `rosbag reindex`, `fix` and `compress` keep beside their result
 FORMATS = {
     ".mcap": LogFormat.mcap,
     ".bag": LogFormat.rosbag1,
@@ -51,7 +51,8 @@ class LogEntry:
         path: The file or the bag folder.
         format: Format of its files.
         files: Its files in the order of recording.
-        missing: Files that `metadata.yaml` lists but that are absent.
+        notes: What was found out before it is read, such as missing files.
+        message_count: Number of messages that `metadata.yaml` states, if it does.
         error: Why it cannot be read, if already known; `read_log` raises it.
     """
 
@@ -59,31 +60,39 @@ class LogEntry:
     path: Path
     format: LogFormat
     files: tuple[Path, ...]
-    missing: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
+    message_count: int | None = None
     error: str = ""
 
 
 def find_logs(directory: Path) -> list[LogEntry]:
     """Find all logs in a folder and its subfolders, ordered by path; a bag's own path is allowed too.
 
-    A folder with `metadata.yaml` is one ROS 2 bag. Split files of a folder without it (`NAME_0.mcap`,
-    `NAME_1.mcap` in the folder NAME) are one bag too. Each may be compressed as a file (`NAME_0.mcap.zstd`). Names
-    that begin with a dot are passed over.
+    The files that a ROS 2 bag's `metadata.yaml` lists are one bag; other files beside it are logs of their own. Split
+    files of a folder without it (`NAME_0.mcap`, `NAME_1.mcap` in the folder NAME) are one bag too. Each may be
+    compressed as a file (`NAME_0.mcap.zstd`). A log found twice, through a link or as a copy, is read once, and a note
+    names the other. Names that begin with a dot and tuples of an earlier run are passed over.
 
     Raises:
         InputError: The folder does not exist, cannot be read, or holds no log.
     """
     if not directory.exists():
         raise InputError(f"{directory}: no such folder; name a folder of logs")
-    entries = (
-        _entries(directory, set())
-        if directory.is_dir()
-        else [e for e in [_file_entry(directory)] if e is not None]
-    )
+    if _printable(str(directory)) != str(directory):
+        raise InputError(NOT_UTF8.format(directory))
+    if not directory.is_dir():
+        entries = [entry for entry in [_file_entry(directory)] if entry is not None]
+    else:
+        entries = _each_once(_entries(directory, set()), directory)
     if not entries:
+        if directory.is_dir() and any(map(is_tuple_file, directory.rglob(f"*{SUFFIX}"))):
+            raise InputError(
+                f"{directory}: holds no logs but tuples in the output of ingest; name a folder of logs"
+            )
         expected = "ROS 1 .bag, ROS 2 folders or .db3, .mcap, these with .zstd, .csv, .parquet"
         raise InputError(f"{directory}: holds no logs ({expected}); name a folder of logs")
-    return _with_unique_names(entries, directory)
+    names = unique_names([(entry.name, entry.path) for entry in entries], directory)
+    return [replace(entry, name=name) for entry, name in zip(entries, names, strict=True)]
 
 
 def is_empty_folder(path: Path) -> bool:
@@ -99,19 +108,66 @@ def _entries(directory: Path, met: set[Path]) -> list[LogEntry]:
     except OSError as error:
         text = f"{directory}: cannot be read ({error.strerror}); check the folder's permissions"
         return [_broken(directory, text)]
-    if any(child.name == METADATA for child in children):
-        return [_bag_folder(directory)]
     visible = [child for child in children if child.name[0] != "."]
     folders = [directory / child.name for child in visible if _is_folder(child)]
-    files = _without_copies([directory / child.name for child in visible if not _is_folder(child)])
-    entries = _split_bag(directory, files)
-    taken = {path for entry in entries for path in entry.files}
-    entries += [entry for path in files if path not in taken and (entry := _file_entry(path)) is not None]
+    files = [directory / child.name for child in visible if not _is_folder(child)]
+    entries, taken = _bag(directory, files)
+    for path in files:
+        if path not in taken and not (path.suffix == SUFFIX and is_tuple_file(path)):
+            entries += [entry for entry in [_file_entry(path)] if entry is not None]
     # Folders before links to them, so that a log is listed at its real place.
     for folder in sorted(folders, key=lambda one: (one.is_symlink(), one)):
         if folder.resolve() not in met:
-            entries += _entries(folder, met) or _folder_named_as_log(folder)
+            found = _entries(folder, met) or _folder_named_as_log(folder)
+            is_nameable = _printable(folder.name) == folder.name or not found
+            entries += found if is_nameable else [_broken(folder, NOT_UTF8.format(folder))]
     return sorted(entries, key=lambda entry: entry.path)
+
+
+def _each_once(entries: list[LogEntry], directory: Path) -> list[LogEntry]:
+    """Drop logs whose files are those of another log, or copies of them, and note each at the log that stays."""
+    owner_of: dict[object, LogEntry] = {}
+    left_out: dict[Path, list[Note]] = {}
+    # Single files follow the bags that hold them, and links and copies follow their originals.
+    for entry in sorted(entries, key=lambda one: (_is_copy(one.path), -len(one.files), one.path)):
+        keys = [_identity(path) for path in entry.files]
+        owner = owner_of.get(keys[0]) if keys else None
+        if owner is not None and all(key in owner_of for key in keys):
+            name = entry.path.relative_to(directory)
+            text = f"{name} is a copy of a file of this log, or a link to one, and is not read"
+            left_out.setdefault(owner.path, []).append(Note(NoteKind.attention, text))
+            left_out[entry.path] = []
+        for key in keys:
+            owner_of.setdefault(key, entry)
+    return [
+        replace(entry, notes=(*entry.notes, *left_out.get(entry.path, ())))
+        for entry in entries
+        if left_out.get(entry.path) != []
+    ]
+
+
+def _is_copy(path: Path) -> bool:
+    return path.is_symlink() or _original(path) != path
+
+
+def _original(path: Path) -> Path:
+    """Return the file of which a path is a copy by its name; the path itself if there is no such file.
+
+    After an interrupted compression only the plain file is complete.
+    """
+    original = (
+        path.with_name(path.name.removesuffix(KEPT_COPY) + ".bag") if path.name.endswith(KEPT_COPY) else path
+    )
+    return next((one for one in (_plain(original), original) if os.path.exists(one)), path)
+
+
+def _identity(path: Path) -> object:
+    """Return what all links to a file and its copies have in common."""
+    try:
+        status = _original(path).stat()
+    except OSError:
+        return path
+    return status.st_dev, status.st_ino
 
 
 def _is_folder(child: os.DirEntry[str]) -> bool:
@@ -141,22 +197,31 @@ def _plain(path: Path) -> Path:
     return path.with_suffix("") if path.suffix in COMPRESSED_SUFFIXES else path
 
 
-def _without_copies(files: list[Path]) -> list[Path]:
-    """Drop compressed files whose plain file exists: after an interrupted compression only that one is complete."""
-    plain = {path for path in files if path == _plain(path)}
-    return [path for path in files if path in plain or _plain(path) not in plain]
-
-
 def _format_of(path: Path) -> LogFormat | None:
     """Return a file's format, by its name; compressed tables are not supported."""
     found = FORMATS.get(_plain(path).suffix)
     return None if path != _plain(path) and found in (LogFormat.csv, LogFormat.parquet) else found
 
 
+def _could_be_log(path: Path) -> bool:
+    """Whether a file has a log's suffix, alone or before that of a compression."""
+    return path.suffix in FORMATS or (
+        path.suffix in UNREAD_SUFFIXES and path.with_suffix("").suffix in FORMATS
+    )
+
+
+def _printable(name: str) -> str:
+    """Return a file's name, with replacement characters where it is not UTF-8."""
+    return os.fsencode(name).decode(errors="replace")
+
+
 def _file_entry(path: Path) -> LogEntry | None:
+    if _printable(path.name) != path.name:
+        return _broken(path, NOT_UTF8.format(path)) if _could_be_log(path) else None
     log_format = _format_of(path)
     if log_format is None:
-        return None
+        text = f"{path}: compressed as {path.suffix}, which is not read; decompress it"
+        return _broken(path, text) if _could_be_log(path) else None
     plain = _plain(path)
     name = plain.name.removesuffix(".active").removesuffix(plain.suffix).removesuffix(".bag")
     try:
@@ -166,60 +231,86 @@ def _file_entry(path: Path) -> LogEntry | None:
     return LogEntry(name, path, log_format, () if reason else (path,), error=reason or "")
 
 
-def _split_bag(directory: Path, files: list[Path]) -> list[LogEntry]:
-    """The bag of files NAME_0, NAME_1, … in a folder NAME without metadata."""
-    for suffix in BAG_SUFFIXES:
-        parts = []
-        for path in files:
-            plain = _plain(path)
-            match = SPLIT_NAME.fullmatch(plain.stem)
-            if plain.suffix == suffix and match and match["stem"] == directory.name and _is_file(path):
-                parts.append((int(match["number"]), path))
-        if parts:
-            return [
-                LogEntry(directory.name, directory, FORMATS[suffix], tuple(path for _, path in sorted(parts)))
-            ]
-    return []
-
-
-def _bag_folder(directory: Path) -> LogEntry:
-    """A ROS 2 bag folder, read from its metadata."""
+def _bag(directory: Path, files: list[Path]) -> tuple[list[LogEntry], set[Path]]:
+    """Return the ROS 2 bag among a folder's own files, if there is one, and the files that it accounts for."""
+    found = [path for path in files if _plain(path).suffix in BAG_SUFFIXES and _original(path) == path]
+    parts = sorted(filter(_is_file, found), key=_part_number)
     place = directory / METADATA
+    if place not in files:
+        return _split_bag(directory, parts)
     try:
         if (reason := why_unreadable(place)) is not None:
-            return _broken(directory, reason)
-        with place.open(encoding="utf-8") as file:
-            information = yaml.load(file.read(MAXIMUM_METADATA_CHARACTERS), Loader=YamlLoader)[
-                "rosbag2_bagfile_information"
-            ]
-        listed = [str(name) for name in information["relative_file_paths"]]
-        is_compressed = str(information.get("compression_mode") or "none").lower() != "none"
-        compression = str(information.get("compression_format")) if is_compressed else ""
+            return [_broken(directory, reason)], set(parts)
+        metadata = read_metadata(place)
     except OSError as error:
-        return _broken(directory, f"{place}: cannot be read ({error.strerror}); check its permissions")
-    except (yaml.YAMLError, ValueError, KeyError, TypeError, RecursionError):
-        listed, compression = [], ""  # damaged metadata: search the files themselves
-    if compression not in COMPRESSION_FORMATS:
-        text = f"{place}: the bag is compressed as {compression}, which is not read; convert it with `ros2 bag convert`"
-        return _broken(directory, text)
-    # Older releases list files with their folder.
-    paths = [_existing_variant(directory / Path(name).name) for name in listed]
-    present = [path for path in paths if _is_file(path)]
-    if not present:
-        found = [
-            path for path in directory.iterdir() if _plain(path).suffix in BAG_SUFFIXES and path.is_file()
+        text = f"{place}: cannot be read ({error.strerror}); check its permissions"
+        return [_broken(directory, text)], set(parts)
+    if metadata is None or (
+        not metadata.files and not _are_of_one_bag(parts) and any(map(_could_be_log, files))
+    ):
+        return _split_bag(directory, parts)
+    return _described_bag(directory, metadata, parts)
+
+
+def _split_bag(directory: Path, parts: list[Path]) -> tuple[list[LogEntry], set[Path]]:
+    """The bag of files NAME_0, NAME_1, … in a folder NAME without metadata."""
+    for suffix in BAG_SUFFIXES:
+        own = [
+            path
+            for path in parts
+            if _plain(path).suffix == suffix and _bag_name(path) == directory.name != _plain(path).stem
         ]
-        present = sorted(_without_copies(found), key=_part_number)
-    if not present:
-        listing = ", ".join(listed) or "none"
-        return _broken(directory, f"{directory}: a bag folder without its files; {METADATA} lists {listing}")
+        if own:
+            return [LogEntry(directory.name, directory, FORMATS[suffix], tuple(own))], set(own)
+    return [], set()
+
+
+def _described_bag(
+    directory: Path, metadata: BagMetadata, parts: list[Path]
+) -> tuple[list[LogEntry], set[Path]]:
+    """The bag of the files that the metadata lists, or of those that must be meant if it is damaged or they are not."""
+    # Older releases list files with their folder.
+    listed = [_existing_variant(directory / Path(name).name) for name in metadata.files]
+    present = [path for path in listed if _is_file(path)]
+    if not present and (_are_of_one_bag(parts) or len(parts) == len(listed)):
+        present = parts
+    taken = {*listed, *present}
+    place, names = directory / METADATA, ", ".join(metadata.files) or "none"
     formats = {kind for path in present if (kind := _format_of(path)) is not None}
-    if len(formats) != 1:
-        return _broken(
-            directory, f"{place}: lists files that are neither .mcap nor .db3: {', '.join(listed)}"
+    if metadata.compression not in COMPRESSION_FORMATS:
+        reason = (
+            f"{place}: the bag is compressed as {metadata.compression}, which is not read; convert it with "
+            "`ros2 bag convert`"
         )
-    missing = tuple(path.name for path in paths if path not in present)
-    return LogEntry(directory.name, directory, formats.pop(), tuple(present), missing)
+    elif not present:
+        reason = f"{directory}: a bag folder without its files; {METADATA} lists {names}"
+    elif len(formats) != 1:
+        reason = f"{place}: lists files that are neither .mcap nor .db3: {names}"
+    else:
+        reason = ""
+    if reason:
+        return [_broken(directory, reason)], taken
+    notes = [
+        Note(NoteKind.damage, f"{directory.name}: file {path.name} is listed in {METADATA} and missing")
+        for path in listed
+        if path not in present
+    ]
+    if not listed:
+        text = f"{directory.name}: {METADATA} is damaged; all files named like these are taken as the bag"
+        notes = [Note(NoteKind.attention, text)]
+    (kind,) = formats
+    entry = LogEntry(directory.name, directory, kind, tuple(present), tuple(notes), metadata.message_count)
+    return [entry], taken
+
+
+def _are_of_one_bag(parts: list[Path]) -> bool:
+    return len({(_bag_name(path), _plain(path).suffix) for path in parts}) == 1
+
+
+def _bag_name(path: Path) -> str:
+    """Return the name of the bag of which a file is a part, by the file's name."""
+    match = SPLIT_NAME.fullmatch(_plain(path).stem)
+    return match["stem"] if match else _plain(path).stem
 
 
 def _existing_variant(path: Path) -> Path:
@@ -235,24 +326,4 @@ def _part_number(path: Path) -> tuple[int, str]:
 
 
 def _broken(path: Path, reason: str) -> LogEntry:
-    return LogEntry(path.name, path, LogFormat.mcap, (), error=reason)
-
-
-def _with_unique_names(entries: list[LogEntry], directory: Path) -> list[LogEntry]:
-    """Name logs by file name; put the folders before a name that occurs twice."""
-    names = [entry.name for entry in entries]
-    unique = []
-    for entry in entries:
-        name = entry.name
-        if names.count(name) > 1:
-            parents = entry.path.relative_to(directory).parts[:-1]
-            name = "_".join((*parents, name)) + (
-                "" if entry.path.is_dir() else "".join(_suffixes(entry.path)).replace(".", "_")
-            )
-        unique.append(replace(entry, name=name.replace("#", "_")))
-    return unique
-
-
-def _suffixes(path: Path) -> tuple[str, ...]:
-    plain = _plain(path)
-    return (plain.suffix,) if plain == path else (plain.suffix, path.suffix)
+    return LogEntry(_printable(path.name), path, LogFormat.mcap, (), error=reason)

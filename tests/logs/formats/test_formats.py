@@ -18,14 +18,14 @@ def short(machine):
     return make_session(machine, seconds=6)
 
 
-def assert_holds(raw, session):
+def assert_holds(raw, session, notes=()):
     np.testing.assert_array_equal(raw.joint_stamp_ns, session.stamp_ns)
     np.testing.assert_array_equal(raw.joint_log_time_ns, session.log_time_ns)
     np.testing.assert_array_equal(raw.q, session.q)
     np.testing.assert_array_equal(raw.command_log_time_ns, session.command_ns)
     np.testing.assert_array_equal(raw.command, session.command)
     assert raw.message_counts == {"/joint_states": len(session.q), "/joint_commands": len(session.command)}
-    assert raw.notes == ()
+    assert [note.text for note in raw.notes] == list(notes)
 
 
 def read_only(path: Path, machine):
