@@ -56,6 +56,7 @@ FOLDERS: dict[str, Right] = {
     "bomb_channels": Right(damage=None, at_least=True),
     "bomb_headers": Right(damage=None, at_least=True),
     "bomb_messages": Right(damage=None, at_least=True),
+    "db3_unordered": Right(says=("put in order",)),
     "empty_sequence": Right(rows=(), failures=1),
     "flip_footer": Right(says=("opcode 2 is damaged",), damage=True),
     "flip_index": Right(says=("opcode 7 is damaged",), damage=True),
@@ -68,6 +69,8 @@ FOLDERS: dict[str, Right] = {
     "pub2_ros1": Right(),
     "ros1_connections": Right(),
     "rosbags_size1": Right(),
+    "two_chunks_swapped": Right(says=("put in order",)),
+    "unsorted_chunks": Right(says=("put in order",)),
     "zstd_frames": Right(),
     # Folders, metadata and names
     "foreign_metadata": Right(rows=(WHOLE,) * 2),

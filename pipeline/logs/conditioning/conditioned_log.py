@@ -1,5 +1,7 @@
 """Condition a recorded log into streams that can be resampled; every dropped or changed sample is counted.
 
+Messages that are stored out of order of their log time are put in order first (`recording_order`).
+
 Rules for joint samples, in this order:
 - A sample whose stamp is zero because the clock had not started is dropped.
 - A sample whose stamp lies far from both neighbours, while these agree, is dropped (a damaged stamp).
@@ -44,6 +46,7 @@ from pipeline.logs.conditioning.ordering import (
     sort_by_time,
     split_at_steps_back,
 )
+from pipeline.logs.conditioning.recording_order import in_order_of_time
 from pipeline.logs.conditioning.samples import Samples
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.messages.columns import ColumnStore, sections
@@ -73,12 +76,14 @@ class ConditionedLog:
         store: ColumnStore,
         section_rows: int | None = None,
     ) -> None:
-        self.raw = raw
         gap_ns = round(config.maximum_gap_s * NANOSECONDS)
+        raw, order_notes = in_order_of_time(raw, gap_ns, store)
+        self.raw = raw
         command_ns, offset_s = command_times(raw, machine.commands, gap_ns)
         time_ns, self.clock, self.notes = choose_clock(
             raw, config.maximum_gap_s, config.maximum_clock_offset_s, machine.joint_states, offset_s
         )
+        self.notes += order_notes
         notes, name = self.notes, self.clock.used
         notes += offset_warnings(raw, self.clock, offset_s, machine)
         self.clocks = (raw.joint_log_time_ns, raw.command_log_time_ns)
