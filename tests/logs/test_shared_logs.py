@@ -67,15 +67,19 @@ FOLDERS: dict[str, Right] = {
     "pub2_cmd_ros1": Right(),
     "pub2_mcap": Right(),
     "pub2_ros1": Right(),
+    "ros1_byte": Right(),
     "ros1_connections": Right(),
     "rosbags_size1": Right(),
     "two_chunks_swapped": Right(says=("put in order",)),
     "unsorted_chunks": Right(says=("put in order",)),
+    "xcdr2": Right(rows=(), failures=1, says=("XCDR2",)),
     "zstd_frames": Right(),
     # Folders, metadata and names
     "foreign_metadata": Right(rows=(WHOLE,) * 2),
     "foreign_metadata_ros1": Right(rows=(WHOLE,) * 3),
-    "link_latest": Right(failures=1, says=("latest.mcap: not an MCAP file",)),  # the copy holds the link's text
+    "link_latest": Right(
+        failures=1, says=("latest.mcap: not an MCAP file",)
+    ),  # the copy holds the link's text
     "metadata_and_others": Right(rows=(WHOLE,) * 3),
     "name_collision": Right(rows=(160, WHOLE, WHOLE)),
     "yaml_bomb": Right(says=("metadata.yaml is damaged",)),

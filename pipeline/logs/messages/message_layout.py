@@ -16,9 +16,11 @@ import numpy as np
 
 from pipeline.logs.messages.message_blocks import MessageBlock
 from pipeline.logs.messages.message_definitions import Definitions, Field, Repetition
+from pipeline.logs.messages.mismatch import MismatchError
 
 ENCAPSULATION_BYTES = 4
 XCDR1_ENCAPSULATIONS = (0, 1)  # plain CDR, big-endian and little-endian
+XCDR2_ENCAPSULATIONS = range(6, 12)  # OMG DDS-XTypes 1.3, table 60
 MAXIMUM_NESTING = 32
 MAXIMUM_FIELDS = 1_000_000  # per message; nested definitions can grow without taking bytes
 MAXIMUM_SHARED_LAYOUTS = 8  # per block; messages of further layouts are walked one by one
@@ -27,10 +29,15 @@ NUMBER_TYPES = {
     "bool": "u1", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
     "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
+ROS1_NUMBER_TYPES = NUMBER_TYPES | {"byte": "i1"}  # a deprecated name of int8 there
 
 
 class LayoutError(Exception):
     """A message does not fit its definition, or a definition lacks a field."""
+
+
+class TooManyFieldsError(LayoutError, MismatchError):
+    """A message has so many fields that walking them takes seconds."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +139,14 @@ def decode_block(
 
     Returns:
         Groups of messages of one layout, and the indices of malformed messages, shape (n_malformed,).
+
+    Raises:
+        MismatchError: The messages are XCDR2, which aligns and delimits fields in another way, or have too many fields.
     """
+    if block.topic.encoding == "cdr" and len(block.start) and block.length[0] >= ENCAPSULATION_BYTES:
+        kind = int.from_bytes(block.data[block.start[0] : block.start[0] + 2].tobytes())
+        if kind in XCDR2_ENCAPSULATIONS:
+            raise MismatchError(f"they are XCDR2 (encapsulation {kind:#06x}), and only XCDR1 is read")
     remaining = np.arange(len(block.start))
     groups: list[FieldGroup] = []
     malformed: list[int] = []
@@ -142,6 +156,8 @@ def decode_block(
         message = block.data[begin : begin + length].tobytes()
         try:
             layout = layout_of(message, definitions, block.topic.type_name, block.topic.encoding, wanted)
+        except TooManyFieldsError:
+            raise
         except LayoutError:
             malformed.append(first)
             remaining = remaining[1:]
@@ -207,6 +223,7 @@ class _Walker:
         self.message = message
         self.definitions = definitions
         self.aligned = encoding == "cdr"
+        self.number_types = NUMBER_TYPES if self.aligned else ROS1_NUMBER_TYPES
         self.prefixes = {path[:end] for path in wanted for end in _prefix_ends(path)}
         self.layout = Layout(length=len(message))
         self.origin = self.position = self.n_fields = 0
@@ -236,15 +253,15 @@ class _Walker:
         """Walk one field: a scalar, an array or a sequence."""
         self.n_fields += 1
         if self.n_fields > MAXIMUM_FIELDS:
-            raise LayoutError(f"more than {MAXIMUM_FIELDS} fields")
+            raise TooManyFieldsError(f"one of them has more than {MAXIMUM_FIELDS} fields")
         count = self.length_word() if entry.repetition is Repetition.sequence else entry.length
         repeated = entry.repetition is not Repetition.once
         if not entry.is_primitive:
             self.walk_messages(entry.type_name, path, count, repeated, depth)
         elif entry.type_name == "string":
             self.walk_strings(path, count)
-        elif entry.type_name in NUMBER_TYPES:
-            dtype = self.order + NUMBER_TYPES[entry.type_name]
+        elif entry.type_name in self.number_types:
+            dtype = self.order + self.number_types[entry.type_name]
             size = np.dtype(dtype).itemsize
             offset = self.take(size * count, alignment=size if count else 1)
             if path in self.prefixes:
@@ -254,12 +271,15 @@ class _Walker:
 
     def walk_messages(self, type_name: str, path: str, count: int, repeated: bool, depth: int) -> None:
         """Walk nested messages."""
+        if not self.definitions[type_name]:
+            self.take(count if self.aligned else 0)  # ROS 2 gives empty messages one byte
+            return
         for number in range(count):
             element = f"{path}[{number}]" if repeated else path
             before = self.position
             self.walk(type_name, f"{element}.", depth + 1)
             if self.position == before:
-                return  # an empty ROS 1 message: any number of them takes no bytes
+                return  # a ROS 1 message without bytes, such as one of empty messages: any number of them has none
 
     def walk_strings(self, path: str, count: int) -> None:
         """Walk strings; CDR counts their terminating zero."""

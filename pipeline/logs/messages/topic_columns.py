@@ -10,9 +10,11 @@ from pipeline.logs.messages.columns import Column, ColumnStore
 from pipeline.logs.messages.encodings import decode
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import DefinitionError
-from pipeline.logs.messages.message_layout import FieldGroup, LayoutError
+from pipeline.logs.messages.message_layout import FieldGroup, LayoutError, TooManyFieldsError
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.raw_log import Note, NoteKind
+
+MAXIMUM_DEFINITIONS = 1000  # of one topic that are parsed, in a second; recorders write one per publisher
 
 
 class Adapter(Protocol):
@@ -48,6 +50,8 @@ class TopicColumns:
         self.adapter = adapter
         self.store = store
         self.reasons: Counter[str] = Counter()
+        self.definitions: set[LoggedTopic] = set()
+        self.too_large: dict[LoggedTopic, TooManyFieldsError] = {}
         self.is_empty = True
 
     @property
@@ -57,10 +61,17 @@ class TopicColumns:
 
     def add(self, block: MessageBlock) -> None:
         """Decode a block and append its columns."""
+        self.definitions.add(block.topic)
         try:
+            if len(self.definitions) > MAXIMUM_DEFINITIONS:
+                raise MismatchError(f"the topic has more than {MAXIMUM_DEFINITIONS} definitions")
+            if block.topic in self.too_large:
+                raise self.too_large[block.topic]
             wanted = self.adapter.wanted(block.topic)
             groups, malformed = decode(block, wanted)
         except (MismatchError, DefinitionError) as reason:
+            if isinstance(reason, TooManyFieldsError):
+                self.too_large[block.topic] = reason
             self.reasons[str(reason)] += len(block.start)
             return
         if len(malformed):
