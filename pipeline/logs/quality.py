@@ -7,10 +7,10 @@ import numpy as np
 from pipeline.logs.conditioning.excitation import Excitation, Figures
 from pipeline.logs.conditioning.order_statistics import quantiles
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.messages.columns import Column, extent, sections
+from pipeline.logs.messages.columns import SECTION_ROWS, Column, extent, sections
 from pipeline.logs.messages.notes import without_numbers
 from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog
-from pipeline.logs.trajectories import GriddedLog
+from pipeline.logs.trajectories import GriddedLog, channel_values
 from pipeline.machine.specification import MachineSpecification
 
 SIGNIFICANT_DIGITS = 6
@@ -83,6 +83,7 @@ def measure(
         "clock/offset_p99_s": clock.offset_p99_s,
         "clock/drift_ppm": clock.drift_ppm,
     }
+    metrics |= _channel_figures(raw, gridded, machine)
     for kind in sorted({note.kind for note in gridded.notes}):
         metrics[f"notes/{kind}"] = sum(note.count for note in gridded.notes if note.kind == kind)
     for number, joint in enumerate(machine.joint_names):
@@ -92,6 +93,26 @@ def measure(
         metrics |= {f"{joint}/{key}": value for key, value in values.items()}
     rounded = {key: _rounded(value) for key, value in metrics.items()}
     return QualityReport(raw.name, rounded, list(gridded.notes), excitation.findings())
+
+
+def _channel_figures(raw: RawLog, gridded: GriddedLog, machine: MachineSpecification) -> Figures:
+    """Measure each channel: its messages, its range on the grid, and the share of rows without a value."""
+    n_channel, n_rows = len(machine.channels), sum(gridded.lengths)
+    low, high, n_known = np.full(n_channel, np.inf), np.full(n_channel, -np.inf), np.zeros(n_channel)
+    for begin in range(0, n_rows if n_channel else 0, SECTION_ROWS):
+        x = channel_values(gridded, begin, min(begin + SECTION_ROWS, n_rows), n_channel)
+        low, high = np.fmin(low, np.fmin.reduce(x)), np.fmax(high, np.fmax.reduce(x))
+        n_known += np.isfinite(x).sum(axis=0)
+    figures: Figures = {}
+    for number, name in enumerate(machine.channel_names):
+        found = raw.channels.get(name)
+        figures |= {
+            f"x_{name}/n": 0 if found is None else len(found.time_ns),
+            f"x_{name}/min": float(low[number]),
+            f"x_{name}/max": float(high[number]),
+            f"x_{name}/share_unknown": float(1.0 - n_known[number] / n_rows),
+        }
+    return figures
 
 
 def sampling(intervals_ns: Column, maximum_gap_s: float) -> Figures:

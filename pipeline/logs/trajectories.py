@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,8 @@ class GriddedLog:
         stamp_ns: Times of the rows of all trajectories in sequence, a column of shape (T,), int64.
         q: Positions, a column of shape (T, n_joint).
         a: Commands in force, a column of shape (T, n_joint).
+        x: Channels, a column of shape (T, n_channel); NaN where none holds. None without channels.
+        lost_channels: Indices of channels that cannot be assigned to rows.
         lengths: Rows of each trajectory.
         clock: Measurements of the log's clocks.
         joint_intervals_ns: Between joint samples in order of time, a column of shape (n,), int64.
@@ -54,6 +56,8 @@ class GriddedLog:
     joint_intervals_ns: Column
     command_intervals_ns: Column
     notes: list[Note]
+    x: Column | None = None
+    lost_channels: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,12 @@ def grid_log(
     conditioned = ConditionedLog(raw, machine, config, store, section_rows)
     notes = [*raw.notes]
     rows = resample(
-        conditioned.joints, conditioned.commands, machine.dt_s, config.maximum_gap_s, conditioned.notes
+        conditioned.joints,
+        conditioned.commands,
+        machine.dt_s,
+        config.maximum_gap_s,
+        conditioned.notes,
+        conditioned.channels,
     )
     minimum_rows = max(1, round(config.minimum_trajectory_s * machine.rate_hz))
     lengths: list[int] = []
@@ -107,7 +116,8 @@ def grid_log(
         else:
             parts = [part]
         for settled in parts:
-            store.append(GRID, {"stamp_ns": settled.stamp_ns, "q": settled.q, "a": settled.a})
+            x = {} if settled.x is None else {"x": settled.x}
+            store.append(GRID, {"stamp_ns": settled.stamp_ns, "q": settled.q, "a": settled.a, **x})
             lengths[-1] += len(settled)
     short += [n_rows] if (n_rows := sum(map(len, pending))) else []
     conditioned.finish()
@@ -136,7 +146,17 @@ def grid_log(
         joint_intervals_ns=store.columns(JOINT_INTERVALS).get("interval_ns", none),
         command_intervals_ns=store.columns(COMMAND_INTERVALS).get("interval_ns", none),
         notes=notes,
+        lost_channels=tuple(conditioned.lost_channels),
     )
+
+
+def channel_values(gridded: GriddedLog, begin: int, end: int, n_channel: int) -> np.ndarray:
+    """Return the channels of some rows, shape (end - begin, n_channel), float64; NaN where none holds."""
+    if gridded.x is None:
+        return np.full((end - begin, n_channel), np.nan)
+    x = np.array(gridded.x[begin:end])
+    x[:, list(gridded.lost_channels)] = np.nan
+    return x
 
 
 def trajectory_sections(
@@ -163,6 +183,7 @@ def trajectory_sections(
         for stamp_ns, q, a in sections(columns, begin, begin + length, section_rows):
             state, qd = continue_tracking(state or initial_state(q[0]), q, machine.dt_s, loop_tracker)
             rows = np.arange(first_row, first_row + len(q))
+            x = channel_values(gridded, begin + first_row, begin + first_row + len(q), len(machine.channels))
             yield Trajectory(
                 name=name,
                 t_s=(stamp_ns - gridded.start_ns) / NANOSECONDS,
@@ -171,6 +192,7 @@ def trajectory_sections(
                 qd=qd,
                 a=a,
                 is_validation=rows >= first_validation_row(length, config.validation_fraction),
+                channels=dict(zip(machine.channel_names, x.T, strict=True)),
             )
             first_row += len(q)
         begin += length
@@ -241,6 +263,5 @@ def _known_stretches(rows: Iterable[GridRows]) -> Iterator[GridRows]:
             number, last = number + (this != last), this
             if this[1]:
                 piece = slice(begin, end)
-                yield replace(
-                    part, segment=number, stamp_ns=part.stamp_ns[piece], q=part.q[piece], a=part.a[piece]
-                )
+                x = None if part.x is None else part.x[piece]
+                yield GridRows(number, part.stamp_ns[piece], part.q[piece], part.a[piece], x)

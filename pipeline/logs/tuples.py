@@ -1,7 +1,7 @@
 """Tuples (q, q̇, a) at the machine's rate, read from and written to Parquet (contract, section 2)."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,7 @@ class Trajectory:
         qd: Velocity estimates of the loop tracker, shape (T, n_joint), float64, rad/s or m/s.
         a: Commands in force, shape (T, n_joint), float64, in [-1, 1].
         is_validation: Which rows are for validation, shape (T,), bool.
+        channels: Channels by name, each shape (T,), float64, in its own unit; NaN where none holds.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Trajectory:
     qd: np.ndarray
     a: np.ndarray
     is_validation: np.ndarray
+    channels: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -50,7 +52,8 @@ def validation_part(trajectory: Trajectory) -> Trajectory:
     columns = {
         name: getattr(trajectory, name)[rows] for name in ("t_s", "stamp_ns", "q", "qd", "a", "is_validation")
     }
-    return Trajectory(trajectory.name, **columns)
+    channels = {name: values[rows] for name, values in trajectory.channels.items()}
+    return Trajectory(trajectory.name, **columns, channels=channels)
 
 
 def write_tuples(path: Path, machine: MachineSpecification, sections: Iterable[Trajectory]) -> None:
@@ -117,7 +120,11 @@ def thinned_positions(path: Path, machine: MachineSpecification, maximum_rows: i
 def columns(machine: MachineSpecification) -> list[str]:
     """Return the columns' names in order."""
     joints = [f"{prefix}_{joint}" for prefix in ("q", "qd", "a") for joint in machine.joint_names]
-    return ["trajectory", "t", "stamp", *joints, "split"]
+    return ["trajectory", "t", "stamp", *joints, *_channel_columns(machine), "split"]
+
+
+def _channel_columns(machine: MachineSpecification) -> list[str]:
+    return [f"x_{channel}" for channel in machine.channel_names]
 
 
 def _schema(machine: MachineSpecification) -> pyarrow.Schema:
@@ -147,6 +154,9 @@ def _table(machine: MachineSpecification, schema: pyarrow.Schema, section: Traje
     for prefix, values in (("q", section.q), ("qd", section.qd), ("a", section.a)):
         for number, joint in enumerate(machine.joint_names):
             data[f"{prefix}_{joint}"] = np.ascontiguousarray(values[:, number], dtype=np.float64)
+    for name in machine.channel_names:
+        values = section.channels.get(name, np.full(len(section), np.nan))
+        data[f"x_{name}"] = pyarrow.array(values, pyarrow.float64(), from_pandas=True)  # NaN becomes null
     return pyarrow.table([data[name] for name in schema.names], schema=schema)
 
 
@@ -158,7 +168,8 @@ def _read(path: Path, machine: MachineSpecification) -> list[Trajectory]:
         raise InputError(
             f"{path}: not a readable Parquet file ({reason}); run the stage `ingest` again"
         ) from error
-    missing = [column for column in columns(machine) if column not in frame.columns]
+    expected = [name for name in columns(machine) if name not in _channel_columns(machine)]  # may be missing
+    missing = [column for column in expected if column not in frame.columns]
     if missing:
         raise InputError(
             f"{path}: column {', '.join(missing)} is missing; are these tuples of machine {machine.name}? "
@@ -167,7 +178,7 @@ def _read(path: Path, machine: MachineSpecification) -> list[Trajectory]:
     unknown = sorted(set(frame["split"].unique().to_list()) - {TRAIN, VALIDATION}, key=str)
     if unknown:
         raise InputError(f"{path}: column split holds `{unknown[0]}`; it may hold {TRAIN} and {VALIDATION}")
-    numeric = [column for column in columns(machine) if column not in ("trajectory", "split")]
+    numeric = [column for column in expected if column not in ("trajectory", "split")]
     wrong = [column for column in numeric if not frame.schema[column].is_numeric()]
     if wrong:
         raise InputError(f"{path}: column {wrong[0]} holds {frame.schema[wrong[0]]}, not numbers")
@@ -199,4 +210,9 @@ def _trajectory(part: polars.DataFrame, machine: MachineSpecification) -> Trajec
         qd=matrix("qd"),
         a=matrix("a"),
         is_validation=(part["split"] == VALIDATION).to_numpy(),
+        channels={
+            name: part[f"x_{name}"].cast(polars.Float64).fill_null(float("nan")).to_numpy()
+            for name in machine.channel_names
+            if f"x_{name}" in part.columns
+        },
     )

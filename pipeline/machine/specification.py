@@ -150,6 +150,39 @@ class ColumnMap:
 
 
 @dataclass
+class ChannelSource:
+    """Another quantity that the machine records: a field of a topic, a column of tables, or both.
+
+    Attributes:
+        name: The tuples have it as column `x_<name>`.
+        topic: Of bags.
+        field: Path of the number in the topic's messages ("data", "fluid_pressure", "cells[2].voltage").
+        column: Of tables.
+        unit: As in the log; values are not converted.
+        clock: `log_time` or `header_stamp`.
+        hold_s: How long a value holds where no further one is received.
+    """
+
+    name: str
+    topic: str = ""
+    field: str = ""
+    column: str = ""
+    unit: str = ""
+    clock: ClockChoice = ClockChoice.log_time
+    hold_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier():
+            raise InputError(f"channels: the name `{self.name}` may hold letters, digits and _ only")
+        if not (self.column or (self.topic and self.field)):
+            raise InputError(f"channels: {self.name} needs a topic and a field, or a column")
+        if not 0 < self.hold_s < math.inf:
+            raise InputError(f"channels: hold_s of {self.name} is {self.hold_s}; it must be positive")
+        if self.clock == ClockChoice.automatic:
+            raise InputError(f"channels: clock of {self.name} is automatic; use header_stamp or log_time")
+
+
+@dataclass
 class WorkspaceSpecification:
     """The restricted workspace W+ (a cylindrical sector) and the grill, in frame {B}: m and rad."""
 
@@ -208,6 +241,7 @@ class MachineSpecification:
     commands: CommandSource = field(default_factory=CommandSource)
     columns: ColumnMap = field(default_factory=ColumnMap)
     target_topic: str = "/target_pose"
+    channels: list[ChannelSource] = field(default_factory=list)
     arm: ArmDescription | None = None
     workspace: WorkspaceSpecification | None = None
 
@@ -227,6 +261,10 @@ class MachineSpecification:
                     f"conf/machine/{self.name}.yaml: joint {joint.name}: lower {joint.lower} is not below "
                     f"upper {joint.upper}"
                 )
+        if len(set(self.channel_names)) != len(self.channels):
+            raise InputError(
+                f"conf/machine/{self.name}.yaml: channels repeat a name: {', '.join(self.channel_names)}"
+            )
         if not self.rate_hz > 0:
             raise InputError(f"conf/machine/{self.name}.yaml: rate_hz is {self.rate_hz}; it must be positive")
 
@@ -234,6 +272,11 @@ class MachineSpecification:
     def joint_names(self) -> tuple[str, ...]:
         """Names in the machine's joint order, which every array's last axis follows."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Names of the channels, in order."""
+        return tuple(channel.name for channel in self.channels)
 
     @property
     def n_joint(self) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.logs.formats.recorded_folders import clear_recorded, list_recorded
 from pipeline.logs.formats.writer import write_bag
+from pipeline.logs.messages.raw_log import ChannelSamples
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import PlantEffect
 from pipeline.plant.machines.simulated import simulated_machine
@@ -217,4 +218,5 @@ def _record_bag(
         positions=log.positions,
         command_log_time_ns=log.command_log_time_ns,
         commands=log.commands,
+        channels={name: ChannelSamples(*samples) for name, samples in log.channels.items()},
     )

@@ -33,7 +33,9 @@ def test_columns_are_the_contracts(tmp_path, machine):
     write_tuples(path, machine, [make("a", machine)])
     frame = polars.read_parquet(path)
     joints = ["swing", "boom", "arm", "bucket"]
-    expected = ["trajectory", "t", "stamp", *[f"{p}_{j}" for p in ("q", "qd", "a") for j in joints], "split"]
+    values = [f"{prefix}_{joint}" for prefix in ("q", "qd", "a") for joint in joints]
+    channels = ["x_oil_temperature", "x_pump_pressure", "x_engine_speed"]
+    expected = ["trajectory", "t", "stamp", *values, *channels, "split"]
     assert frame.columns == expected == columns(machine)
     assert frame["split"].to_list() == ["train"] * 18 + ["validation"] * 2
 

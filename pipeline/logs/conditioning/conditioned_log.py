@@ -22,6 +22,7 @@ before all others.
 from collections.abc import Iterator
 
 from pipeline.errors import InputError
+from pipeline.logs.conditioning.channels import held_channels
 from pipeline.logs.conditioning.clocks import (
     HEADER_STAMP,
     LOG_TIME,
@@ -66,6 +67,8 @@ class ConditionedLog:
         notes: Dropped and changed samples; complete once the streams are read and `finish` was called.
         joints: Joint samples in stretches without steps of the clock or jumps of an encoder; times ascend strictly.
         commands: The command in force; NaN where it is unknown.
+        channels: The machine's channels.
+        lost_channels: Indices of channels that cannot be assigned to samples; known after `finish`.
     """
 
     def __init__(
@@ -111,6 +114,8 @@ class ConditionedLog:
         issued = drop_isolated_stamps(issued, gap_ns, "commands", by, notes)
         valid = mark_invalid(issued, machine, config.maximum_invalid_command_fraction, raw.path, self.notes)
         ordered = sort_by_time(split_at_steps_back(valid, gap_ns), gap_ns, "commands", by, self.notes)
+        self.channels = held_channels(raw, machine, gap_ns, section_rows)
+        self.lost_channels: list[int] = []
         self.commands = HeldCommands(record_intervals(ordered, store, COMMAND_INTERVALS))
 
     def finish(self) -> None:
@@ -134,6 +139,11 @@ class ConditionedLog:
                 f"{self.raw.path}: the clock steps back {self.n_eras - 1} times in the joint samples and "
                 f"{n_command_eras - 1} times in the commands; split the bag at the steps"
             )
+        self.lost_channels = [
+            number
+            for number, channel in enumerate(self.channels)
+            if not channel.finish(self.n_eras, self.notes)
+        ]
         if self.n_eras > 1:
             text = "the clock steps back; the log is split there"
             self.notes.append(Note(NoteKind.changed, text, self.n_eras - 1))

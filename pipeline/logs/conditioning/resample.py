@@ -1,11 +1,12 @@
 """The machine's time grid: positions by linear interpolation, commands by causal zero-order hold."""
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.logs.conditioning.channels import HeldChannel
 from pipeline.logs.conditioning.command_rules import HeldCommands
 from pipeline.logs.conditioning.samples import Samples
 from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind
@@ -20,12 +21,14 @@ class GridRows:
         stamp_ns: Time of each row, shape (T,), int64.
         q: Positions, shape (T, n_joint), float64, rad or m.
         a: Command in force at each row, shape (T, n_joint), float64; NaN where it is unknown.
+        x: Channels, shape (T, n_channel), float64, each in its own unit; NaN where none holds. None without channels.
     """
 
     segment: int
     stamp_ns: np.ndarray
     q: np.ndarray
     a: np.ndarray
+    x: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -37,6 +40,7 @@ def resample(
     dt_s: float,
     maximum_gap_s: float,
     notes: list[Note],
+    channels: Sequence[HeldChannel] = (),
 ) -> Iterator[GridRows]:
     """Put a log on the grid (contract, section 2).
 
@@ -50,6 +54,7 @@ def resample(
         dt_s: Time step of the grid.
         maximum_gap_s: Longest gap that is interpolated.
         notes: The count of joint samples before the first command is appended here.
+        channels: The machine's channels.
     """
     gap_ns, step_ns = round(maximum_gap_s * NANOSECONDS), round(dt_s * NANOSECONDS)
     n_early, stretch = 0, -1
@@ -76,7 +81,8 @@ def resample(
                 continue
             stamp_ns, q = segment.extend(section[begin:end])
             if len(stamp_ns):
-                yield GridRows(number, stamp_ns, q, commands.at(stamp_ns))
+                x = [channel.at(section.era, stamp_ns) for channel in channels]
+                yield GridRows(number, stamp_ns, q, commands.at(stamp_ns), np.stack(x, axis=1) if x else None)
     if n_early:
         text = "joint samples before the first command"
         notes.append(Note(NoteKind.left_out, text, n_early, is_usual=True))

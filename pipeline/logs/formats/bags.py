@@ -10,6 +10,7 @@ from pipeline.logs.formats.mcap.file import read_mcap
 from pipeline.logs.formats.rosbag1.file import read_rosbag1
 from pipeline.logs.formats.sqlite3.file import read_sqlite3
 from pipeline.logs.formats.tables import read_table
+from pipeline.logs.messages.channel_sources import channel_collectors, finish_channels
 from pipeline.logs.messages.columns import ColumnStore, MemoryStore
 from pipeline.logs.messages.command_sources import command_adapter
 from pipeline.logs.messages.joint_states import TargetPoseAdapter, joint_state_adapter
@@ -75,7 +76,8 @@ def _read_bag(
     commands = TopicColumns(machine.commands.topic, command_adapter(machine), store)
     pose_adapter = TargetPoseAdapter()
     targets = TopicColumns(machine.target_topic, pose_adapter, store)
-    collectors = (joint_states, commands, targets)
+    channels = channel_collectors(machine, store)
+    collectors = (joint_states, commands, targets, *channels.values())
     wanted = {collector.topic_name for collector in collectors}
     ledger = ReadingLedger(entry.path)
     for note in entry.notes:
@@ -96,6 +98,7 @@ def _read_bag(
                 f"{entry.path}: target poses stand in several frames: {', '.join(frames)}; use one"
             )
         poses = TargetPoses(columns["log_time_ns"], columns["position"], columns["quaternion"], frames[0])
+    found = finish_channels(channels, ledger)
     return RawLog(
         name=entry.name,
         path=entry.path,
@@ -108,4 +111,5 @@ def _read_bag(
         targets=poses,
         message_counts=dict(ledger.counts),
         notes=tuple(ledger.notes),
+        channels=found,
     )

@@ -9,10 +9,11 @@ import polars
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.discover import LogEntry, LogFormat
+from pipeline.logs.messages.channel_sources import channel_table
 from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore
 from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
-from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog
+from pipeline.logs.messages.raw_log import ChannelSamples, Note, NoteKind, RawLog
 from pipeline.machine.specification import MachineSpecification
 
 NANOSECONDS_PER = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
@@ -44,12 +45,14 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
     positions = [columns.position.replace("{joint}", joint) for joint in machine.joint_names]
     commands = [columns.command.replace("{joint}", joint) for joint in machine.joint_names]
     to_positions, to_commands = position_conversion(machine), command_conversion(machine)
+    channels = {channel.name: channel.column for channel in machine.channels if channel.column}
     path = entry.files[0]
     n_rows = n_unused = n_timed = n_long = 0
     example = ""  # of a time that is not understood
     damage: list[str] = []
     try:
-        for frame in _batches(path, entry.format, (columns.time, *positions, *commands), place, damage):
+        wanted = (columns.time, *positions, *commands)
+        for frame in _batches(path, entry.format, wanted, place, damage, tuple(channels.values())):
             n_rows += len(frame)
             if BEYOND in frame.columns:
                 is_long = frame[BEYOND].is_not_null()
@@ -65,6 +68,12 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
                 chosen = has_time & ~np.isnan(values).all(axis=1)
                 store.append(table, {"time_ns": time_ns[chosen], "value": values[chosen]})
                 used |= chosen
+            for name, column in channels.items():
+                if column in frame.columns:
+                    value = _numbers(frame, [column])[:, 0]
+                    chosen = has_time & np.isfinite(value)
+                    store.append(channel_table(name), {"time_ns": time_ns[chosen], "value": value[chosen]})
+                    used |= chosen
             n_unused += int((~used).sum())
             n_timed += int(has_time.sum())
             example = example or _example(frame[columns.time].filter(~has_time))
@@ -102,15 +111,28 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
         command=commanded["value"],
         message_counts={path.name: n_rows},
         notes=tuple(notes),
+        channels={
+            name: ChannelSamples(found["time_ns"], found["value"])
+            for name in channels
+            if (found := store.columns(channel_table(name))) and len(found["time_ns"])
+        },
     )
 
 
 def _batches(
-    path: Path, table_format: LogFormat, wanted: tuple[str, ...], place: str, damage: list[str]
+    path: Path,
+    table_format: LogFormat,
+    wanted: tuple[str, ...],
+    place: str,
+    damage: list[str],
+    optional: tuple[str, ...],
 ) -> Iterator[polars.DataFrame]:
-    """Yield the wanted columns, some ten thousand rows at a time; unreadable rows are noted in `damage`."""
+    """Yield the wanted columns, and the optional ones that the table has, some ten thousand rows at a time.
+
+    Unreadable rows are noted in `damage`.
+    """
     if table_format is LogFormat.parquet:
-        table = _selected(polars.scan_parquet(path), wanted, path, place)
+        table = _selected(polars.scan_parquet(path), wanted, path, place, optional)
         n_rows = 0
         try:
             for frame in _collected(table):
@@ -132,7 +154,7 @@ def _batches(
         if end is not None:
             damage.append(f"byte {end}: no text stands here; the rows before it were read")
             readable = _copy_front(path, end, Path(folder))
-        yield from _collected(_selected(_scan_csv(readable), (*wanted, BEYOND), path, place))
+        yield from _collected(_selected(_scan_csv(readable), wanted, path, place, (*optional, BEYOND)))
 
 
 def _scan_csv(path: Path) -> polars.LazyFrame:
@@ -147,7 +169,9 @@ def _scan_csv(path: Path) -> polars.LazyFrame:
     )
 
 
-def _selected(table: polars.LazyFrame, wanted: tuple[str, ...], path: Path, place: str) -> polars.LazyFrame:
+def _selected(
+    table: polars.LazyFrame, wanted: tuple[str, ...], path: Path, place: str, optional: tuple[str, ...]
+) -> polars.LazyFrame:
     schema = table.collect_schema()
     seen = [name for name in schema if name != BEYOND]
     missing = [name for name in dict.fromkeys(wanted) if name not in schema]
@@ -158,14 +182,15 @@ def _selected(table: polars.LazyFrame, wanted: tuple[str, ...], path: Path, plac
             f"{path}: column {', '.join(missing)} is missing; map it in {place}, or move the table away if it is no "
             f"log; columns seen: {listed}{more}"
         )
-    for number, name in enumerate(wanted):
+    there = [name for name in optional if name in schema]
+    for number, name in enumerate((*wanted, *there)):
         dtype = schema[name]
         is_time = number == 0 and dtype.is_temporal()
         if not (is_time or dtype.is_numeric() or dtype in (polars.String, polars.Boolean, polars.Null)):
             raise InputError(
                 f"{path}: column {name} holds {dtype}, not numbers; map another column in {place}"
             )
-    return table.select(list(dict.fromkeys(wanted)))
+    return table.select(list(dict.fromkeys((*wanted, *there))))
 
 
 def _collected(table: polars.LazyFrame) -> Iterator[polars.DataFrame]:

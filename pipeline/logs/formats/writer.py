@@ -5,7 +5,7 @@ written into copies of it. The same input gives the same bytes.
 """
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +25,7 @@ from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.logs.messages.message_definitions import parse_definition
 from pipeline.logs.messages.message_layout import layout_of, structured_view
-from pipeline.logs.messages.raw_log import NANOSECONDS, TargetPoses
+from pipeline.logs.messages.raw_log import NANOSECONDS, ChannelSamples, TargetPoses
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
 METADATA_VERSION = 9
@@ -54,6 +54,7 @@ def write_bag(
     command_log_time_ns: np.ndarray,
     commands: np.ndarray,
     target_poses: TargetPoses | None = None,
+    channels: Mapping[str, ChannelSamples] | None = None,
     compression: str = "zstd",
 ) -> None:
     """Write one bag with the machine's topics; the folder appears complete or not at all.
@@ -70,6 +71,7 @@ def write_bag(
         command_log_time_ns: When each command was recorded, shape (M,), int64.
         commands: Commands in the machine's joint order, shape (M, n_joint).
         target_poses: Target poses, if any were given.
+        channels: Samples of the machine's channels by name, written as `std_msgs/Float64`; others are left out.
         compression: Of the chunks: `none`, `lz4` or `zstd`.
 
     Raises:
@@ -82,7 +84,7 @@ def write_bag(
             f"{path}: compression `{compression}` is unknown; use one of {', '.join(COMPRESSIONS)}"
         )
     store = get_typestore(Stores.ROS2_HUMBLE)
-    channels = [
+    written = [
         _joint_states(
             store,
             machine,
@@ -94,13 +96,16 @@ def write_bag(
         _commands(store, machine, command_log_time_ns, np.asarray(commands)),
     ]
     if target_poses is not None:
-        channels.append(_targets(store, machine, target_poses))
+        written.append(_targets(store, machine, target_poses))
+    for source in machine.channels:
+        if source.topic and source.name in (channels or {}):
+            written.append(_channel(store, source.topic, (channels or {})[source.name]))
     partial = partial_bag(path)
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     file_name = f"{path.name}_0.mcap"
-    _write_mcap(partial / file_name, store, channels, COMPRESSIONS[compression])
-    _write_metadata(partial / "metadata.yaml", file_name, store, channels)
+    _write_mcap(partial / file_name, store, written, COMPRESSIONS[compression])
+    _write_metadata(partial / "metadata.yaml", file_name, store, written)
     partial.rename(path)
 
 
@@ -185,6 +190,13 @@ def _targets(store: Typestore, machine: MachineSpecification, targets: TargetPos
     numbers |= {f"pose.orientation.{axis}": quaternion[:, [i]] for i, axis in enumerate("wxyz")}
     messages = _serialise(store, prototype, type_name, numbers)
     return _Channel(machine.target_topic, type_name, time_ns, messages)
+
+
+def _channel(store: Typestore, topic: str, samples: ChannelSamples) -> _Channel:
+    type_name = "std_msgs/msg/Float64"
+    values = {"data": as_array(samples.value)[:, None]}
+    messages = _serialise(store, store.types[type_name](data=0.0), type_name, values)
+    return _Channel(topic, type_name, as_array(samples.time_ns), messages)
 
 
 def _header(store: Typestore, frame_id: str) -> "Msg":

@@ -54,6 +54,19 @@ class TargetPoses:
 
 
 @dataclass(frozen=True)
+class ChannelSamples:
+    """What a log holds of one channel.
+
+    Attributes:
+        time_ns: Shape (K,), int64, by the clock that the machine's configuration names.
+        value: Shape (K,), float64, in the channel's unit.
+    """
+
+    time_ns: Column
+    value: Column
+
+
+@dataclass(frozen=True)
 class RawLog:
     """One log as recorded: every message in file order, nothing resampled or cleaned.
 
@@ -71,6 +84,7 @@ class RawLog:
         targets: Target poses, if the log has any.
         message_counts: Messages per topic (rows per file for tables), all topics of the log.
         notes: Damage, losses and irregularities.
+        channels: By name, those of the machine's channels that the log has.
     """
 
     name: str
@@ -84,3 +98,4 @@ class RawLog:
     command_stamp_ns: Column | None = None
     message_counts: dict[str, int] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
+    channels: dict[str, ChannelSamples] = field(default_factory=dict)

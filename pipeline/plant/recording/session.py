@@ -1,6 +1,6 @@
 """Recorded sessions: the operator drives the plant, and the content of a log is kept as arrays."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -10,6 +10,7 @@ from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.physics.kinematics import configuration
+from pipeline.plant.recording.channels import measure, true_values
 from pipeline.plant.recording.operator import OperatorStyle, ScriptedOperator
 from pipeline.plant.simulator import Plant
 
@@ -70,6 +71,9 @@ class SessionLog:
     command_log_time_ns: np.ndarray  # (M,) int64
     commands: np.ndarray  # (M, n_joint) int8
     true_positions: np.ndarray  # (M, n_joint) float64, rad, at the ends of the control periods; not for bags
+    channels: Mapping[
+        str, tuple[np.ndarray, np.ndarray]
+    ]  # log times, int64, and values, of each channel by name
 
 
 def record_session(
@@ -109,6 +113,7 @@ def record_session(
     operator = ScriptedOperator(machine, style, int(operator_seed))
     plant = Plant(parameters, int(plant_seed), start_configuration(machine, int(start_seed)))
     measured = plant.state.link_angle_rad.copy()
+    true_channels = [true_values(plant)]
     n_step = round(minutes * 60.0 / machine.dt_s)
     per_second = max(round(machine.rate_hz), 1)
     pending = list(changes)
@@ -122,8 +127,10 @@ def record_session(
         if sample.joint_states.position_rad.size:
             measured = sample.joint_states.position_rad[-1]
         samples.append(sample)
+        true_channels.append(true_values(plant))
         if progress is not None and step % per_second == 0:
             progress(plant.time_s)
+    measured_channels = measure(np.array(true_channels), machine.dt_s, seed)
     return SessionLog(
         joint_names=machine.joint_names,
         joint_state_header_stamp_ns=_absolute([s.joint_states.stamp_s for s in samples], start_time_ns),
@@ -132,6 +139,10 @@ def record_session(
         command_log_time_ns=_absolute([s.command_log_s for s in samples], start_time_ns),
         commands=commands,
         true_positions=np.concatenate([s.angle_rad for s in samples]),
+        channels={
+            name: (_absolute([channel.log_s], start_time_ns), channel.value)
+            for name, channel in measured_channels.items()
+        },
     )
 
 

@@ -109,6 +109,8 @@ def _log_section(
         _table("Header stamps and log time of joint samples", CLOCK_COLUMNS, metrics, ("clock",)),
         _table("Joints and their commands", JOINT_COLUMNS, metrics, machine.joint_names),
     ]
+    if machine.channels:
+        tables.append(_channel_table(machine, metrics))
     if report.notes:
         rows = [[str(note.kind), str(note.count), note.text] for note in report.notes]
         tables.append(Table("What was lost, left out or changed", ["Kind", "How often", "What"], rows))
@@ -135,6 +137,17 @@ def _log_section(
         tables,
         [f"Later stages will miss: {finding}" for finding in report.findings],
     )
+
+
+def _channel_table(machine: MachineSpecification, metrics: Mapping[str, float | int | None]) -> Table:
+    rows = []
+    for channel in machine.channels:
+        n, *values = (metrics[f"x_{channel.name}/{key}"] for key in ("n", "min", "max", "share_unknown"))
+        low, high = ("–" if value is None else f"{value:.4g} {channel.unit}" for value in values[:2])
+        rows.append(
+            [channel.name, str(n) if n else "not in this log", low, high, f"{100 * (values[2] or 0):.0f}"]
+        )
+    return Table("Channels", ["", "messages", "from", "to", "rows without a value [%]"], rows)
 
 
 def _table(

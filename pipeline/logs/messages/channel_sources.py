@@ -1,0 +1,60 @@
+"""Channels: whatever else a machine records, one number per message (contract, section 1)."""
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.logs.messages.columns import ColumnStore
+from pipeline.logs.messages.field_paths import number_at, stamp_paths, stamps_ns
+from pipeline.logs.messages.message_blocks import LoggedTopic, ReadingLedger
+from pipeline.logs.messages.message_layout import FieldGroup
+from pipeline.logs.messages.raw_log import ChannelSamples, Note, NoteKind
+from pipeline.logs.messages.topic_columns import TopicColumns
+from pipeline.machine.specification import ChannelSource, ClockChoice, MachineSpecification
+
+
+class ChannelAdapter:
+    """A field of any message → column `value` (n,), and `stamp_ns` (n,) if header stamps time the channel."""
+
+    def __init__(self, channel: ChannelSource) -> None:
+        self.role = f"channel {channel.name}"
+        self.path = channel.field
+        self.is_stamped = channel.clock == ClockChoice.header_stamp
+
+    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
+        """The field, and the stamp."""
+        return (self.path, *(stamp_paths() if self.is_stamped else ()))
+
+    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
+        """Pick the field."""
+        stamps = {"stamp_ns": stamps_ns(group)} if self.is_stamped else {}
+        return {"value": number_at(group, self.path), **stamps}
+
+
+def channel_table(name: str) -> str:
+    """Name of a channel's table in the store, as `TopicColumns` has it."""
+    return f"channel_{name}"
+
+
+def channel_collectors(machine: MachineSpecification, store: ColumnStore) -> dict[str, TopicColumns]:
+    """Return a collector for each channel that has a topic, by the channel's name."""
+    return {
+        channel.name: TopicColumns(channel.topic, ChannelAdapter(channel), store)
+        for channel in machine.channels
+        if channel.topic
+    }
+
+
+def finish_channels(collectors: dict[str, TopicColumns], ledger: ReadingLedger) -> dict[str, ChannelSamples]:
+    """Return the samples of the channels that the log has; what makes one unusable is noted."""
+    found = {}
+    for name, collector in collectors.items():
+        if not ledger.counts.get(collector.topic_name):
+            continue
+        try:
+            columns = collector.finish(ledger)
+        except InputError as error:
+            reason = str(error).removeprefix(f"{ledger.path}: ")
+            ledger.notes.append(Note(NoteKind.left_out, reason, ledger.counts[collector.topic_name]))
+            continue
+        found[name] = ChannelSamples(columns.get("stamp_ns", columns["log_time_ns"]), columns["value"])
+    return found
