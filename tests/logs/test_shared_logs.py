@@ -92,12 +92,15 @@ FOLDERS: dict[str, Right] = {
     "pq_duration": Right(),
     "pq_list": Right(rows=(), failures=1, says=("pq_list/a.parquet: column q_j1 holds List(Float64)",)),
     "simtime_zero": Right(says=("commands: their log time is zero",)),
+    # SQLite
+    "db3_neg": Right(says=("15 rows hold no message or an impossible time",), damage=True),
+    "second_type_empty": Right(),
+    "shm_only": Right(),
+    "topic_rows_twice": Right(),
     # Folders, metadata and names
     "foreign_metadata": Right(rows=(WHOLE,) * 2),
     "foreign_metadata_ros1": Right(rows=(WHOLE,) * 3),
-    "link_latest": Right(
-        failures=1, says=("latest.mcap: not an MCAP file",)
-    ),  # the copy holds the link's text
+    "link_latest": Right(failures=1, says=("latest.mcap: not an MCAP file",)),  # it holds the link's text
     "metadata_and_others": Right(rows=(WHOLE,) * 3),
     "name_collision": Right(rows=(160, WHOLE, WHOLE)),
     "yaml_bomb": Right(says=("metadata.yaml is damaged",)),

@@ -60,15 +60,6 @@ def _readable_blocks(
         ledger.notes.append(Note(NoteKind.damage, f"{ledger.path.name}: the file is lost: {reason}"))
 
 
-def _compare_with_metadata(entry: LogEntry, ledger: ReadingLedger) -> None:
-    """Note if `metadata.yaml` states another number of messages than were read."""
-    stated, n_read = entry.message_count, sum(ledger.counts.values())
-    if stated is not None and stated != n_read:
-        kind = NoteKind.damage if n_read < stated else NoteKind.attention
-        text = f"{entry.path.name}: metadata.yaml counts {stated} messages, and {n_read} were read"
-        ledger.notes.append(Note(kind, text, abs(stated - n_read)))
-
-
 def _read_bag(
     entry: LogEntry, machine: MachineSpecification, reader: StorageReader, store: ColumnStore
 ) -> RawLog:
@@ -87,7 +78,8 @@ def _read_bag(
             for collector in collectors:
                 if collector.topic_name == block.topic.name:
                     collector.add(block)
-    _compare_with_metadata(entry, ledger)
+    if entry.message_count is not None:
+        ledger.compare_counts("metadata.yaml states", entry.message_count, sum(ledger.counts.values()))
     sampled, commanded = joint_states.finish(ledger), commands.finish(ledger)
     poses = None
     if not targets.is_empty:

@@ -101,7 +101,7 @@ class TopicColumns:
         Raises:
             InputError: No message of the topic could be used, or its messages have several types.
         """
-        types = {topic.type_name for topic in ledger.topics.get(self.topic_name, [])}
+        types = {topic.type_name for topic in self.definitions}  # one without messages does not count
         if len(types) > 1:
             raise InputError(
                 f"{ledger.path}: {self.adapter.role}: topic {self.topic_name} carries several types "

@@ -127,14 +127,14 @@ def test_metadata_states_files_compression_and_count(tmp_path):
     assert read_metadata(path) == BagMetadata(("a.db3",))
 
 
-@pytest.mark.parametrize(("difference", "kind"), [(5, NoteKind.damage), (-5, NoteKind.attention)])
-def test_the_bags_own_count_is_held_against_what_was_read(place, machine, difference, kind):
+@pytest.mark.parametrize("difference", [5, -5])
+def test_the_bags_own_count_is_held_against_what_was_read(place, machine, difference):
     logs = place("run/run_0.mcap")
     (logs / "run/metadata.yaml").write_text(lists("run_0.mcap"))
     n = sum(read_log(find_logs(logs)[0], machine).message_counts.values())
     (logs / "run/metadata.yaml").write_text(lists("run_0.mcap", message_count=n + difference))
     (note,) = read_log(find_logs(logs)[0], machine).notes
-    assert note.kind is kind and note.count == 5
+    assert note.kind is NoteKind.damage and note.count == 5
     assert str(n) in note.text and str(n + difference) in note.text
 
 

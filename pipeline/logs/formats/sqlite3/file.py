@@ -18,16 +18,18 @@ from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES
 from pipeline.logs.formats.message_compression import decompressed_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.formats.sqlite3.pages import PageRows, UnusualError, rows_in_pages, truncated_rows
-from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, LoggedTopic, MessageBlock, ReadingLedger
+from pipeline.logs.formats.sqlite3.row_count import RowCount
+from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger, by_topic
 from pipeline.logs.messages.message_definitions import full_type_name
 from pipeline.logs.messages.raw_log import Note, NoteKind
 
 MAGIC = b"SQLite format 3\x00"
-SIDE_FILES = ("-journal", "-wal", "-shm")
+JOURNALS = ("-journal", "-wal")  # `-shm` is only an index of `-wal`, and readers leave it behind
 BATCH_ROWS = 4096
 BATCH_BYTES = 1 << 23
 ATTEMPTS_PAST_DAMAGE = 24
 BEFORE_ALL_ROWS = -1 << 62
+NO_TIME = -1
 FAULTS = (sqlite3.Error, UnicodeDecodeError)  # the latter if SQLite's own message quotes damaged text
 # For other topics only the length is read, which spares SQLite the message's further pages.
 QUERY = """
@@ -65,14 +67,14 @@ def read_sqlite3(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> 
 def _database(opened: OpenedFile) -> Iterator[tuple[sqlite3.Connection, bool]]:
     """Open the file so that SQLite writes nothing beside it, and tell whether a crash left a journal."""
     path = opened.path
-    side_files = [path.with_name(path.name + suffix) for suffix in SIDE_FILES]
-    left = [side for side in side_files if side.exists() and side.stat().st_size]
+    journals = [path.with_name(path.name + suffix) for suffix in JOURNALS]
+    left = [journal for journal in journals if journal.exists() and journal.stat().st_size]
     with tempfile.TemporaryDirectory() as folder:
         if left:
             copy = Path(folder) / path.name
             for source in (path, *left):
                 shutil.copyfile(source, copy.with_name(source.name))
-            names = ", ".join(side.name for side in left)
+            names = ", ".join(journal.name for journal in left)
             text = f"{path.name}: a crash left {names}; SQLite rolled a copy back"
             opened.ledger.notes.append(Note(NoteKind.attention, text))
             address = copy.as_uri()
@@ -92,16 +94,20 @@ def _topics(connection: sqlite3.Connection, path: Path) -> dict[int, LoggedTopic
     tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     if not {"topics", "messages"} <= tables:
         found = ", ".join(sorted(map(str, tables))) or "none"
-        raise InputError(f"{path}: an SQLite file, but not a ROS 2 bag (tables: {found}); remove it")
+        raise InputError(
+            f"{path}: an SQLite file, but not a ROS 2 bag (tables: {found}); remove it, or restore it if it was one"
+        )
     definitions: dict[str, tuple[str, str]] = {}
     if "message_definitions" in tables:
         rows = connection.execute(
             "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         )
         definitions = {str(name): (str(text or ""), str(encoding or "")) for name, encoding, text in rows}
+    columns = [name for _, name, *_ in connection.execute("PRAGMA table_info(topics)")]
+    encoding_column = "serialization_format" if "serialization_format" in columns else "'cdr'"  # none in 2018
     topics = {}
     for number, name, type_name, encoding in connection.execute(
-        "SELECT id, name, type, serialization_format FROM topics"
+        f"SELECT id, name, type, {encoding_column} FROM topics"
     ):
         if not isinstance(number, int):
             continue
@@ -126,20 +132,37 @@ class _Messages:
         self.topics = topics
         self.opened = opened
         self.ledger = opened.ledger
+        self.wanted_names = wanted
         self.wanted = {number for number, topic in topics.items() if topic.name in wanted}
         self.last = BEFORE_ALL_ROWS  # the last row read
         self.n_bytes = 0  # of all messages so far
 
     def blocks(self, has_journal: bool) -> Iterator[MessageBlock]:
-        """Yield blocks in the order of recording: from the pages as long as these are as expected, then row by row."""
+        """Count the messages of all topics, yield blocks of the wanted ones, and note which rows are missing."""
+        counted = RowCount(self.opened.size)
+        for rows in self.rows(has_journal):
+            usable = counted.add(rows)
+            for topic, own in by_topic(rows.topic[usable], self.topics):
+                if topic is None:
+                    lost = f"{len(own)} messages belong to a topic that is not described"
+                    self.ledger.damage(None, lost, len(own))
+                    continue
+                self.ledger.count(topic, len(own))
+                if topic.name in self.wanted_names:
+                    own = usable[own]
+                    columns = rows.time_ns[own], rows.data, rows.start[own], rows.length[own]
+                    yield from decompressed_messages(MessageBlock(topic, *columns), self.ledger)
+        counted.tell(self.ledger, self.connection)
+
+    def rows(self, has_journal: bool) -> Iterator[PageRows]:
+        """Yield rows in the order of recording: from the pages as long as these are as expected, then row by row."""
         if not has_journal:
             with suppress(UnusualError):
                 for rows in rows_in_pages(self.opened.file, self.opened.size, self.connection, self.wanted):
                     self.last, self.n_bytes = int(rows.number[-1]), self.n_bytes + int(rows.length.sum())
-                    yield from self.by_topic(rows)
+                    yield rows
                 return
-        for batch in self.batches():
-            yield from self.by_topic(_joined(batch))
+        yield from map(_joined, filter(None, self.batches()))
 
     def batches(self) -> Iterator[list[Row]]:
         """Yield rows in the order of recording; continue after damaged pages."""
@@ -186,24 +209,20 @@ class _Messages:
         return False
 
     def take(self, row: Row, batch: list[Row]) -> None:
-        """Append a row to the batch, or note that its message is missing.
+        """Append a row to the batch; one without a message gets an impossible time.
 
         Raises:
             sqlite3.DatabaseError: Rows repeat, as they do if pages refer to each other in a circle.
         """
         number, topic, time, content = row
-        whole = isinstance(content, bytes | int) and isinstance(time, int) and isinstance(topic, int)
-        if whole:
+        if isinstance(content, bytes | int) and isinstance(time, int) and isinstance(topic, int):
             self.n_bytes += content if isinstance(content, int) else len(content)
-            if self.n_bytes > self.opened.size:
-                raise sqlite3.DatabaseError("rows repeat")
-        if number <= self.last:
+        else:
+            row = (number, 0, NO_TIME, b"")
+        if self.n_bytes > self.opened.size or number <= self.last:
             raise sqlite3.DatabaseError("rows repeat")
         self.last = number
-        if whole and 0 <= time <= MAXIMUM_TIME_NS:
-            batch.append(row)
-        else:
-            self.ledger.damage(None, f"row {number} of table messages holds no message; it is lost")
+        batch.append(row)
 
     def first_readable(self, query: str, damaged: int, beyond: int) -> int:
         """Return the lowest row after which SQLite can read again, between a damaged row and an upper bound."""
@@ -215,21 +234,6 @@ class _Messages:
             except FAULTS:
                 damaged = middle
         return beyond
-
-    def by_topic(self, rows: PageRows) -> Iterator[MessageBlock]:
-        """Count the messages of all topics and yield a block for each wanted topic."""
-        for number in sorted({*rows.topic.tolist()}):
-            own = rows.topic == number
-            n_own = int(own.sum())
-            topic = self.topics.get(number)
-            if topic is None:
-                lost = f"{n_own} messages belong to a topic that is not described"
-                self.ledger.damage(None, lost, n_own)
-                continue
-            self.ledger.count(topic, n_own)
-            if number in self.wanted:
-                block = MessageBlock(topic, rows.time_ns[own], rows.data, rows.start[own], rows.length[own])
-                yield from decompressed_messages(block, self.ledger)
 
 
 def _listed(numbers: set[int]) -> str:
