@@ -10,10 +10,9 @@ from omegaconf.errors import OmegaConfBaseException
 from pipeline.configuration.number_checks import check_numbers
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig
-from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.specification import MACHINE_DIRECTORY, MachineSpecification
 
-CONFIGURATION_DIRECTORY = Path(__file__).resolve().parents[2] / "conf"
-MACHINE_DIRECTORY = CONFIGURATION_DIRECTORY / "machine"
+CONFIGURATION_DIRECTORY = MACHINE_DIRECTORY.parent
 
 
 @dataclass

@@ -16,7 +16,7 @@ from pipeline.errors import InputError
 from pipeline.files.atomic import PARTIAL_SUFFIX, write_whole
 from pipeline.logs.conditioning.excitation import Excitation
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import LogEntry, find_logs
+from pipeline.logs.formats.discover import LogEntry, LogFormat, find_logs
 from pipeline.logs.formats.opened_file import why_unreadable
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
@@ -25,7 +25,7 @@ from pipeline.logs.messages.raw_log import Note, NoteKind
 from pipeline.logs.quality import QualityReport, measure
 from pipeline.logs.trajectories import grid_log, trajectory_sections
 from pipeline.logs.tuples import SUFFIX, Trajectory, is_tuple_file, write_tuples
-from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.specification import MachineSpecification, can_database
 
 SCHEMA_VERSION = 4  # raise it when the tuples or the report of a log change
 RECORD_SUFFIX = ".ingest.json"
@@ -280,7 +280,8 @@ def _fingerprint(entry: LogEntry, settings: _Settings) -> str:
     described += [[note.text for note in entry.notes], entry.message_count]
     sections = [asdict(settings.machine), asdict(settings.config), asdict(settings.loop_tracker)]
     digest.update(json.dumps([*described, *sections]).encode())
-    for path in entry.files:
+    databases = [can_database(settings.machine)] if entry.format is LogFormat.can else []
+    for path in [*entry.files, *filter(Path.exists, databases)]:
         try:
             if (reason := why_unreadable(path)) is not None:
                 digest.update(reason.encode())  # opening a named pipe would block

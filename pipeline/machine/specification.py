@@ -7,10 +7,13 @@ commands are discrete. The dataclasses are mutable because Hydra's structured co
 import enum
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from pipeline.errors import InputError
+
+MACHINE_DIRECTORY = Path(__file__).resolve().parents[2] / "conf" / "machine"
 
 MAXIMUM_OFFSET_S = (
     3e9  # of a topic's clock; enough for one that counts from 1970 beside one that counts from zero
@@ -56,6 +59,11 @@ class ClockChoice(enum.StrEnum):
     )
     header_stamp = "header_stamp"
     log_time = "log_time"  # when the recorder received the message
+
+
+def can_database(machine: "MachineSpecification") -> Path:
+    """Return the path of the DBC file that describes the machine's CAN logs."""
+    return MACHINE_DIRECTORY / (machine.can.database or f"{machine.name}.dbc")
 
 
 def per_joint(entries: list[str], joint_names: tuple[str, ...], place: str) -> list[str]:
@@ -155,8 +163,8 @@ class ChannelSource:
 
     Attributes:
         name: The tuples have it as column `x_<name>`.
-        topic: Of bags.
-        field: Path of the number in the topic's messages ("data", "fluid_pressure", "cells[2].voltage").
+        topic: Of bags; the frame of CAN logs.
+        field: Path of the number in the topic's messages ("data", "fluid_pressure", "cells[2].voltage"); the signal.
         column: Of tables.
         unit: As in the log; values are not converted.
         clock: `log_time` or `header_stamp`.
@@ -180,6 +188,23 @@ class ChannelSource:
             raise InputError(f"channels: hold_s of {self.name} is {self.hold_s}; it must be positive")
         if self.clock == ClockChoice.automatic:
             raise InputError(f"channels: clock of {self.name} is automatic; use header_stamp or log_time")
+
+
+@dataclass
+class CanSource:
+    """Where positions and commands stand in CAN logs, as `FRAME.SIGNAL` of a DBC file.
+
+    Attributes:
+        database: The DBC file, relative to conf/machine; empty: `<name>.dbc`.
+        bus: Only frames of this bus, as the log names it (`can0`, `1`); empty: all.
+        positions: One per joint, or one for all in which `{joint}` stands for the joint's name.
+        commands: Likewise.
+    """
+
+    database: str = ""
+    bus: str = ""
+    positions: list[str] = field(default_factory=lambda: ["ENCODERS.position_{joint}"])
+    commands: list[str] = field(default_factory=lambda: ["COMMAND.command_{joint}"])
 
 
 @dataclass
@@ -240,6 +265,7 @@ class MachineSpecification:
     joint_states: JointStateSource = field(default_factory=JointStateSource)
     commands: CommandSource = field(default_factory=CommandSource)
     columns: ColumnMap = field(default_factory=ColumnMap)
+    can: CanSource = field(default_factory=CanSource)
     target_topic: str = "/target_pose"
     channels: list[ChannelSource] = field(default_factory=list)
     arm: ArmDescription | None = None

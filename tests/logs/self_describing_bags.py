@@ -13,7 +13,11 @@ from tests.logs.conftest import Session
 
 DOUBLE, SINT32 = FieldDescriptorProto.TYPE_DOUBLE, FieldDescriptorProto.TYPE_SINT32
 STRING, MESSAGE = FieldDescriptorProto.TYPE_STRING, FieldDescriptorProto.TYPE_MESSAGE
-KINDS = ("json", "protobuf")
+TYPES = {
+    "json": ("foxglove.JointStates", "std_msgs/msg/Int8MultiArray"),
+    "protobuf": ("foxglove.JointStates", "std_msgs.Int8MultiArray"),
+}
+KINDS = tuple(TYPES)
 
 
 def _add(message, number, name, kind, type_name="", repeated=False, optional=False) -> None:
@@ -25,7 +29,7 @@ def _add(message, number, name, kind, type_name="", repeated=False, optional=Fal
 
 
 def schema_files() -> FileDescriptorSet:
-    """`foxglove.JointStates`, and a command of our own; the file that is imported stands last."""
+    """`foxglove.JointStates` and an array of commands; the file that is imported stands last."""
     file = FileDescriptorProto(name="arm.proto", package="foxglove", syntax="proto3")
     file.dependency.append("google/protobuf/timestamp.proto")
     joint = file.message_type.add(name="JointState")
@@ -34,20 +38,18 @@ def schema_files() -> FileDescriptorSet:
     states = file.message_type.add(name="JointStates")
     _add(states, 1, "timestamp", MESSAGE, ".google.protobuf.Timestamp")
     _add(states, 2, "joints", MESSAGE, ".foxglove.JointState", repeated=True)
-    command = file.message_type.add(name="Command")
-    _add(command, 1, "valves", SINT32, repeated=True)
+    arrays = FileDescriptorProto(name="array.proto", package="std_msgs", syntax="proto3")
+    _add(arrays.message_type.add(name="Int8MultiArray"), 1, "data", SINT32, repeated=True)
     timestamp = FileDescriptorProto()
     timestamp_pb2.DESCRIPTOR.CopyToProto(timestamp)
-    return FileDescriptorSet(file=[file, timestamp])
+    return FileDescriptorSet(file=[file, arrays, timestamp])
 
 
 def classes() -> tuple[type, type]:
     pool = DescriptorPool()
     for file in reversed(schema_files().file):
         pool.Add(file)
-    return tuple(
-        GetMessageClass(pool.FindMessageTypeByName(f"foxglove.{n}")) for n in ("JointStates", "Command")
-    )
+    return tuple(GetMessageClass(pool.FindMessageTypeByName(name)) for name in TYPES["protobuf"])
 
 
 def joint_states(kind: str, stamp_ns: int, names, q) -> bytes:
@@ -65,14 +67,16 @@ def joint_states(kind: str, stamp_ns: int, names, q) -> bytes:
 def command(kind: str, values) -> bytes:
     whole = [int(value) for value in values]
     if kind == "json":
-        return json.dumps({"valves": whole}).encode()
-    return classes_of_a_process[1](valves=whole).SerializeToString()
+        return json.dumps({"data": whole}).encode()
+    return classes_of_a_process[1](data=whole).SerializeToString()
 
 
 classes_of_a_process = classes()
 
 
-def write(path: Path, kind: str, session: Session, names, compression: str = "zstd") -> Path:
+def write(
+    path: Path, kind: str, session: Session, names, compression: str = "zstd", enable_crcs: bool = True
+) -> Path:
     schema = (
         ("jsonschema", json.dumps({"type": "object"}).encode())
         if kind == "json"
@@ -87,11 +91,13 @@ def write(path: Path, kind: str, session: Session, names, compression: str = "zs
     ]
     with path.open("wb") as stream:
         compressions = {"none": CompressionType.NONE, "zstd": CompressionType.ZSTD}
-        writer = Writer(stream, chunk_size=1 << 14, compression=compressions[compression])
+        writer = Writer(
+            stream, chunk_size=1 << 14, compression=compressions[compression], enable_crcs=enable_crcs
+        )
         writer.start(library="test")
         channels = [
-            writer.register_channel(topic, kind, writer.register_schema(f"foxglove.{name}", *schema))
-            for topic, name in (("/joint_states", "JointStates"), ("/joint_commands", "Command"))
+            writer.register_channel(topic, kind, writer.register_schema(name, *schema))
+            for topic, name in zip(("/joint_states", "/joint_commands"), TYPES[kind], strict=True)
         ]
         for time_ns, channel, message in sorted(entries, key=lambda entry: entry[0]):
             writer.add_message(channels[channel], time_ns, message, publish_time=time_ns)

@@ -6,9 +6,11 @@ yield is known without the readers that are tested.
 
 import bz2
 import functools
+import re
 import sqlite3
 import struct
 import tempfile
+import zlib
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -21,6 +23,7 @@ import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
 from pipeline.configuration.load import load_machine
+from tests.logs import can_logs, self_describing_bags
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session, make_session
 
@@ -32,17 +35,29 @@ MCAP = (*MCAP_CHUNKED, MCAP_UNCHUNKED, MCAP_UNCHECKED)
 SQLITE = "SQLite"
 BAGS = (*ROS1, *MCAP, SQLITE)
 TABLES = ("CSV", "Parquet")
+SELF_DESCRIBING = (
+    "MCAP with JSON",
+    "MCAP with Protobuf",
+)  # without checksums, so that damage reaches the messages
+CAN_TEXT = ("CAN, candump", "CAN, ASC")
+CAN_BLF = "CAN, BLF"
+CAN = (*CAN_TEXT, CAN_BLF)
 SUFFIXES = {
     **dict.fromkeys(ROS1, ".bag"),
     **dict.fromkeys(MCAP, ".mcap"),
     SQLITE: ".db3",
     "CSV": ".csv",
     "Parquet": ".parquet",
+    **dict.fromkeys(SELF_DESCRIBING, ".mcap"),
+    "CAN, candump": ".log",
+    "CAN, ASC": ".asc",
+    CAN_BLF: ".blf",
 }
 SECONDS = 12
 ROW_GROUP = 100
 ROSBAG1_VERSION = b"#ROSBAG V2.0\n"
 MCAP_MAGIC_BYTES = 8
+BLF_HEADER_BYTES = 144
 DECOMPRESSORS = {
     "bz2": bz2.decompress,
     "lz4": lz4.frame.decompress,
@@ -151,11 +166,14 @@ def whole_log(kind: str) -> WholeLog:
     if kind in ROS1:
         records = list(rosbag1_records(content))
         chunks, ends = _rosbag1_chunks(content, records, kind)
-    elif kind in MCAP:
+    elif kind in (*MCAP, *SELF_DESCRIBING):
         records = list(mcap_records(content))
         chunks, ends = _mcap_chunks(content, records, kind)
         if kind == MCAP_UNCHUNKED:
             ends = [record.end for record in records if record.opcode == 5]
+    elif kind in CAN:
+        records, chunks = [], []
+        ends = _blf_ends(content) if kind == CAN_BLF else _frame_ends(content)
     elif kind == SQLITE:
         records, chunks, ends = [], [], _sqlite_ends(content)
     else:
@@ -177,6 +195,14 @@ def _write(folder: Path, kind: str) -> Path:
     if kind == MCAP_UNCHECKED:
         bag = foreign.write_rosbag2(folder / "a", entries_of(foreign.ROS2), StoragePlugin.MCAP)
         return next(bag.glob("*.mcap"))
+    if kind in SELF_DESCRIBING:
+        encoding, names = kind.rpartition(" ")[2].lower(), load_machine("bobcat_e10").joint_names
+        return self_describing_bags.write(
+            folder / "a.mcap", encoding, recorded(), names, "none", enable_crcs=False
+        )
+    if kind in CAN:
+        frames = can_logs.frames(recorded(), load_machine("bobcat_e10").joint_names)
+        return can_logs.write(folder / f"a{SUFFIXES[kind]}", frames)
     if kind in MCAP:
         chunked = kind != MCAP_UNCHUNKED
         return foreign.write_mcap(folder / "a.mcap", entries_of(foreign.ROS2), compression or "none", chunked)
@@ -227,6 +253,26 @@ def _mcap_chunks(content: bytes, records: list[Record], kind: str) -> tuple[list
         chunks.append(Chunk(record.start, data_at, record.end, len(inner)))
         ends += [record.end if compression else data_at + r.end for r in inner]
     return chunks, ends
+
+
+def _frame_ends(content: bytes) -> list[int]:
+    """Where the lines end that hold frames."""
+    lines = content.splitlines(keepends=True)
+    ends = np.cumsum([len(line) for line in lines]).tolist()
+    return [end for line, end in zip(lines, ends, strict=True) if re.match(rb"\(\d|\s*\d+\.\d+ +1  ", line)]
+
+
+def _blf_ends(content: bytes) -> list[int]:
+    """Where the containers end in which each frame does."""
+    position, stream, ends = BLF_HEADER_BYTES, b"", []
+    while position < len(content):
+        (size,) = struct.unpack_from("<L", content, position + 8)
+        stream += zlib.decompress(content[position + 32 : position + size])
+        position += size + size % 4
+        while len(stream) >= 16 and len(stream) >= (length := struct.unpack_from("<L", stream, 8)[0]):
+            stream = stream[length + length % 4 :]
+            ends.append(position)
+    return ends
 
 
 def _sqlite_ends(content: bytes) -> list[int]:

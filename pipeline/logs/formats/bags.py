@@ -43,8 +43,16 @@ def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore 
         store = MemoryStore()
     if entry.format in STORAGE_READERS:
         return _read_bag(entry, machine, STORAGE_READERS[entry.format], store)
-    table = read_table(entry, machine, store)
-    return replace(table, notes=(*entry.notes, *table.notes))
+    if entry.format is LogFormat.can:
+        from pipeline.logs.formats.can.log import (
+            read_can,  # other logs need not wait for python-can and cantools
+        )
+
+        read = read_can
+    else:
+        read = read_table
+    raw = read(entry, machine, store)
+    return replace(raw, notes=(*entry.notes, *raw.notes))
 
 
 def _readable_blocks(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.errors import InputError
+from pipeline.logs.formats.can import detect as can_logs
 from pipeline.logs.formats.compressed_file import COMPRESSED_SUFFIXES
 from pipeline.logs.formats.log_names import unique_names
 from pipeline.logs.formats.opened_file import why_unreadable
@@ -25,6 +26,7 @@ class LogFormat(enum.StrEnum):
     sqlite3 = "sqlite3"
     csv = "csv"
     parquet = "parquet"
+    can = "can"
 
 
 BAG_SUFFIXES = (".mcap", ".db3")  # of ROS 2
@@ -89,7 +91,9 @@ def find_logs(directory: Path) -> list[LogEntry]:
             raise InputError(
                 f"{directory}: holds no logs but tuples in the output of ingest; name a folder of logs"
             )
-        expected = "ROS 1 .bag, ROS 2 folders or .db3, .mcap, these with .zstd, .csv, .parquet"
+        expected = (
+            "ROS 1 .bag, ROS 2 folders or .db3, .mcap, these with .zstd, .csv, .parquet, CAN .blf, .asc, .log"
+        )
         raise InputError(f"{directory}: holds no logs ({expected}); name a folder of logs")
     names = unique_names([(entry.name, entry.path) for entry in entries], directory)
     return [replace(entry, name=name) for entry, name in zip(entries, names, strict=True)]
@@ -199,6 +203,8 @@ def _plain(path: Path) -> Path:
 
 def _format_of(path: Path) -> LogFormat | None:
     """Return a file's format, by its name; compressed tables are not supported."""
+    if _plain(path).suffix.lower() in can_logs.SUFFIXES and _is_file(path) and can_logs.is_can_log(path):
+        return LogFormat.can
     found = FORMATS.get(_plain(path).suffix)
     return None if path != _plain(path) and found in (LogFormat.csv, LogFormat.parquet) else found
 

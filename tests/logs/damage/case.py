@@ -11,6 +11,8 @@ from pathlib import Path
 
 from tests.logs.whole_logs import (
     BAGS,
+    CAN,
+    SELF_DESCRIBING,
     TABLES,
     Chunk,
     WholeLog,
@@ -19,7 +21,7 @@ from tests.logs.whole_logs import (
 
 REFUSED = 2  # exit status
 SQLITE_PAGE = 4096
-EVERY_KIND = (*BAGS, *TABLES)
+EVERY_KIND = (*BAGS, *TABLES, *SELF_DESCRIBING, *CAN)
 
 
 class Where(enum.Enum):

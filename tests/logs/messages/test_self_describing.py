@@ -27,7 +27,7 @@ def short(machine):
 @pytest.fixture(scope="module")
 def by_path(machine):
     """Commands by field path; joint states are Foxglove's own, by the joints' names."""
-    paths = [f"valves[{number}]" for number in range(machine.n_joint)]
+    paths = [f"data[{number}]" for number in range(machine.n_joint)]
     return replace(machine, commands=CommandSource(source=CommandSourceKind.field_path, field_paths=paths))
 
 

@@ -1,0 +1,1 @@
+"""CAN logs of every format that `python-can` reads, with signals by a DBC file."""

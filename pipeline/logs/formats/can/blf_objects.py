@@ -1,0 +1,157 @@
+"""The objects of a BLF file (Vector's binary log), intact or damaged, in containers that `python-can` can read.
+
+A file is a header and containers, each plain or compressed; the containers' contents follow one another as a stream of
+objects, which may begin in one container and end in the next. Source: `python-can`'s reader, which stops at the first
+damage and allocates whatever a container declares.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+
+from pipeline.errors import InputError
+from pipeline.logs.formats.opened_file import OpenedFile
+
+FILE_SIGNATURE, SIGNATURE = b"LOGG", b"LOBJ"
+FILE_HEADER = struct.Struct("<4sL24xL")  # signature, length of the header, number of objects
+OBJECT = struct.Struct("<4sHHLL")  # signature, length of the header, its version, length of the object, type
+CONTAINER = struct.Struct("<H6xL4x")  # compression, length when decompressed
+CONTAINER_TYPE, PLAIN, DEFLATED = 10, 0, 2
+LEAST_HEADER_BYTES, MAXIMUM_HEADER_BYTES = 144, 1 << 12
+MAXIMUM_CONTAINER_BYTES = 1 << 25  # recorders write 128 KiB
+MAXIMUM_OBJECT_BYTES = 1 << 16  # of a frame; longer objects are not frames
+PADDING = 8  # objects may be followed by up to as many bytes
+
+
+def readable_pieces(opened: OpenedFile) -> Iterator[BytesIO]:
+    """Yield files of whole objects, one per container; damage is noted in the ledger.
+
+    Raises:
+        InputError: It is not a BLF file.
+    """
+    head = opened.file.read(MAXIMUM_HEADER_BYTES)
+    if len(head) < LEAST_HEADER_BYTES or not head.startswith(FILE_SIGNATURE):
+        raise InputError(f"{opened.path}: not a BLF file, or cut off within its header; remove it")
+    _, length, n_stated = FILE_HEADER.unpack_from(head)
+    if not LEAST_HEADER_BYTES <= length <= len(head):
+        opened.ledger.damage(4, f"the header declares {length} bytes; {LEAST_HEADER_BYTES} are taken")
+        length = LEAST_HEADER_BYTES
+    header = bytearray(head[:length])
+    header[4:8] = struct.pack("<L", length)
+    tail, n_objects = b"", 0
+    for offset, content in _containers(opened, length):
+        objects, tail = _whole_objects(tail + content, offset, opened)
+        n_objects += len(objects)
+        inside = b"".join(objects)
+        size = OBJECT.size + CONTAINER.size + len(inside)
+        container = OBJECT.pack(SIGNATURE, OBJECT.size, 1, size, CONTAINER_TYPE) + CONTAINER.pack(
+            PLAIN, len(inside)
+        )
+        yield BytesIO(bytes(header) + container + inside + bytes(size % 4))
+    if n_objects < n_stated:
+        opened.ledger.damage(
+            None, f"the file states {n_stated} objects; {n_objects} were read", n_stated - n_objects
+        )
+
+
+def _containers(opened: OpenedFile, position: int) -> Iterator[tuple[int, bytes]]:
+    """Yield where each container stands and its decompressed content, or the front of a damaged one."""
+    file, ledger = opened.file, opened.ledger
+    while position + OBJECT.size <= opened.size:
+        file.seek(position)
+        signature, _, _, size, kind = OBJECT.unpack(file.read(OBJECT.size))
+        is_long = kind == CONTAINER_TYPE and size > MAXIMUM_CONTAINER_BYTES
+        if signature != SIGNATURE or size < OBJECT.size or is_long:
+            following = _next_container(opened, position + 1)
+            ledger.damage(position, f"no BLF container stands here; {following - position} bytes are lost")
+            position = following
+            continue
+        if kind == CONTAINER_TYPE:
+            body = file.read(min(size - OBJECT.size, MAXIMUM_CONTAINER_BYTES))
+            if position + size > opened.size:
+                ledger.damage(
+                    position, f"the file ends within this container; {len(body)} of its bytes are there"
+                )
+            elif position + size + size % 4 < opened.size:
+                file.seek(position + size)
+                if SIGNATURE not in file.read(
+                    PADDING
+                ):  # the length is wrong: what is behind it would be skipped
+                    size = _next_container(opened, position + 1) - position
+            yield position, _decompressed(body, position, opened)
+        position += size + size % 4
+
+
+def _next_container(opened: OpenedFile, position: int) -> int:
+    """Where the next container may begin, or the file's size."""
+    overlap = len(SIGNATURE) - 1
+    while position < opened.size:
+        opened.file.seek(position)
+        piece = opened.file.read(1 << 16)
+        if (found := piece.find(SIGNATURE)) >= 0:
+            return position + found
+        position += max(len(piece) - overlap, 1)
+    return opened.size
+
+
+def _decompressed(body: bytes, position: int, opened: OpenedFile) -> bytes:
+    if len(body) < CONTAINER.size:
+        return b""
+    compression, _ = CONTAINER.unpack_from(body)
+    content = body[CONTAINER.size :]
+    if compression == PLAIN:
+        return content
+    if compression != DEFLATED:
+        opened.ledger.damage(
+            position, f"the container's compression is {compression}, which is not known; it is lost"
+        )
+        return b""
+    decompressor, parts, n_bytes = zlib.decompressobj(), [], 0
+    for begin in range(0, len(content), 1 << 12):
+        waiting = content[begin : begin + (1 << 12)]
+        try:
+            part = decompressor.decompress(waiting, MAXIMUM_CONTAINER_BYTES - n_bytes + 1)
+        except zlib.error as error:
+            opened.ledger.damage(
+                position, f"the container cannot be decompressed ({error}); its front was read"
+            )
+            break
+        parts.append(part)
+        n_bytes += len(part)
+        if n_bytes > MAXIMUM_CONTAINER_BYTES:
+            opened.ledger.damage(position, "the container becomes longer than recorders write; it is lost")
+            return b""
+        if decompressor.eof:
+            break
+    return b"".join(parts)
+
+
+def _whole_objects(data: bytes, offset: int, opened: OpenedFile) -> tuple[list[bytes], bytes]:
+    """The whole objects of a container's content, and the rest; `offset` is the container's place in the file."""
+    objects, position, n_lost = [], 0, 0
+    while True:
+        begin = data.find(SIGNATURE, position)
+        if begin < 0:
+            n_lost += max(len(data) - position - PADDING, 0)
+            rest = b""
+            break
+        n_lost += begin - position if begin - position > PADDING else 0
+        if begin + OBJECT.size > len(data):
+            rest = data[begin:]
+            break
+        _, header_length, _, size, _ = OBJECT.unpack_from(data, begin)
+        if not OBJECT.size <= header_length <= size or size > MAXIMUM_OBJECT_BYTES:
+            n_lost += len(SIGNATURE)
+            position = begin + len(SIGNATURE)
+            continue
+        if begin + size > len(data):
+            rest = data[begin:]
+            break
+        objects.append(data[begin : begin + size] + bytes(size % 4))
+        position = begin + size
+    if n_lost:
+        opened.ledger.damage(
+            offset, f"{n_lost} bytes of the container that starts here are no objects; they are lost"
+        )
+    return objects, rest

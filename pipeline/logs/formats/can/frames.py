@@ -1,0 +1,148 @@
+"""Read the frames of CAN logs with `python-can`, intact or damaged."""
+
+import logging
+import math
+import re
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import can
+from can.io.generic import TextIOMessageReader
+
+from pipeline.errors import InputError
+from pipeline.logs.formats.can.blf_objects import readable_pieces
+from pipeline.logs.formats.can.text_lines import TextLines
+from pipeline.logs.formats.opened_file import OpenedFile, opened_file
+from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, ReadingLedger
+
+FAULTS = (ValueError, IndexError, KeyError, TypeError, OverflowError, NotImplementedError, AttributeError)
+# What a reader takes for the header when it goes on after damage, so that it does not take a frame for it.
+TEXT_READERS: dict[str, tuple[type[TextIOMessageReader], dict, str]] = {
+    ".log": (can.CanutilsLogReader, {}, ""),
+    ".asc": (can.ASCReader, {"relative_timestamp": False}, "no internal events logged"),
+    ".trc": (can.TRCReader, {}, ""),
+    ".csv": (can.io.CSVReader, {}, "header"),
+}
+# An ASC line with the data of a frame that `python-can` would pass over, as it does with comments and other events.
+ASC_DATA = re.compile(r"\s[dr]\s+[\da-f]+(\s+[\da-f]{2})+(\s|$)", re.IGNORECASE)
+ASC_FRAME = re.compile(r"\s*\d+\.\d+\s+(\d+\s+(\w+\s+(Tx|Rx)|ErrorFrame)|CANFD)", re.ASCII | re.IGNORECASE)
+SQLITE_QUERY = "SELECT ts, arbitration_id, extended, remote, error, dlc, data FROM messages"
+MICROSECOND_NS = 1_000
+MICROSECONDS = 1_000_000  # per second
+
+
+def read_frames(path: Path, ledger: ReadingLedger) -> Iterator[can.Message]:
+    """Yield the frames of a file; damage is noted in the ledger. Error and remote frames are left out.
+
+    Raises:
+        InputError: The file cannot be opened, or is not of this format.
+    """
+    with opened_file(path, ledger) as opened:
+        suffix = opened.path.suffix.lower()
+        if suffix == ".blf":
+            frames = _of_blf(opened)
+        elif suffix == ".db":
+            frames = _of_sqlite(opened)
+        elif suffix in TEXT_READERS:
+            frames = _of_text(opened, suffix)
+        else:
+            raise InputError(f"{path}: {suffix} is not read; convert it to BLF, ASC or candump's .log")
+        for frame in frames:
+            if not frame.is_error_frame and not frame.is_remote_frame:
+                yield frame
+
+
+def time_ns(frame: can.Message) -> int | None:
+    """Return a frame's time, which readers give in s as a float, to the microsecond; None if it is impossible."""
+    if not math.isfinite(frame.timestamp) or not 0 <= frame.timestamp < MAXIMUM_TIME_NS * 1e-9:
+        return None
+    return round(frame.timestamp * MICROSECONDS) * MICROSECOND_NS
+
+
+def _of_text(opened: OpenedFile, suffix: str) -> Iterator[can.Message]:
+    reader_type, options, header = TEXT_READERS[suffix]
+    lines = TextLines(opened.file, opened.ledger, _is_lost_asc if suffix == ".asc" else None)
+    reader = reader_type(lines, **options)  # type: ignore[arg-type]
+    is_within = False
+    with closing(lines), _warnings_as_damage(lines):
+        while True:
+            if is_within and header:
+                lines.repeat(header)
+            try:
+                for frame in reader:
+                    is_within = True
+                    if getattr(reader, "timestamps_format", None) == "relative":
+                        raise InputError(
+                            f"{opened.path}: its times are relative to the line before; save it with absolute times"
+                        )
+                    yield frame
+                return
+            except FAULTS as error:
+                lines.damaged(f"is not read ({(str(error).splitlines() or [type(error).__name__])[0][:80]})")
+
+
+def _is_lost_asc(line: str) -> bool:
+    """Whether a line of an ASC file was a frame, and cannot be read as one."""
+    is_cut = not line.endswith("\n") and not line.startswith("End")
+    return ASC_FRAME.match(line) is None and (is_cut or ASC_DATA.search(line) is not None)
+
+
+class _DamageHandler(logging.Handler):
+    """Counts what is logged as damaged lines."""
+
+    lines: TextLines
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Count the last line."""
+        self.lines.damaged("is not read")
+
+
+@contextmanager
+def _warnings_as_damage(lines: TextLines) -> Iterator[None]:
+    """Count the lines of which `python-can` only logs that it cannot read them."""
+    logger, handler = logging.getLogger("can"), _DamageHandler(logging.WARNING)
+    handler.lines = lines
+    propagates, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagates
+
+
+def _of_blf(opened: OpenedFile) -> Iterator[can.Message]:
+    for piece in readable_pieces(opened):
+        try:
+            yield from can.BLFReader(piece)
+        except (*FAULTS, can.io.blf.BLFParseError, ArithmeticError) as error:
+            opened.ledger.damage(None, f"a container is not read to its end ({error})")
+
+
+def _of_sqlite(opened: OpenedFile) -> Iterator[can.Message]:
+    """The database of `python-can`, whose own reader would open it for writing."""
+    try:
+        with closing(
+            sqlite3.connect(f"{opened.path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+        ) as connection:
+            for ts, identifier, extended, remote, error, dlc, data in connection.execute(SQLITE_QUERY):
+                if (
+                    not isinstance(data, bytes)
+                    or not isinstance(ts, int | float)
+                    or not isinstance(identifier, int)
+                ):
+                    opened.ledger.damage(None, "a row holds no frame; it is lost")
+                    continue
+                yield can.Message(
+                    timestamp=ts,
+                    arbitration_id=identifier,
+                    is_extended_id=bool(extended),
+                    is_remote_frame=bool(remote),
+                    is_error_frame=bool(error),
+                    dlc=dlc,
+                    data=data,
+                )
+    except sqlite3.Error as error:
+        opened.ledger.damage(None, f"SQLite cannot read on ({error})")
