@@ -44,6 +44,7 @@ CHUNK_HEADER = struct.Struct(
 INDEX_HEADER = struct.Struct("<HI")  # channel, length of its entries in bytes
 ENTRY_BYTES = 8 * ENTRY_WORDS
 DATA_END_BYTES = 4
+SPECIFIED_OPCODES = range(1, 16)
 UNCHUNKED_BATCH_BYTES = 1 << 22
 MAXIMUM_UNCHUNKED_BYTES = 1 << 27  # of a message outside of chunks
 
@@ -84,13 +85,8 @@ class _Scan:
             prefix = self.file.read(PREFIX.size)
             if len(prefix) < PREFIX.size:
                 break
-            opcode, length = PREFIX.unpack(prefix)
+            opcode, length = self.repaired(offset, *PREFIX.unpack(prefix))
             end = offset + PREFIX.size + length
-            if opcode != CHUNK and self.summary.has_chunk(offset):
-                self.ledger.damage(
-                    offset, f"the record's opcode {opcode} is damaged; the index has a chunk here"
-                )
-                opcode = CHUNK
             swallowed = self.summary.next_chunk(offset, min(end, self.size))
             is_cut = end > self.size
             if opcode == 0 or swallowed or (is_cut and opcode != CHUNK):
@@ -117,6 +113,31 @@ class _Scan:
         if not is_ended:
             self.ledger.damage(offset, "the file ends here without MCAP's end mark; all before it was read")
         self.compare()
+
+    def repaired(self, offset: int, opcode: int, length: int) -> tuple[int, int]:
+        """Return a record's opcode and length; where one of them is damaged in a chunk, as the index states it."""
+        stated = self.summary.chunk_lengths.get(offset, 0) - PREFIX.size
+        if opcode != CHUNK and length == stated:
+            self.ledger.damage(offset, f"the record's opcode {opcode} is damaged; the index has a chunk here")
+        elif opcode == CHUNK and length != stated > 0 and self.is_followed(offset, stated):
+            if self.is_followed(offset, length):
+                return opcode, length
+            self.ledger.damage(offset, f"the chunk's length {length} is damaged; the index states {stated}")
+        else:
+            return opcode, length
+        return CHUNK, stated
+
+    def is_followed(self, offset: int, length: int) -> bool:
+        """Return whether another record stands behind that of a given length."""
+        following = offset + PREFIX.size + length
+        if following > self.size:
+            return False
+        self.file.seek(following)
+        prefix = self.file.read(PREFIX.size)
+        if len(prefix) < PREFIX.size:
+            return False
+        opcode, length = PREFIX.unpack(prefix)
+        return opcode in SPECIFIED_OPCODES and following + PREFIX.size + length <= self.size
 
     def compare(self) -> None:
         """Hold the number of messages against what the file states."""
