@@ -117,7 +117,7 @@ def _in_pieces(compression: str, data: bytes, limit: int) -> tuple[bytearray, st
     """Decompress frame after frame up to `limit` bytes; a fault ends this and keeps the earlier bytes."""
     make, fault_type = FRAMES[compression]
     result, waiting = bytearray(), data
-    while waiting and len(result) < limit:
+    while waiting and len(result) < limit and (not result or any(waiting[:4])):  # zeros are padding
         frame, n_before = make(), len(result)
         try:
             while not frame.eof and len(result) < limit and (waiting or not frame.needs_input):

@@ -4,6 +4,7 @@ A storage reader (`mcap`, `rosbag1`, `sqlite3` in `formats`) yields blocks. Mess
 way for all formats, and memory is bounded by the largest chunk.
 """
 
+import functools
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -105,6 +106,8 @@ def by_topic(
 ) -> Iterator[tuple[LoggedTopic | None, np.ndarray]]:
     """Group messages by topic; the channels of one topic are merged in the order of the file.
 
+    Channels whose definitions differ in comments or blanks only count as one topic, which is the first one's.
+
     Args:
         channel: Channel, connection or topic number of each message, shape (n,), integers.
         topics: By channel.
@@ -112,14 +115,27 @@ def by_topic(
     Yields:
         A topic, or None for all channels without one; and which messages are its own, shape (n_own,), ascending.
     """
-    groups: dict[LoggedTopic | None, int] = {}
     numbers = np.unique(channel)
-    group_of = [groups.setdefault(topics.get(number), len(groups)) for number in numbers.tolist()]
+    firsts: list[LoggedTopic | None] = []
+    groups: dict[LoggedTopic | None, int] = {}
+    group_of = []
+    for topic in map(topics.get, numbers.tolist()):
+        group_of.append(groups.setdefault(topic and _bare(topic), len(groups)))
+        firsts += [topic] * (len(groups) - len(firsts))
     # NumPy sorts small integers much faster.
     group = np.array(group_of, np.min_scalar_type(len(groups)))[np.searchsorted(numbers, channel)]
     order = np.argsort(group, kind="stable")
     ends = np.cumsum(np.bincount(group, minlength=len(groups)))
-    yield from zip(groups, np.split(order, ends), strict=False)  # what remains behind the last end is empty
+    yield from zip(firsts, np.split(order, ends), strict=False)  # what remains behind the last end is empty
+
+
+@functools.lru_cache(maxsize=1024)
+def _bare(topic: LoggedTopic) -> LoggedTopic:
+    """Return a topic whose definition has no comments and no blanks beside what it defines."""
+    if topic.definition_format not in ("ros1msg", "ros2msg"):
+        return topic
+    lines = (" ".join(line.partition("#")[0].split()) for line in topic.definition.splitlines())
+    return replace(topic, definition="\n".join(line for line in lines if line))
 
 
 class BlockColumns:
