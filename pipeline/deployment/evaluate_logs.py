@@ -1,5 +1,6 @@
 """The errors of any saved model on any logs; where the logs hold targets, reaching, the delays and what safety did."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.raw_log import RawLog
+from pipeline.logs.telling import cautions
 from pipeline.logs.trajectories import LogTrajectories, make_trajectories
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
@@ -28,6 +30,7 @@ def evaluate_logs(
     ingest: IngestConfig,
     loop_tracker: LoopTrackerConfig,
     maximum_ticks: int,
+    log: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Evaluate a saved model, with its effects, on logs (contract, section 3).
 
@@ -39,6 +42,7 @@ def evaluate_logs(
         ingest: How logs are conditioned.
         loop_tracker: Of their velocities.
         maximum_ticks: Of a reaching trial.
+        log: Called with one sentence per log that is not sound.
 
     Raises:
         InputError: The model is of another machine, or a log cannot be read.
@@ -46,12 +50,14 @@ def evaluate_logs(
     predictor = load_predictor(model, machine=machine)
     entries = find_logs(logs)
     raw = [read_log(entry, machine) for entry in entries]
-    conditioned = [make_trajectories(log, machine, ingest, loop_tracker) for log in raw]
+    conditioned = [make_trajectories(one, machine, ingest, loop_tracker) for one in raw]
+    for caution in cautions(conditioned):
+        log(caution)
     evaluation = evaluate_model(predictor, conditioned, machine, str(logs))
     reaching = evaluate_reaching(conditioned, machine, machine_directory, maximum_ticks)
     if reaching is not None:
         evaluation["reaching"] = reaching
-    if any(log.targets is not None for log in raw):
+    if any(one.targets is not None for one in raw):
         evaluation |= evaluate_deployment(raw, [read_graph_topics(entry) for entry in entries])
     return evaluation
 

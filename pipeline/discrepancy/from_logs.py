@@ -1,5 +1,6 @@
 """Closing the loop on folders of logs: read them, take or identify the model, close the loop, write what it gives."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,8 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.discover import is_empty_folder
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
-from pipeline.logs.trajectories import load_trajectories
+from pipeline.logs.telling import cautions
+from pipeline.logs.trajectories import load_logs
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
@@ -74,10 +76,12 @@ def close_loop_on_logs(
     if allow_empty and is_empty_folder(Path(inputs.measured)):
         log(write_note(output, machine, inputs.model, inputs.nominal, inputs.measured))
         return None
-    nominal, measured = (
-        load_trajectories(Path(folder), machine, ingest, loop_tracker)
-        for folder in (inputs.nominal, inputs.measured)
-    )
+    logs = [
+        load_logs(Path(folder), machine, ingest, loop_tracker) for folder in (inputs.nominal, inputs.measured)
+    ]
+    for caution in cautions(itertools.chain(*logs)):
+        log(caution)
+    nominal, measured = ([rows for one in read for rows in one.trajectories] for read in logs)
     again = seen_again(nominal, measured)
     if again is not None:
         log(

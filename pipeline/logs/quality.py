@@ -8,14 +8,12 @@ from pipeline.logs.conditioning.excitation import Excitation, Figures
 from pipeline.logs.conditioning.order_statistics import quantiles
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.messages.columns import SECTION_ROWS, Column, extent, sections
-from pipeline.logs.messages.notes import without_numbers
-from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog
+from pipeline.logs.messages.raw_log import NANOSECONDS, Note, RawLog
+from pipeline.logs.telling import losses, warnings
 from pipeline.logs.trajectories import GriddedLog, channel_values
 from pipeline.machine.specification import MachineSpecification
 
 SIGNIFICANT_DIGITS = 6
-TOLD = (NoteKind.damage, NoteKind.left_out, NoteKind.changed)  # on the terminal, in this order
-TOLD_NOTES, TOLD_CHARACTERS = 2, 160
 
 
 @dataclass(frozen=True)
@@ -37,19 +35,13 @@ class QualityReport:
     @property
     def line(self) -> str:
         """One line for the terminal: rows, seconds, and of unsound logs what was lost and where, damage first."""
-        told = [note for note in self.notes if note.kind in TOLD and not note.is_usual]
-        alike: dict[str, list[Note]] = {}
-        for note in sorted(told, key=lambda note: TOLD.index(note.kind)):
-            alike.setdefault(without_numbers(note.text), []).append(note)
-        lost = [_told(notes[0], len(notes) - 1) for notes in alike.values()]
-        more = [f"{len(lost) - TOLD_NOTES} more in the quality report"] if len(lost) > TOLD_NOTES else []
         length = f"{self.metrics['n_rows']} rows, {self.metrics['duration_s']:.0f} s"
-        return f"{self.name}: {'; '.join([length, *lost[:TOLD_NOTES], *more])}"
+        return f"{self.name}: {'; '.join([length, *losses(self.notes)])}"
 
     @property
     def warnings(self) -> list[str]:
         """What makes the rows probably wrong until the user acts."""
-        return [note.text for note in self.notes if note.kind is NoteKind.warning]
+        return warnings(self.notes)
 
 
 def measure(
@@ -131,12 +123,6 @@ def sampling(intervals_ns: Column, maximum_gap_s: float) -> Figures:
         "longest_gap_s": extent(intervals_ns)[1] / NANOSECONDS,
         "n_gaps": sum(int((part > gap_ns).sum()) for (part,) in sections((intervals_ns,))),
     }
-
-
-def _told(note: Note, n_alike: int) -> str:
-    text = note.text if note.count == 1 or str(note.count) in note.text else f"{note.count} {note.text}"
-    short = text if len(text) <= TOLD_CHARACTERS else f"{text[: TOLD_CHARACTERS - 1]}…"
-    return f"{short} (and {n_alike} like it)" if n_alike else short
 
 
 def _rounded(value: float | int | None) -> float | int | None:

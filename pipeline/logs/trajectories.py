@@ -68,6 +68,7 @@ class LogTrajectories:
     clock: ClockReport
     notes: list[Note]
     targets: TargetPoses | None = None
+    name: str = ""
 
 
 def grid_log(
@@ -213,7 +214,7 @@ def make_trajectories(
     gridded = grid_log(raw, machine, config, MemoryStore(), section_rows)
     longest = max(gridded.lengths)
     trajectories = list(trajectory_sections(gridded, machine, config, loop_tracker, longest))
-    return LogTrajectories(trajectories, gridded.clock, gridded.notes, raw.targets)
+    return LogTrajectories(trajectories, gridded.clock, gridded.notes, raw.targets, raw.name)
 
 
 def load_trajectories(

@@ -47,6 +47,7 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
         configuration.ingest,
         configuration.control.loop_tracker,
         configuration.episodes.steps,
+        log=print,
     )
     content = json.dumps(evaluation, indent=1, sort_keys=True, allow_nan=False) + "\n"
     write_whole(output, content.encode())

@@ -2,8 +2,11 @@
 
 import pytest
 
+from pipeline.logs.messages.notes import NoteList
 from pipeline.logs.messages.raw_log import Note, NoteKind
 from pipeline.logs.quality import QualityReport
+from pipeline.logs.telling import cautions
+from pipeline.logs.trajectories import load_logs
 from tests.logs.conftest import make_session
 from tests.stages.command import run_stage
 
@@ -25,6 +28,21 @@ def test_damage_comes_first_and_the_rest_is_counted():
         "a: 240 rows, 12 s; a.mcap, byte 10: the chunk is lost (and 2 like it); "
         "7 joint samples: their stamp repeats the one before; 2 more in the quality report"
     )
+
+
+def test_notes_that_were_counted_only_are_more_of_their_kind():
+    notes = NoteList()
+    for byte in range(100):
+        notes.append(Note(NoteKind.damage, f"a.mcap, byte {byte}: a record is lost"))
+    assert line(*notes) == "a: 240 rows, 12 s; a.mcap, byte 0: a record is lost (and more like it)"
+    assert line(Note(NoteKind.damage, "a.mcap, byte 7: a record is lost", 3)).endswith("is lost (3 times)")
+
+
+def test_commands_that_read_logs_directly_get_cautions(session, machine, config, loop_tracker, tmp_path):
+    session.write(tmp_path / "sound", machine)
+    session.write(tmp_path / "late", machine, joint_state_header_stamp_ns=session.stamp_ns - 5 * 10**9)
+    (text,) = cautions(load_logs(tmp_path, machine, config, loop_tracker))
+    assert text.startswith("caution: late: the times of /joint_states are 5.00")
 
 
 def test_long_texts_are_cut():

@@ -9,6 +9,7 @@ from pipeline.logs.messages.raw_log import Note
 
 MAXIMUM_ALIKE = 10  # notes that differ in numbers only, such as the place
 MAXIMUM_NOTES = 200
+MORE = " (and more like this, which are counted only)"
 NUMBER = re.compile(r"\d+")
 
 
@@ -30,7 +31,7 @@ class NoteList(list[Note]):
         alike = without_numbers(note.text)
         key = text = note.text
         if self.n_alike[alike] >= MAXIMUM_ALIKE:
-            key, text = alike, f"{note.text} (and more like this, which are counted only)"
+            key, text = alike, f"{note.text}{MORE}"
         elif len(self) < MAXIMUM_NOTES:
             self.n_alike[alike] += 1
         else:
