@@ -78,11 +78,11 @@ check: env ## check style, layers and types, and run the tests beside what chang
 	bash -c '$(STYLE)' & $(BIN)/python -m tests.beside $(SINCE); tests=$$?; wait $$! && exit $$tests
 
 .PHONY: test
-test: env ## check style, layers and types, and run the tests but the long ones (10 to 20 minutes on two cores, by the machine)
+test: env ## check style, layers and types, and run the tests but the long ones (some 8 minutes on two idle cores)
 	nice -n 5 bash -c '$(STYLE)' & $(PYTEST) -m "not long"; tests=$$?; wait $$! && exit $$tests
 
 .PHONY: test-all
-test-all: env ## run the long tests: whole stages, live ROS graphs, PostgreSQL, MLflow's server, Chromium
+test-all: env ## run the long tests: whole stages and searches, live ROS graphs, PostgreSQL, MLflow's server, Chromium
 	$(PYTEST) -m long
 
 .PHONY: coverage

@@ -88,8 +88,8 @@ def write_case(path: Path, held: bool) -> None:
     """All that the plain side needs, as arrays."""
     machine, arm, config, reward = parts(held)
     task, state = task_and_state(machine, arm, reward)
-    description, specification, workspace = arm.description, task.dynamics.specification, machine.workspace
-    model = description.model
+    specification, workspace = task.dynamics.specification, machine.workspace
+    *moving, tip = arm.joints  # in the machine's order, and the tip's fixed frame
     layers = task.dynamics.network.layers(task.parameters)
     scalars = {
         "icem": dataclasses.asdict(config),
@@ -107,11 +107,11 @@ def write_case(path: Path, held: bool) -> None:
         upper=np.float32(machine.upper),
         velocity_limit=np.float32(specification.velocity_limit),
         residual_scale=np.float32(specification.residual_scale),
-        body_position=np.float32(model.body_pos[1:]),
-        body_quaternion=np.float32(model.body_quat[1:]),
-        axis=np.float32(model.jnt_axis),
-        tip_position=np.float32(description.end_effector_position),
-        tip_quaternion=np.float32(description.end_effector_quaternion),
+        body_position=np.float32([joint.position for joint in moving]),
+        body_quaternion=np.float32([joint.quaternion for joint in moving]),
+        axis=np.float32([joint.axis for joint in moving]),
+        tip_position=np.float32(tip.position),
+        tip_quaternion=np.float32(tip.quaternion),
         motion=state.history.motion,
         commands=state.history.commands,
         q=state.history.q,

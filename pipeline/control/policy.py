@@ -15,6 +15,7 @@ from flax import serialization
 
 from pipeline.effects.store import dynamics_fingerprint
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_json
 
 POLICY_SCHEMA_VERSION = 1
 POLICY_FILE = "policy.msgpack"
@@ -119,7 +120,7 @@ def save_policy(directory: Path, policy: Policy, meta: Mapping[str, Any]) -> Non
         "observation_size": policy.observation_size,
         "action_size": policy.action_size,
     }
-    (directory / META_FILE).write_text(json.dumps({**sizes, **meta}, indent=1, sort_keys=True) + "\n")
+    write_json(directory / META_FILE, {**sizes, **meta}, sort_keys=True)
 
 
 def load_policy(directory: Path) -> tuple[Policy, dict[str, Any]]:

@@ -18,7 +18,7 @@ from pipeline.control.ppo import PPOConfig, train
 from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.errors import InputError
-from pipeline.files.atomic import write_whole
+from pipeline.files.atomic import write_json
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import learning_poses
 from pipeline.reaching.metrics import reaching_metrics
@@ -181,7 +181,7 @@ def load_cell(directory: Path, cell: AblationCell, training: str) -> CellResult 
 def save_cell(directory: Path, cell: AblationCell, training: str, result: CellResult) -> None:
     """Write the cell's file, whole or not at all; arguments as of `load_cell`."""
     content = {"training": training, "steps": result.steps, "metrics": result.metrics}
-    write_whole(directory / f"{cell.name}.json", (json.dumps(content, indent=1) + "\n").encode())
+    write_json(directory / f"{cell.name}.json", content)
 
 
 def finished(

@@ -1,6 +1,5 @@
 """A reaching policy is learned on an identified model with PPO, and saved with what it was learned from."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from pipeline.control.curve import CurvePoint, write_curve
 from pipeline.control.policy import Policy, save_policy
 from pipeline.control.ppo import PPOConfig, train
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
+from pipeline.files.atomic import write_json
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import learning_poses
 from pipeline.reaching.settings import ReachingSettings
@@ -34,7 +34,7 @@ class TrainedPolicy:
         """Write the policy folder."""
         save_policy(output, self.policy, self.lineage)
         write_curve(output / "curves.csv", self.curve)
-        (output / "metrics.json").write_text(json.dumps(self.metrics, indent=1) + "\n")
+        write_json(output / "metrics.json", self.metrics)
 
 
 def train_policy(

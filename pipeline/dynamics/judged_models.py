@@ -1,6 +1,5 @@
 """Selected models judged beside an engineer's references, and the record that tables and figures are made from."""
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from pipeline.dynamics.references.all_references import fit_references
 from pipeline.dynamics.references.grey_box import GreyBoxPredictor
 from pipeline.dynamics.references.narx import NarxPredictor
 from pipeline.dynamics.training.data_split import DataSplit
-from pipeline.files.atomic import write_whole
+from pipeline.files.atomic import write_json
 from pipeline.files.record_file import save_record
 from pipeline.machine.specification import MachineSpecification
 
@@ -47,8 +46,7 @@ class JudgedModels:
     def save(self, folder: Path, machine: MachineSpecification) -> dict[str, float]:
         """Write the metrics as `judgement.json`, and the record that pages are made from; the metrics."""
         metrics = self.metrics(machine)
-        content = json.dumps(metrics, indent=1, sort_keys=True, allow_nan=False) + "\n"
-        write_whole(folder / "judgement.json", content.encode())
+        write_json(folder / "judgement.json", metrics, sort_keys=True, allow_nan=False)
         save_record(folder / RECORD, self)
         return metrics
 

@@ -27,7 +27,7 @@ from pipeline.effects.chain import Chain
 from pipeline.effects.effect import Setting
 from pipeline.effects.predictor import AugmentedPredictor, Onsets
 from pipeline.errors import InputError
-from pipeline.files.atomic import write_whole
+from pipeline.files.atomic import write_json
 from pipeline.machine.specification import MachineSpecification
 
 SCHEMA_VERSION = 1
@@ -90,7 +90,7 @@ def save_effects(directory: Path, effects: ActiveEffects) -> None:
             for family, of in effects.onset_ns.items()
         },
     }
-    write_whole(directory / FILE, (json.dumps(content, indent=1, sort_keys=True) + "\n").encode())
+    write_json(directory / FILE, content, sort_keys=True)
 
 
 def load_effects(directory: Path) -> ActiveEffects | None:

@@ -1,5 +1,6 @@
 """Atomic writes: a file appears complete or not at all."""
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -41,3 +42,14 @@ def write_whole(path: Path, content: bytes | memoryview) -> None:
     """
     with atomic_path(path) as partial:
         partial.write_bytes(content)
+
+
+def write_json(path: Path, content: object, *, sort_keys: bool = False, allow_nan: bool = True) -> None:
+    """Write a JSON document atomically.
+
+    Raises:
+        InputError: The file cannot be written.
+        ValueError: A number is not finite, without `allow_nan`.
+    """
+    text = json.dumps(content, indent=1, sort_keys=sort_keys, allow_nan=allow_nan, ensure_ascii=False)
+    write_whole(path, f"{text}\n".encode())

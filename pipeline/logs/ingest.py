@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import InputError
-from pipeline.files.atomic import PARTIAL_SUFFIX, write_whole
+from pipeline.files.atomic import PARTIAL_SUFFIX, write_json
 from pipeline.logs.conditioning.excitation import Excitation
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import LogEntry, LogFormat, find_logs
@@ -145,7 +145,7 @@ def read_summary(directory: Path) -> IngestSummary:
 
 def write_metrics(summary: IngestSummary, path: Path) -> None:
     """Write the flat metrics as JSON."""
-    write_whole(path, (json.dumps(summary.metrics(), indent=1) + "\n").encode())
+    write_json(path, summary.metrics())
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,7 @@ def _fingerprint(entry: LogEntry, settings: _Settings) -> str:
 
 def _write_record(path: Path, fingerprint: str, tuples_path: Path, report: QualityReport) -> None:
     record = {"fingerprint": fingerprint, "tuples": _file_digest(tuples_path), "report": asdict(report)}
-    write_whole(path, (json.dumps(record, indent=1) + "\n").encode())
+    write_json(path, record)
 
 
 def _read_record(path: Path, fingerprint: str, tuples_path: Path) -> QualityReport | None:

@@ -1,15 +1,13 @@
 """Inverse kinematics: configurations that reach a pose.
 
 Logs and operators name targets as poses; the policy and its reward also want the target's configuration
-(paper, section "Modeling", observations). Computed in float64 with MuJoCo's kinematics, which need no
-compilation.
+(paper, section "Modeling", observations). Computed in float64 with NumPy, which needs no compilation.
 """
 
 import itertools
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -18,6 +16,7 @@ from pipeline.machine.kinematics import Arm, Pose
 from pipeline.machine.orientation import yaw_pitch
 from pipeline.machine.specification import MachineSpecification
 
+STEP = 1e-20  # of complex-step derivatives, which are exact (Squire and Trapp 1998)
 START_FRACTION = 0.25  # starts lie this share of the range inside the limits
 SOLVER_TOLERANCE = 1e-14  # relative, near float64's precision
 SAME_CONFIGURATION = 1e-3  # rad or m: solutions closer than this are one
@@ -64,14 +63,16 @@ def solve_inverse(machine: MachineSpecification, arm: Arm, pose: Pose) -> Soluti
         )
     pitch = float(yaw_pitch(jnp.asarray(quaternion))[1])
     lower, upper = machine.lower, machine.upper
-    chain = _Chain(machine, arm)
+    unit = np.eye(machine.n_joint)
+    pitch_gradient = arm.pitch(unit) - arm.pitch(np.zeros(machine.n_joint))
 
     def residual(q: np.ndarray) -> np.ndarray:
         turn = float(arm.pitch(q)) - pitch
-        return np.append(chain.position(q) - position, np.arctan2(np.sin(turn), np.cos(turn)))
+        return np.append(arm.forward(q).position - position, np.arctan2(np.sin(turn), np.cos(turn)))
 
     def jacobian(q: np.ndarray) -> np.ndarray:
-        return np.vstack([chain.jacobian(q), chain.pitch_gradient])
+        positions = arm.forward(q + STEP * 1j * unit).position
+        return np.vstack([positions.imag.T / STEP, pitch_gradient])
 
     found = []
     for fractions in itertools.product((START_FRACTION, 1.0 - START_FRACTION), repeat=machine.n_joint):
@@ -94,31 +95,3 @@ def solve_inverse(machine: MachineSpecification, arm: Arm, pose: Pose) -> Soluti
             distinct.append(solution)
     position_error, pitch_error, q = (np.array(column) for column in zip(*distinct, strict=True))
     return Solution(q, position_error, pitch_error, bool(reaching))
-
-
-class _Chain:
-    """Position of the tip and its Jacobian in float64."""
-
-    def __init__(self, machine: MachineSpecification, arm: Arm) -> None:
-        self._description = arm.description
-        self._data = mujoco.MjData(arm.description.model)
-        self._body = arm.description.end_effector_link + 1  # MuJoCo counts the world
-        # columns of the file's joints in the machine's order
-        self._columns = np.argsort(arm.description.joint_order)
-        zero = np.zeros(machine.n_joint)
-        self.pitch_gradient = np.array([arm.pitch(row) - arm.pitch(zero) for row in np.eye(machine.n_joint)])
-
-    def position(self, q: np.ndarray) -> np.ndarray:
-        """Position of the tip in {B}, m, shape (3,)."""
-        self._data.qpos[:] = q[self._description.joint_order]
-        mujoco.mj_kinematics(self._description.model, self._data)
-        rotation = self._data.xmat[self._body].reshape(3, 3)
-        return self._data.xpos[self._body] + rotation @ self._description.end_effector_position
-
-    def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Jacobian of the tip's position, shape (3, n_joint)."""
-        point = self.position(q)
-        mujoco.mj_comPos(self._description.model, self._data)
-        rows = np.zeros((3, self._description.model.nv))
-        mujoco.mj_jac(self._description.model, self._data, rows, None, point, self._body)
-        return rows[:, self._columns]

@@ -1,25 +1,26 @@
-"""Forward kinematics of the arm with Brax, from the robot description (paper, "Computational pipeline").
+"""Forward kinematics of the arm, from its URDF (paper, "Computational pipeline").
 
-Brax is imported once an arm is loaded: it takes seconds, and many modules import this one for its types alone.
+The paper computes it with Brax. Here the chain is written out, component by component. That is ten times cheaper in the
+loops of policies and planners, and needs no import that takes seconds. `tests/machine/test_kinematics.py` holds it
+against Brax, MuJoCo and a product of transforms.
 """
 
-import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-import jax
-import jax.numpy as jnp
-import mujoco
 import numpy as np
 
-from pipeline.machine.chain import arm_description
-from pipeline.machine.description import RobotDescription, load_description
-from pipeline.machine.specification import MachineSpecification
+from pipeline.errors import InputError
+from pipeline.machine.chain import FIXED, ChainJoint, arm_description, read_chain, urdf_path
+from pipeline.machine.components import Components, about, add, multiply, rotate, scale
+from pipeline.machine.specification import JointKind, MachineSpecification
 
 if TYPE_CHECKING:
-    from brax import base
+    import jax
 
-Array = TypeVar("Array", jax.Array, np.ndarray)
+Array = TypeVar("Array", "jax.Array", np.ndarray)
+ORIENTATION_TOLERANCE = 1e-9  # on 1 - |r1 . r2| of unit quaternions: some 1e-4 rad
 
 
 class Pose(NamedTuple):
@@ -30,33 +31,50 @@ class Pose(NamedTuple):
         quaternion: unit quaternion (w, x, y, z), shape (..., 4); see `pipeline.machine.orientation`.
     """
 
-    position: jax.Array
-    quaternion: jax.Array
+    position: Any
+    quaternion: Any
 
 
 class Arm:
     """Kinematics of one arm: configurations in the machine's joint order in, poses out.
 
-    Every method is a pure function of its argument, works under `jit`, `vmap` and `grad`, over any leading
-    axes and in the precision of its argument. Arms are built by `load_arm`.
+    Every method is a pure function of its argument, of NumPy or JAX, over any leading axes and in the precision of its
+    argument; with JAX it works under `jit`, `vmap` and `grad`. Arms are built by `load_arm`.
+
+    Attributes:
+        joints: From the base to the chisel tip, fixed ones included.
     """
 
-    def __init__(
-        self, machine: MachineSpecification, description: RobotDescription, system: "base.System"
-    ) -> None:
-        arm = arm_description(machine)
-        self.description = description
+    def __init__(self, machine: MachineSpecification, joints: Sequence[ChainJoint]) -> None:
+        arm, names = arm_description(machine), machine.joint_names
+        self.joints = tuple(joints)
         self.n_joint = machine.n_joint
-        self._joint_order = description.joint_order
-        self._link = description.end_effector_link
-        self._tip_position = description.end_effector_position
-        self._tip_quaternion = description.end_effector_quaternion
-        self._system = system
-        self._yaw_index = machine.joint_names.index(arm.yaw_joint)
-        self._pitch_indices = np.array([machine.joint_names.index(name) for name in arm.pitch_joints])
+        self._columns = [None if joint.kind == FIXED else names.index(joint.name) for joint in joints]
+        self._yaw_index = names.index(arm.yaw_joint)
+        self._pitch_indices = np.array([names.index(name) for name in arm.pitch_joints])
         self._pitch_offset_rad = arm.pitch_offset_rad
 
-    def forward(self, q: jax.Array) -> Pose:
+    def components(self, q: Array) -> tuple[Components, Components]:
+        """Position, m, and unit quaternion of the chisel tip in {B}, for `q` as of `forward`.
+
+        Returns:
+            Components, each of shape (...) or a number.
+        """
+        functions = q.__array_namespace__()
+        position: Components = (0.0, 0.0, 0.0)
+        rotation: Components = (1.0, 0.0, 0.0, 0.0)
+        for joint, column in zip(self.joints, self._columns, strict=True):
+            position = add(position, rotate(rotation, joint.position))
+            rotation = multiply(rotation, joint.quaternion)
+            if column is None:
+                continue
+            if joint.kind == JointKind.prismatic:
+                position = add(position, rotate(rotation, scale(q[..., column], joint.axis)))
+            else:
+                rotation = multiply(rotation, about(joint.axis, q[..., column], functions))
+        return position, rotation
+
+    def forward(self, q: Array) -> Pose:
         """Pose of the chisel tip.
 
         Args:
@@ -66,26 +84,13 @@ class Arm:
             The pose in {B}. The quaternion is continuous in `q` and equals
             `quaternion_from_yaw_pitch(yaw(q), pitch(q))`.
         """
-        from brax import base, kinematics
+        functions = q.__array_namespace__()
 
-        q = jnp.asarray(q)
-        chain = (self._system.link, self._system.dof)
-        link, dof = jax.tree.map(lambda leaf: jnp.asarray(leaf, q.dtype), chain)
-        system = self._system.replace(link=link, dof=dof)
-        tip = base.Transform(
-            pos=jnp.asarray(self._tip_position, q.dtype), rot=jnp.asarray(self._tip_quaternion, q.dtype)
-        )
+        def stacked(components: Components) -> Any:
+            rows = [functions.broadcast_to(functions.asarray(one), q.shape[:-1]) for one in components]
+            return functions.stack([row.astype(q.dtype) for row in rows], axis=-1)
 
-        def single(configuration: jax.Array) -> Pose:
-            # zero velocities in, velocities out ignored: the compiler removes their computation
-            links, _ = kinematics.forward(system, configuration, jnp.zeros_like(configuration))
-            end_effector = links.take(self._link).do(tip)
-            return Pose(end_effector.pos, end_effector.rot)
-
-        # A copy: JAX remembers a NumPy array it has seen at the precision of that time, and callers may use another.
-        flat = q[..., self._joint_order.copy()].reshape(-1, self.n_joint)
-        position, quaternion = jax.vmap(single)(flat)
-        return Pose(position.reshape(*q.shape[:-1], 3), quaternion.reshape(*q.shape[:-1], 4))
+        return Pose(*map(stacked, self.components(q)))
 
     def yaw(self, q: Array) -> Array:
         """Yaw of the chisel, rad, shape (...); positive to the left."""
@@ -97,43 +102,30 @@ class Arm:
 
 
 def load_arm(machine: MachineSpecification, directory: Path) -> Arm:
-    """Builds the arm's kinematics from its robot description.
+    """Build the arm's kinematics from its robot description.
 
     Args:
         machine: the machine; its `arm` section names the URDF and the frame of the chisel tip.
         directory: where conf/machine lies.
 
     Raises:
-        InputError: the machine has no arm section, or its URDF is missing or contradicts it
-            (`pipeline.machine.description.load_description`).
+        InputError: the machine has no arm section; its URDF is missing or contradicts it
+            (`pipeline.machine.chain.read_chain`); or yaw and pitch of the machine are not those of the end
+            effector's frame.
     """
-    import pipeline.machine.quiet_mjx  # noqa: F401 # isort: skip (before Brax)
-    from brax.io import mjcf
-
-    description = load_description(machine, Path(directory))
-    with warnings.catch_warnings():
-        # Brax warns that its physics is unmaintained; only its kinematics and its PPO are used here.
-        warnings.filterwarnings("ignore", message="Brax System", category=UserWarning)
-        system = mjcf.load_model(description.model)
-    return Arm(machine, description, _in_float64(system, description))
+    arm = Arm(machine, read_chain(machine, directory))
+    _check_orientation(machine, urdf_path(machine, directory), arm)
+    return arm
 
 
-def _in_float64(system: "base.System", description: RobotDescription) -> "base.System":
-    """The system with the chain's geometry as float64 NumPy arrays, which Brax had rounded to JAX's
-    precision.
-
-    A URDF gives every moving link one joint, so the links' and the joints' rows agree.
-    """
-    from brax import base
-
-    model = description.model
-    identity = np.tile([1.0, 0.0, 0.0, 0.0], (model.njnt, 1))
-    link = system.link.replace(
-        transform=base.Transform(pos=model.body_pos[1:].copy(), rot=model.body_quat[1:].copy()),
-        joint=base.Transform(pos=model.jnt_pos.copy(), rot=identity),
-    )
-    rotates = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)[:, None]
-    motion = base.Motion(
-        ang=np.where(rotates, model.jnt_axis, 0.0), vel=np.where(rotates, 0.0, model.jnt_axis)
-    )
-    return system.replace(link=link, dof=system.dof.replace(motion=motion))
+def _check_orientation(machine: MachineSpecification, path: Path, arm: Arm) -> None:
+    """Compare the end effector's frame with the specification's yaw and pitch at both ends of the travel."""
+    q = np.array([machine.lower, machine.upper])
+    expected = multiply(about((0, 0, 1), arm.yaw(q), np), about((0, -1, 0), arm.pitch(q), np))
+    same = np.abs(sum(a * b for a, b in zip(arm.components(q)[1], expected, strict=True)))
+    if (same < 1.0 - ORIENTATION_TOLERANCE).any():
+        name = arm_description(machine).end_effector
+        raise InputError(
+            f"{path}: the frame {name} is not turned by yaw about z and then by minus the pitch about y, as section "
+            f"arm of conf/machine/{machine.name}.yaml has them; correct its rpy or the joints' axes"
+        )

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from pipeline.machine.chain import urdf_path
-from pipeline.machine.description import read_urdf
+from pipeline.machine.description import compile_urdf, read_urdf
 from pipeline.machine.poses import workspace_of
 from pipeline.machine.sector import sector_edges, sector_surface
 from pipeline.machine.specification import MachineSpecification, WorkspaceSpecification
@@ -51,7 +51,8 @@ def build_scene(machine: MachineSpecification, directory: Path, width: int, heig
         InputError: the machine lacks arm or workspace, or its URDF is missing or unreadable.
     """
     workspace = workspace_of(machine)
-    scene = read_urdf(urdf_path(machine, directory))
+    path = urdf_path(machine, directory)
+    scene = read_urdf(path)
     scene.compiler.fusestatic = False
     scene.visual.global_.offwidth = width
     scene.visual.global_.offheight = height
@@ -62,7 +63,7 @@ def build_scene(machine: MachineSpecification, directory: Path, width: int, heig
     _add_ground(scene)
     _add_grill(scene, workspace)
     _add_workspace(scene, workspace)
-    return scene.compile()
+    return compile_urdf(scene, path)
 
 
 def _add_light(scene: mujoco.MjSpec) -> None:

@@ -26,7 +26,6 @@ from pipeline.reaching.reward import (
     reward_terms,
     total_reward,
 )
-from pipeline.reaching.tip import tip_pose
 
 
 class Goal(NamedTuple):
@@ -144,7 +143,7 @@ class ReachingTask:
             The state after the last tick, and what every tick led to, (n_ticks, ...).
         """
         history, q = self.dynamics.hold(self.parameters, state.history, command, n_ticks, self.stops)
-        pose = tip_pose(self.arm.description, q)
+        pose = self.arm.forward(q)
         previous = jnp.concatenate([state.command[None], jnp.broadcast_to(command, q[1:].shape)])
         outcome = self.outcome(q, pose, state.goal, command, previous)
         last = jax.tree.map(lambda value: value[-1], pose)

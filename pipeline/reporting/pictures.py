@@ -1,6 +1,5 @@
 """Pictures of the evaluated controllers: films, paths, success rates, learning curves; saved, and loaded again."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_json
 from pipeline.machine.kinematics import Arm, load_arm
 from pipeline.machine.offscreen import RenderingUnavailableError
 from pipeline.machine.poses import workspace_of
@@ -199,7 +199,7 @@ def save_pictures(directory: Path, pictures: Pictures) -> None:
             (directory / file).write_bytes(figure.content)
             entries[name] = {"file": file, "title": figure.title, "caption": figure.caption}
         index[group] = entries
-    (directory / INDEX).write_text(json.dumps(index, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(directory / INDEX, index)
 
 
 def load_pictures(directory: Path) -> Pictures:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.logs.tuples import Trajectory
-from pipeline.machine.chain import read_chain
+from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.chapters.closed_loop import closed_loop_section, closed_loop_table
 from pipeline.reporting.chapters.controllers import controller_section, evaluated, film_section
@@ -65,7 +65,7 @@ def build_report(
         output: folder of the page; links are relative to it.
         provenance: names and values, such as commit and data hashes.
     """
-    arm = read_chain(machine, machine_directory) if machine.arm is not None else None
+    arm = load_arm(machine, machine_directory) if machine.arm is not None else None
     data = data_section(machine, arm, trajectories)
     closed_loop = closed_loop_section(machine, results.closed_loop, output)
     sections = [overview_section(machine, results, data, closed_loop, origin)]

@@ -1,7 +1,6 @@
 """Stage `evaluate_logs`: the errors of any saved model on any logs; where the logs hold targets, reaching, the delays
 that were seen, and what safety did."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
 from pipeline.configuration.paths import InputLogs, InputModel, OutputFile
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.deployment.evaluate_logs import evaluate_logs
-from pipeline.files.atomic import write_whole
+from pipeline.files.atomic import write_json
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.reaching.episodes import EpisodesConfig
 from pipeline.tracking import StageRun, flatten_metrics
@@ -36,7 +35,7 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
     machine, logs, output = configuration.machine, configuration.logs, Path(configuration.output)
     if configuration.allow_empty and not Path(logs).exists():
         note = f"{logs}: no logs"
-        write_whole(output, (json.dumps({"note": note}, indent=1) + "\n").encode())
+        write_json(output, {"note": note})
         print(f"evaluate_logs: {note}")
         return
     evaluation = evaluate_logs(
@@ -49,8 +48,7 @@ def main(configuration: EvaluateLogsStage, run: StageRun) -> None:
         configuration.episodes.steps,
         log=print,
     )
-    content = json.dumps(evaluation, indent=1, sort_keys=True, allow_nan=False) + "\n"
-    write_whole(output, content.encode())
+    write_json(output, evaluation, sort_keys=True, allow_nan=False)
     for name in ("one_step_rmse", "open_loop_rmse_80"):
         values = zip(machine.joint_names, machine.units, evaluation[name].values(), strict=True)
         print(f"{name}: " + ", ".join(f"{joint} {value:.5f} {unit}" for joint, unit, value in values))

@@ -1,6 +1,5 @@
 """Stage `unseal`: what was switched on in the simulated machine, and whether the closed loop's verdict is right."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +7,7 @@ from omegaconf import MISSING
 
 from pipeline.configuration.paths import InputLogs, InputPath, OutputFile
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.files.atomic import write_whole
+from pipeline.files.atomic import write_json
 from pipeline.plant.sealed.unseal import unseal
 from pipeline.tracking import StageRun
 
@@ -31,7 +30,7 @@ def main(configuration: UnsealStage, run: StageRun) -> None:
     if "note" not in content:
         run.inputs(configuration.closed_loop, configuration.seal)
         run.metrics({key: float(value) for key, value in content.items() if isinstance(value, bool)})
-    write_whole(output, (json.dumps(content, indent=1) + "\n").encode())
+    write_json(output, content)
     print(f"unseal: {content.get('note') or ('right' if content['verdict_right'] else 'not right')}")
     run.artifact(output)
 

@@ -18,6 +18,7 @@ from pipeline.dynamics.search.search_space import propose
 from pipeline.dynamics.search.trial_table import TrialRow, write_trials
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.dynamics.training.fit import TrainingDivergedError, fit
+from pipeline.files.atomic import write_json
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 from pipeline.study.configuration import SearchConfig
@@ -102,7 +103,7 @@ class KindStudy:
         ended = self.ended
         write_trials(output / "trials.csv", [table_row(trial, self._searched) for trial in ended])
         meta = {"schema_version": SCHEMA_VERSION, "study": self.name, **self._definition}
-        (output / "meta.json").write_text(json.dumps(meta, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        write_json(output / "meta.json", meta, sort_keys=True)
         return ended
 
 

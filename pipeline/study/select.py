@@ -1,7 +1,6 @@
 """Of each study's trials one model is selected, by the rule that the profile states."""
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.search.selection import explain, select, within_margin
 from pipeline.dynamics.search.trial_table import read_candidates
 from pipeline.errors import InputError
+from pipeline.files.atomic import write_json
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.results.paper import KIND_NAMES
 from pipeline.reporting.tables.selection import (
@@ -105,8 +105,7 @@ def write_selection(
     (output / "selected_models.tex").write_text(table.latex(), encoding="utf-8")
     (output / "selected_models.csv").write_text(table_csv(table), encoding="utf-8")
     for selection in selections:
-        content = json.dumps(record(selection), indent=1, ensure_ascii=False)
-        (output / f"{selection.kind}.json").write_text(content + "\n", encoding="utf-8")
+        write_json(output / f"{selection.kind}.json", record(selection))
     snippet = "# For section `identify` of a profile, or the command line of the stage identify.\n"
     selected = {selection.kind: dataclasses.asdict(selection.winner.training) for selection in selections}
     snippet += yaml.safe_dump({"selected": selected}, sort_keys=False, default_flow_style=None)

@@ -1,7 +1,6 @@
 """Successive targets on the plant, a stand-in for the excavator, recorded as a bag (Sim2Real)."""
 
 import enum
-import json
 import shutil
 from collections import Counter
 from collections.abc import Callable
@@ -21,7 +20,7 @@ from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.compose import GraphSettings, controller_delays, graph_parts
 from pipeline.deployment.successive import run_successive
 from pipeline.deployment.trials import GraphParts
-from pipeline.files.atomic import write_whole
+from pipeline.files.atomic import write_json
 from pipeline.logs.formats.recorded_folders import refuse_foreign
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.parameters import Parameters
@@ -120,7 +119,7 @@ def write_note(output: Path, machine: MachineSpecification) -> str:
 
 
 def _write_goals(output: Path, content: object) -> None:
-    write_whole(output / GOALS, (json.dumps(content, indent=1) + "\n").encode())
+    write_json(output / GOALS, content)
 
 
 def bag_in(output: Path, start: datetime) -> Path:

@@ -1,7 +1,6 @@
 """Targets pursued on the ROS 1 graph at wall-clock time, and the same ones in simulated time to compare with."""
 
 import contextlib
-import json
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,6 +22,7 @@ from pipeline.deployment.successive import run_successive
 from pipeline.deployment.transports.ros1.launch import graph, require_running
 from pipeline.deployment.transports.ros1.operator import Operator
 from pipeline.deployment.viewing.live_view import live_view
+from pipeline.files.atomic import write_json
 from pipeline.logs.formats.recorded_folders import refuse_foreign
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.trajectories import load_logs
@@ -126,7 +126,7 @@ def write_run(
     """How the goals ended, and a bag of what was heard."""
     output.mkdir(parents=True, exist_ok=True)
     content = [asdict(result) for result in results]
-    (output / RESULTS).write_text(json.dumps(content, indent=1) + "\n")
+    write_json(output / RESULTS, content)
     write_bag_of(recorder, output / LOGS, machine)
     print(f"{len(results)} goals: {', '.join(result.outcome for result in results)}")
 

@@ -24,6 +24,7 @@ def test_a_fault_stops_the_machine_within_a_control_period(name: str) -> None:
     assert run.commands_after == run.moves_after == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", FAULTS)
 def test_faults_in_pairs_stop_it_too(first: str) -> None:
     for a, b in combinations(FAULTS, 2):

@@ -214,6 +214,7 @@ def test_a_leak_slows_its_joint_under_way_and_is_one_effect(nominal, model, usua
     assert found["share_in_positive_motion"] == pytest.approx(1.25, abs=0.25)
 
 
+@pytest.mark.long
 def test_nothing_is_found_where_nothing_changed(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     document = close(nominal, [record("measured_1", 21, 4000), record("measured_2", 22, 4000)], model, usual)
     assert document["verdict"] == "none"

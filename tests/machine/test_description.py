@@ -6,6 +6,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
+from pipeline.machine.scene import build_scene
 
 
 @pytest.fixture
@@ -51,13 +52,19 @@ def test_machine_without_arm_is_named(bobcat, machine_directory):
         ),
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 -1"/>', "correct its rpy or the joints' axes"),
         ("</robot>", "", "not a readable URDF"),
-        ('<mass value="45"/>', '<mass value="-45"/>', "not a (readable URDF|valid robot description)"),
     ],
 )
 def test_contradictions_are_told_in_one_line(edited, old, new, message):
     with pytest.raises(InputError, match=message) as caught:
         edited(old, new)
     assert "\n" not in str(caught.value)
+
+
+def test_a_negative_mass_is_told_where_the_arm_is_drawn(bobcat, machine_directory, tmp_path):
+    text = (machine_directory / bobcat.arm.urdf).read_text()
+    (tmp_path / bobcat.arm.urdf).write_text(text.replace('<mass value="45"/>', '<mass value="-45"/>'))
+    with pytest.raises(InputError, match=r"not a (readable URDF|valid robot description)"):
+        build_scene(bobcat, tmp_path, 8, 8)
 
 
 def test_further_moving_joint_is_refused(edited):

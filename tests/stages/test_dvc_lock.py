@@ -1,5 +1,6 @@
 """A lock file that DVC was killed at, by DVC's own reading of it."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,19 +18,26 @@ DVC = str(Path(sys.executable).with_name("dvc"))
 LOCK = (Path(__file__).resolve().parents[2] / "dvc.lock").read_text()[:4000]
 
 
-@pytest.fixture
-def project(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A DVC project in git whose one stage has run, with its lock file committed."""
+    folder = tmp_path_factory.mktemp("finished")
     for command in (["git", "init", "-q"], [DVC, "init", "-q"]):
-        subprocess.run(command, cwd=tmp_path, check=True)
-    (tmp_path / "dvc.yaml").write_text(
+        subprocess.run(command, cwd=folder, check=True)
+    (folder / "dvc.yaml").write_text(
         "stages:\n  count:\n    cmd: echo ran >> runs; echo 1 > one\n    outs: [one]\n"
     )
-    repro(tmp_path)
-    subprocess.run(["git", "add", "-A"], cwd=tmp_path, check=True)
+    repro(folder)
+    subprocess.run(["git", "add", "-A"], cwd=folder, check=True)
     identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
-    subprocess.run(["git", *identity, "commit", "-q", "-m", "all"], cwd=tmp_path, check=True)
-    return tmp_path
+    subprocess.run(["git", *identity, "commit", "-q", "-m", "all"], cwd=folder, check=True)
+    return folder
+
+
+@pytest.fixture
+def project(finished: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be damaged."""
+    return shutil.copytree(finished, tmp_path / "project", symlinks=True)
 
 
 def repro(folder: Path) -> subprocess.CompletedProcess[str]:

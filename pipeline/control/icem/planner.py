@@ -79,8 +79,8 @@ class Planner:
         shape = (config.horizon, self._n_joint)
         return PlannerState(
             key,
-            Proposal(jnp.zeros(shape), jnp.full(shape, config.initial_std)),
-            RankedPlans(jnp.zeros((config.elites, *shape)), jnp.full(config.elites, -jnp.inf)),
+            Proposal(jnp.zeros(shape), jnp.full(shape, config.initial_std, jnp.float32)),
+            RankedPlans(jnp.zeros((config.elites, *shape)), jnp.full(config.elites, -jnp.inf, jnp.float32)),
         )
 
     def decide(self, state: PlannerState, measured: TaskState) -> tuple[PlannerState, jax.Array]:

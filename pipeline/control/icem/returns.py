@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 
 from pipeline.reaching.task import ReachingTask, TaskState
-from pipeline.reaching.tip import tip_pose
 
 SequenceReturns = Callable[[TaskState, jax.Array], jax.Array]
 """Returns (N,) of a state without leading axes, and of the machine's commands (N, H, n_joint)."""
@@ -29,7 +28,7 @@ def sequence_returns(task: ReachingTask, ticks_per_entry: int, discount: float) 
         before = jnp.concatenate([jnp.broadcast_to(state.command, acting[:1].shape), acting[:-1]])
         held = (*acting.shape[:1], q.shape[1] - 1, *acting.shape[2:])
         previous = jnp.concatenate([before, jnp.broadcast_to(acting, held)], axis=1)
-        pose = tip_pose(task.arm.description, q)
+        pose = task.arm.forward(q)
         outcome = task.outcome(q, pose, state.goal, jnp.broadcast_to(acting, q.shape), previous)
         return discounted(outcome.reward, discount)
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from pipeline.machine.chain import urdf_path
-from pipeline.machine.description import read_urdf
+from pipeline.machine.description import compile_urdf, read_urdf
 from pipeline.machine.specification import MachineSpecification
 
 
@@ -24,7 +24,8 @@ class SelfCollision:
         Raises:
             InputError: the machine has no arm, or its URDF is missing or unreadable.
         """
-        self._model = read_urdf(urdf_path(machine, directory)).compile()
+        path = urdf_path(machine, directory)
+        self._model = compile_urdf(read_urdf(path), path)
         self._data = mujoco.MjData(self._model)
         joints = [self._model.joint(name) for name in machine.joint_names]
         self._addresses = np.array([int(joint.qposadr[0]) for joint in joints])

@@ -1,6 +1,5 @@
 """What closing the loop leaves in its folder, and the record that its page is made from."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from pipeline.dynamics.model.store import save_model
 from pipeline.effects.store import FILE, ActiveEffects, save_effects
 from pipeline.effects.unaugmented_model import load_plain_model_of
 from pipeline.errors import InputError
-from pipeline.files.atomic import write_whole
+from pipeline.files.atomic import write_json
 from pipeline.files.record_file import save_record
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
@@ -99,4 +98,4 @@ def _write_models(
 
 
 def _write_document(folder: Path, document: Mapping[str, Any]) -> None:
-    write_whole(folder / DOCUMENT, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
+    write_json(folder / DOCUMENT, document, allow_nan=False)

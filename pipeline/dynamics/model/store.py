@@ -17,7 +17,7 @@ from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecifica
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.model.specify import check_machine
 from pipeline.errors import InputError
-from pipeline.files.atomic import write_whole
+from pipeline.files.atomic import write_json, write_whole
 from pipeline.machine.specification import MachineSpecification
 
 SCHEMA_VERSION = 1
@@ -45,7 +45,7 @@ def save_model(
     # Through a tree map, which orders the keys: equal parameters give equal bytes.
     content = serialization.msgpack_serialize(jax.tree.map(np.asarray, parameters))
     write_whole(directory / "parameters.msgpack", content)
-    write_whole(directory / "metrics.json", _json(dict(metrics)))
+    write_json(directory / "metrics.json", dict(metrics), sort_keys=True, allow_nan=False)
     write_whole(directory / "curves.csv", _csv(curves))
     meta = {
         "schema_version": SCHEMA_VERSION,
@@ -53,7 +53,7 @@ def save_model(
         "parameters_sha256": hashlib.sha256(content).hexdigest(),
         "metadata": dict(metadata),
     }
-    write_whole(directory / "meta.json", _json(meta))
+    write_json(directory / "meta.json", meta, sort_keys=True, allow_nan=False)
 
 
 def load_model(directory: Path) -> tuple[DynamicsModel, Parameters]:
@@ -127,10 +127,6 @@ def _read_meta(directory: Path) -> dict[str, Any]:
     if not isinstance(meta, dict):
         raise InputError(f"{directory}/meta.json: not a JSON object; identify again")
     return meta
-
-
-def _json(content: Mapping[str, Any]) -> bytes:
-    return (json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
 
 
 def _csv(columns: Mapping[str, Sequence[float]]) -> bytes:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.logs.tuples import Trajectory
-from pipeline.machine.chain import ArmChain
+from pipeline.machine.kinematics import Arm
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.figures.clouds import cloud_of
 from pipeline.reporting.figures.workspace import cloud_figure
@@ -14,7 +14,7 @@ from pipeline.reporting.table import Table
 
 
 def data_section(
-    machine: MachineSpecification, arm: ArmChain | None, trajectories: Sequence[Trajectory]
+    machine: MachineSpecification, arm: Arm | None, trajectories: Sequence[Trajectory]
 ) -> Section:
     """The recordings used for training, and their coverage of the workspace."""
     rows = [

@@ -1,11 +1,11 @@
 """Tables and figures of judged models, made from the record that `judge` wrote."""
 
 import csv
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.dynamics.judged_models import RECORD, JudgedModels
+from pipeline.files.atomic import write_json
 from pipeline.files.record_file import load_record
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.figures.models import error_growth_band_figure, open_loop_prediction_figure
@@ -32,7 +32,7 @@ def write(folder: Path, machine: MachineSpecification) -> None:
     write_tables(folder / "tables", compared, judged, machine)
     write_figures(folder / "figures", judged, machine)
     content = {name: comparison.content() for name, comparison in compared.items()}
-    (folder / "comparisons.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_json(folder / "comparisons.json", content)
     for name, comparison in compared.items():
         print(f"{name}: {comparison.sentence()}")
 

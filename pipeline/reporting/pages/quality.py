@@ -7,7 +7,7 @@ from pipeline.files.atomic import write_whole
 from pipeline.logs.ingest import IngestSummary
 from pipeline.logs.quality import QualityReport
 from pipeline.logs.tuples import SUFFIX, thinned_positions
-from pipeline.machine.chain import ArmChain, read_chain
+from pipeline.machine.kinematics import Arm, load_arm
 from pipeline.machine.specification import ClockChoice, MachineSpecification
 from pipeline.reporting.figures.clouds import MAXIMUM_POINTS, cloud_of
 from pipeline.reporting.figures.workspace import cloud_figure
@@ -56,12 +56,12 @@ def write(
         summary: Outcome of the ingestion.
         tuples: Folder of the tuples.
     """
-    arm = read_chain(machine, machine_directory) if machine.arm is not None else None
+    arm = load_arm(machine, machine_directory) if machine.arm is not None else None
     write_whole(folder / NAME, quality_page(machine, arm, summary, tuples).encode())
 
 
 def quality_page(
-    machine: MachineSpecification, arm: ArmChain | None, summary: IngestSummary, tuples_directory: Path
+    machine: MachineSpecification, arm: Arm | None, summary: IngestSummary, tuples_directory: Path
 ) -> str:
     """Lay out the quality report.
 
@@ -101,7 +101,7 @@ def quality_page(
 
 
 def _log_section(
-    machine: MachineSpecification, arm: ArmChain | None, report: QualityReport, tuples_directory: Path
+    machine: MachineSpecification, arm: Arm | None, report: QualityReport, tuples_directory: Path
 ) -> Section:
     metrics = report.metrics
     tables = [

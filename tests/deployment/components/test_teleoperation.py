@@ -220,6 +220,7 @@ def test_what_was_recorded_on_the_ros_graph_is_a_log_as_any_other(recorded: Path
     assert len(trajectory.q) > 20 * (SECONDS - 2) and np.any(trajectory.a)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_same_graph_runs_in_simulated_time(tmp_path: Path) -> None:
     result = run_stage("teleoperate", f"output={tmp_path}", "graph=simulated_time", "seconds=20", folder=ROOT)

@@ -41,6 +41,7 @@ def nominal() -> Sequences:
     return driven(0, minutes=20.0, activity=0.25)
 
 
+@pytest.mark.long
 def test_a_shared_supply_is_known_where_more_joints_move_at_once_than_nominal_logs_show(nominal):
     at_once = np.abs(nominal.command[0]).sum(axis=-1)
     assert np.mean(at_once > SUPPLY) < 0.06

@@ -1,6 +1,5 @@
 """Agreement of the simulated and the real graph: differences between trials of the same targets."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from pipeline.errors import InputError
-from pipeline.files.atomic import write_whole
+from pipeline.files.atomic import write_json, write_whole
 
 CONFIDENCE = 0.95
 COMPARED = {  # metric of a trial (`pipeline.reaching.logged_trials.reaching_summary`) -> its name in tables
@@ -57,7 +56,7 @@ def write_agreement(output: Path, real: Trials, simulated: Trials) -> str:
     """Write `agreement.json` and `agreement.md`, and give the table that is in the latter."""
     differences = paired_differences(real, simulated)
     content = {name: row._asdict() for name, row in differences.items()}
-    (output / "agreement.json").write_text(json.dumps(content, indent=1) + "\n")
+    write_json(output / "agreement.json", content)
     table = agreement_table(differences)
     write_whole(output / "agreement.md", table.encode())
     return table

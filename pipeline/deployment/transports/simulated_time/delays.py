@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.components.controllers import ControllerKind
 from pipeline.errors import InputError
-from pipeline.files.atomic import write_whole
+from pipeline.files.atomic import write_json
 
 SCHEMA_VERSION = 1
 QUANTILES = 201  # equally spaced: the outermost steps hold half a percent each
@@ -109,7 +109,7 @@ def save_delays(path: Path, links: Mapping[str, Distribution], measured: Mapping
             for name, link in links.items()
         },
     }
-    write_whole(path, (json.dumps(content, indent=1) + "\n").encode())
+    write_json(path, content)
 
 
 def load_delays(path: Path) -> MeasuredDelays:
