@@ -1,5 +1,6 @@
 """Turn a folder of logs into tuples and the quality report; logs run in parallel and resume."""
 
+import functools
 import hashlib
 import json
 import os
@@ -286,6 +287,10 @@ def _fingerprint(entry: LogEntry, settings: _Settings) -> str:
             if (reason := why_unreadable(path)) is not None:
                 digest.update(reason.encode())  # opening a named pipe would block
                 continue
+            if entry.part is not None:  # the file holds other logs, too
+                status = path.stat()
+                digest.update(_shared_digest(path, status.st_size, status.st_mtime_ns).encode())
+                continue
             with path.open("rb") as file:
                 digest.update(f"{path.stat().st_size}:".encode())
                 while piece := file.read(HASH_PIECE_BYTES):
@@ -315,6 +320,11 @@ def _report(record: dict[str, Any]) -> QualityReport:
     report = record["report"]
     notes = [Note(**{**note, "kind": NoteKind(note["kind"])}) for note in report["notes"]]
     return QualityReport(report["name"], report["metrics"], notes, report["findings"])
+
+
+@functools.lru_cache(maxsize=16)
+def _shared_digest(path: Path, _size: int, _mtime_ns: int) -> str:
+    return _file_digest(path)
 
 
 def _file_digest(path: Path) -> str:

@@ -208,6 +208,20 @@ class CanSource:
 
 
 @dataclass
+class LeRobotSource:
+    """Where positions and commands stand in LeRobot datasets.
+
+    Attributes:
+        positions: `FEATURE.NAME` or `FEATURE[3]`, one per joint, or one for all in which `{joint}` stands for the
+            joint's name.
+        commands: Likewise.
+    """
+
+    positions: list[str] = field(default_factory=lambda: ["observation.state.{joint}"])
+    commands: list[str] = field(default_factory=lambda: ["action.{joint}"])
+
+
+@dataclass
 class WorkspaceSpecification:
     """The restricted workspace W+ (a cylindrical sector) and the grill, in frame {B}: m and rad."""
 
@@ -266,6 +280,7 @@ class MachineSpecification:
     commands: CommandSource = field(default_factory=CommandSource)
     columns: ColumnMap = field(default_factory=ColumnMap)
     can: CanSource = field(default_factory=CanSource)
+    lerobot: LeRobotSource = field(default_factory=LeRobotSource)
     target_topic: str = "/target_pose"
     channels: list[ChannelSource] = field(default_factory=list)
     arm: ArmDescription | None = None

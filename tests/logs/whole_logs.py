@@ -13,7 +13,7 @@ import tempfile
 import zlib
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import lz4.frame
@@ -23,6 +23,8 @@ import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
 from pipeline.configuration.load import load_machine
+from pipeline.logs.formats.lerobot.writer import write_lerobot
+from pipeline.logs.tuples import Trajectory
 from tests.logs import can_logs, self_describing_bags
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session, make_session
@@ -42,6 +44,8 @@ SELF_DESCRIBING = (
 CAN_TEXT = ("CAN, candump", "CAN, ASC")
 CAN_BLF = "CAN, BLF"
 CAN = (*CAN_TEXT, CAN_BLF)
+LEROBOT = "LeRobot"  # a folder: `content` is its file of frames
+LEROBOT_FRAMES = Path("data/chunk-000/file-000.parquet")
 SUFFIXES = {
     **dict.fromkeys(ROS1, ".bag"),
     **dict.fromkeys(MCAP, ".mcap"),
@@ -52,6 +56,7 @@ SUFFIXES = {
     "CAN, candump": ".log",
     "CAN, ASC": ".asc",
     CAN_BLF: ".blf",
+    LEROBOT: "",
 }
 SECONDS = 12
 ROW_GROUP = 100
@@ -171,6 +176,8 @@ def whole_log(kind: str) -> WholeLog:
         chunks, ends = _mcap_chunks(content, records, kind)
         if kind == MCAP_UNCHUNKED:
             ends = [record.end for record in records if record.opcode == 5]
+    elif kind == LEROBOT:
+        n_messages, records, chunks, ends = 2 * len(session.q), [], [], []
     elif kind in CAN:
         records, chunks = [], []
         ends = _blf_ends(content) if kind == CAN_BLF else _frame_ends(content)
@@ -200,6 +207,8 @@ def _write(folder: Path, kind: str) -> Path:
         return self_describing_bags.write(
             folder / "a.mcap", encoding, recorded(), names, "none", enable_crcs=False
         )
+    if kind == LEROBOT:
+        return write_dataset(folder / "a") / LEROBOT_FRAMES
     if kind in CAN:
         frames = can_logs.frames(recorded(), load_machine("bobcat_e10").joint_names)
         return can_logs.write(folder / f"a{SUFFIXES[kind]}", frames)
@@ -207,6 +216,24 @@ def _write(folder: Path, kind: str) -> Path:
         chunked = kind != MCAP_UNCHUNKED
         return foreign.write_mcap(folder / "a.mcap", entries_of(foreign.ROS2), compression or "none", chunked)
     return write_table(folder / f"a{SUFFIXES[kind]}")
+
+
+def write_dataset(path: Path) -> Path:
+    """Write the joint samples as one episode at 50 Hz, each with the command in force."""
+    session, machine = recorded(), replace(load_machine("bobcat_e10"), rate_hz=50.0)
+    in_force = np.maximum(np.searchsorted(session.command_ns, session.stamp_ns, side="right") - 1, 0)
+    steps = np.arange(len(session.q))
+    episode = Trajectory(
+        "a",
+        0.02 * steps,
+        100_000_000_000 + 20_000_000 * steps,
+        session.q,
+        session.q,
+        session.command[in_force],
+        steps < 0,
+    )
+    write_lerobot(path, machine, [episode], "dig")
+    return path
 
 
 def write_table(path: Path, n_rows: int | None = None) -> Path:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.discover import LogEntry, LogFormat
+from pipeline.logs.formats.lerobot.log import read_lerobot
 from pipeline.logs.formats.mcap.file import read_mcap
 from pipeline.logs.formats.rosbag1.file import read_rosbag1
 from pipeline.logs.formats.sqlite3.file import read_sqlite3
@@ -49,6 +50,8 @@ def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore 
         )
 
         read = read_can
+    elif entry.format is LogFormat.lerobot:
+        read = read_lerobot
     else:
         read = read_table
     raw = read(entry, machine, store)

@@ -9,6 +9,7 @@ from pathlib import Path
 from pipeline.errors import InputError
 from pipeline.logs.formats.can import detect as can_logs
 from pipeline.logs.formats.compressed_file import COMPRESSED_SUFFIXES
+from pipeline.logs.formats.lerobot import dataset as lerobot
 from pipeline.logs.formats.log_names import unique_names
 from pipeline.logs.formats.opened_file import why_unreadable
 from pipeline.logs.formats.rosbag2_metadata import METADATA, BagMetadata, read_metadata
@@ -27,6 +28,7 @@ class LogFormat(enum.StrEnum):
     csv = "csv"
     parquet = "parquet"
     can = "can"
+    lerobot = "lerobot"
 
 
 BAG_SUFFIXES = (".mcap", ".db3")  # of ROS 2
@@ -55,6 +57,7 @@ class LogEntry:
         files: Its files in the order of recording.
         notes: What was found out before it is read, such as missing files.
         message_count: Number of messages that `metadata.yaml` states, if it does.
+        part: Which episode of its files, where these hold several logs.
         error: Why it cannot be read, if already known; `read_log` raises it.
     """
 
@@ -64,6 +67,7 @@ class LogEntry:
     files: tuple[Path, ...]
     notes: tuple[Note, ...] = ()
     message_count: int | None = None
+    part: int | None = None
     error: str = ""
 
 
@@ -112,6 +116,8 @@ def _entries(directory: Path, met: set[Path]) -> list[LogEntry]:
     except OSError as error:
         text = f"{directory}: cannot be read ({error.strerror}); check the folder's permissions"
         return [_broken(directory, text)]
+    if lerobot.is_dataset(directory):
+        return _episodes(directory)
     visible = [child for child in children if child.name[0] != "."]
     folders = [directory / child.name for child in visible if _is_folder(child)]
     files = [directory / child.name for child in visible if not _is_folder(child)]
@@ -128,13 +134,37 @@ def _entries(directory: Path, met: set[Path]) -> list[LogEntry]:
     return sorted(entries, key=lambda entry: entry.path)
 
 
+def _episodes(directory: Path) -> list[LogEntry]:
+    """The episodes of a LeRobot dataset, each a log."""
+    try:
+        lerobot.read_information(directory)
+    except InputError as error:
+        return [_broken(directory, str(error))]
+    entries, stated = [], lerobot.stated_lengths(directory)
+    for path in lerobot.data_files(directory):
+        try:
+            for episode in lerobot.episodes_of(path):
+                name, files = (
+                    f"{directory.name}_episode_{episode:06d}",
+                    (path, directory / lerobot.INFORMATION),
+                )
+                length = stated.pop(episode, None)
+                entries.append(LogEntry(name, directory, LogFormat.lerobot, files, (), length, episode))
+        except InputError as error:
+            entries.append(_broken(path, str(error)))
+    if stated and entries:
+        text = f"{directory.name}: {len(stated)} of the episodes that the dataset states are in none of its files"
+        entries[0] = replace(entries[0], notes=(Note(NoteKind.damage, text, len(stated)),))
+    return entries or [_broken(directory, f"{directory}: a LeRobot dataset without frames; restore data/")]
+
+
 def _each_once(entries: list[LogEntry], directory: Path) -> list[LogEntry]:
     """Drop logs whose files are those of another log, or copies of them, and note each at the log that stays."""
     owner_of: dict[object, LogEntry] = {}
     left_out: dict[Path, list[Note]] = {}
     # Single files follow the bags that hold them, and links and copies follow their originals.
     for entry in sorted(entries, key=lambda one: (_is_copy(one.path), -len(one.files), one.path)):
-        keys = [_identity(path) for path in entry.files]
+        keys = [(_identity(path), entry.part) for path in entry.files]
         owner = owner_of.get(keys[0]) if keys else None
         if owner is not None and all(key in owner_of for key in keys):
             name = entry.path.relative_to(directory)

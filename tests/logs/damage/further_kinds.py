@@ -1,11 +1,23 @@
-"""JSON and Protobuf in MCAP files, and CAN logs: cut off, flipped, zeroed, empty, no log at all, hostile."""
+"""JSON and Protobuf in MCAP files, CAN logs, LeRobot datasets: cut off, flipped, zeroed, empty, no log, hostile."""
 
 import struct
 import zlib
 from pathlib import Path
 
+import polars
+
 from tests.logs.damage.case import Damaged, Where, case, flipped, refused
-from tests.logs.whole_logs import BLF_HEADER_BYTES, CAN, CAN_BLF, CAN_TEXT, SELF_DESCRIBING, WholeLog
+from tests.logs.whole_logs import (
+    BLF_HEADER_BYTES,
+    CAN,
+    CAN_BLF,
+    CAN_TEXT,
+    LEROBOT,
+    LEROBOT_FRAMES,
+    SELF_DESCRIBING,
+    WholeLog,
+    write_dataset,
+)
 
 KINDS = (*SELF_DESCRIBING, *CAN)
 SECTOR = 512
@@ -120,3 +132,54 @@ def immense_object(folder: Path, log: WholeLog) -> Damaged:
     )
     content = log.content[:BLF_HEADER_BYTES] + container + log.content[BLF_HEADER_BYTES:]
     return Damaged(log.write(folder / "a", content), log.n_messages, (r"are no objects",))
+
+
+def dataset(folder: Path, frames: bytes | None = None) -> Path:
+    """A dataset, with other bytes as its file of frames."""
+    path = write_dataset(folder / "a")
+    if frames is not None:
+        (path / LEROBOT_FRAMES).write_bytes(frames)
+    return path
+
+
+@case("cut off before its footer", LEROBOT)
+def cut_frames(folder: Path, log: WholeLog) -> Damaged:
+    return refused(
+        dataset(folder, log.content[: len(log.content) // 2]), r"file-000\.parquet: not a readable table"
+    )
+
+
+@case("empty file", LEROBOT)
+def empty_frames(folder: Path, log: WholeLog) -> Damaged:
+    return refused(dataset(folder, b""), r"file-000\.parquet: not a readable table")
+
+
+@case("bytes of the frames overwritten", LEROBOT)
+def overwritten_frames(folder: Path, log: WholeLog) -> Damaged:
+    """An episode is one row group, which is read up to the damage."""
+    at = len(log.content) // 4
+    content = log.content[:at] + b"\xff" * 500 + log.content[at + 500 :]
+    return Damaged(dataset(folder, content), 0, (r"file-000\.parquet",), 2)
+
+
+@case("frames of an episode are missing", LEROBOT)
+def missing_frames(folder: Path, log: WholeLog) -> Damaged:
+    path = dataset(folder)
+    polars.read_parquet(path / LEROBOT_FRAMES)[:400].write_parquet(path / LEROBOT_FRAMES)
+    return Damaged(path, 800, (r"400 frames of episode 0; the dataset states 600",))
+
+
+@case("info.json that is none", LEROBOT)
+def odd_information(folder: Path, log: WholeLog) -> Damaged:
+    """A million brackets behind the word by which datasets are known."""
+    path = dataset(folder)
+    (path / "meta/info.json").write_bytes(b'{"codebase_version": ' + b"[" * 1_000_000)
+    return refused(path, r"info\.json: not a LeRobot dataset's description")
+
+
+@case("a dataset of version 2", LEROBOT)
+def older_dataset(folder: Path, log: WholeLog) -> Damaged:
+    path = dataset(folder)
+    text = (path / "meta/info.json").read_text().replace("v3.0", "v2.1")
+    (path / "meta/info.json").write_text(text)
+    return refused(path, "version v2.1 is not read; convert it")

@@ -1,0 +1,1 @@
+"""LeRobot datasets, version 3: read as logs, one per episode, and written."""

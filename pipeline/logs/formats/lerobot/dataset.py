@@ -1,0 +1,101 @@
+"""What a LeRobot dataset says of itself (`meta/info.json`), and the episodes in its files."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pipeline.errors import InputError
+
+INFORMATION = Path("meta") / "info.json"
+VERSION = "v3."
+MAXIMUM_INFORMATION_BYTES = 1 << 22
+EPISODE, LENGTH = "episode_index", "length"
+READING_FAULTS = (pa.ArrowException, OSError, ValueError, OverflowError)
+
+
+@dataclass(frozen=True)
+class DatasetInformation:
+    """Of `meta/info.json`.
+
+    Attributes:
+        fps: Frames per second.
+        features: By name: `dtype`, `shape`, `names`.
+    """
+
+    fps: float
+    features: dict[str, dict[str, Any]]
+
+
+def is_dataset(directory: Path) -> bool:
+    """Whether a folder is a LeRobot dataset of any version."""
+    try:
+        with (directory / INFORMATION).open("rb") as file:
+            return b'"codebase_version"' in file.read(MAXIMUM_INFORMATION_BYTES)
+    except OSError:
+        return False
+
+
+def read_information(directory: Path) -> DatasetInformation:
+    """Read `meta/info.json`.
+
+    Raises:
+        InputError: It is damaged, or of another version.
+    """
+    path = directory / INFORMATION
+    try:
+        with path.open("rb") as file:
+            content = json.loads(file.read(MAXIMUM_INFORMATION_BYTES))
+        version, fps, features = str(content["codebase_version"]), float(content["fps"]), content["features"]
+        if not all(isinstance(feature, dict) for feature in features.values()):
+            raise TypeError("features are no descriptions")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:80]
+        raise InputError(f"{path}: not a LeRobot dataset's description ({reason})") from error
+    if not version.startswith(VERSION):
+        raise InputError(
+            f"{path}: version {version[:20]} is not read; convert it with lerobot's script to v3.0"
+        )
+    if not 0 < fps < 1e6:
+        raise InputError(f"{path}: fps is {fps}; it must be positive")
+    return DatasetInformation(fps, features)
+
+
+def data_files(directory: Path) -> list[Path]:
+    """The files of frames, in order."""
+    return sorted((directory / "data").glob("*/*.parquet"))
+
+
+def episodes_of(path: Path) -> list[int]:
+    """Episodes in a file of frames, in order.
+
+    Raises:
+        InputError: The file cannot be read.
+    """
+    found: set[int] = set()
+    try:
+        with pq.ParquetFile(path) as file:
+            for batch in file.iter_batches(columns=[EPISODE]):
+                found |= set(np.unique(batch.column(0).drop_null().to_numpy(zero_copy_only=False)).tolist())
+    except READING_FAULTS as error:
+        if not found:
+            raise InputError(
+                f"{path}: not a readable table ({(str(error).splitlines() or [''])[0]})"
+            ) from error
+    return sorted(int(episode) for episode in found)
+
+
+def stated_lengths(directory: Path) -> dict[int, int]:
+    """Number of frames of each episode, as the dataset's list of episodes states them; empty if it cannot be read."""
+    lengths: dict[int, int] = {}
+    for path in sorted((directory / "meta" / "episodes").glob("*/*.parquet")):
+        try:
+            table = pq.read_table(path, columns=[EPISODE, LENGTH])
+            lengths |= dict(zip(table[EPISODE].to_pylist(), table[LENGTH].to_pylist(), strict=True))
+        except (*READING_FAULTS, KeyError):
+            continue
+    return {episode: length for episode, length in lengths.items() if isinstance(length, int)}

@@ -1,0 +1,73 @@
+"""Where a machine's joints stand among the features of a LeRobot dataset."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from pipeline.errors import InputError
+
+
+@dataclass(frozen=True)
+class Element:
+    """One number of a feature: the feature's name, and the number's position in it."""
+
+    feature: str
+    index: int
+
+    def values(self, batch: pa.RecordBatch) -> np.ndarray:
+        """Return the numbers of a batch of frames, shape (n,), float64; NaN where a frame lacks it.
+
+        Raises:
+            InputError: The column holds no numbers.
+        """
+        column = batch.column(batch.schema.get_field_index(self.feature))
+        kind = column.type
+        if pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
+            lengths = pc.list_value_length(column).fill_null(0).to_numpy(zero_copy_only=False)
+            is_there = lengths > self.index
+            values = np.full(len(column), np.nan)
+            if is_there.any():
+                values[is_there] = _floats(
+                    pc.list_element(column.filter(pa.array(is_there)), self.index), self.feature
+                )
+            return values
+        return _floats(column, self.feature)
+
+
+def element_of(entry: str, features: dict[str, dict[str, Any]], place: str) -> Element:
+    """Find `FEATURE[3]`, or `FEATURE.NAME` by the names that the dataset gives the feature's numbers.
+
+    Raises:
+        InputError: There is no such feature or name.
+    """
+    for feature in sorted((name for name in features if entry.startswith(name)), key=len, reverse=True):
+        rest, names = entry[len(feature) :], names_of(features[feature])
+        if not rest:
+            return Element(feature, 0)
+        if rest.startswith("[") and rest.endswith("]") and rest[1:-1].isdecimal():
+            return Element(feature, int(rest[1:-1]))
+        if rest.startswith(".") and rest[1:] in names:
+            return Element(feature, names.index(rest[1:]))
+        if rest.startswith("."):
+            listed = ", ".join(names[:24]) or "no names; use [0], [1], …"
+            raise InputError(f"{place}: feature {feature} has no number `{rest[1:]}`; it has {listed}")
+    raise InputError(f"{place}: no feature `{entry}`; the dataset has {', '.join(list(features)[:24])}")
+
+
+def names_of(feature: dict[str, Any]) -> list[str]:
+    """The names of a feature's numbers, in order; empty if it has none. They are a list, or one in a dictionary."""
+    names = feature.get("names")
+    if isinstance(names, dict):
+        parts = [part if isinstance(part, list) else [name] for name, part in names.items()]
+        names = [name for part in parts for name in part]
+    return [str(name) for name in names] if isinstance(names, list) else []
+
+
+def _floats(column: pa.Array, feature: str) -> np.ndarray:
+    try:
+        return column.cast(pa.float64(), safe=False).fill_null(np.nan).to_numpy(zero_copy_only=False)
+    except (pa.ArrowException, NotImplementedError) as error:
+        raise InputError(f"feature {feature} holds {column.type}, not numbers") from error
