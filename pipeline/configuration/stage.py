@@ -25,6 +25,7 @@ from pipeline.configuration.load import CONFIGURATION_DIRECTORY
 from pipeline.configuration.number_checks import check_numbers
 from pipeline.configuration.paths import check_paths
 from pipeline.errors import InputError
+from pipeline.files.path_checks import refuse_unusable
 from pipeline.machine.specification import MachineSpecification
 from pipeline.tracking import StageRun, TrackingConfiguration, track
 
@@ -86,9 +87,27 @@ def stage(
                 with track(name, typed.tracking, resolved, text, _sweep(), unread) as run:
                     function(typed, run)
 
-        return hydra.main(version_base="1.3", config_path=str(CONFIGURATION_DIRECTORY), config_name=name)(job)
+        main = hydra.main(version_base="1.3", config_path=str(CONFIGURATION_DIRECTORY), config_name=name)(job)
+
+        @functools.wraps(function)
+        def command() -> None:
+            _check_run_folder(name)
+            main()
+
+        return command
 
     return decorate
+
+
+def _check_run_folder(name: str) -> None:
+    """Exit in one line if Hydra could not make its run folder, which it tells by a traceback."""
+    if any("hydra." in argument for argument in sys.argv[1:]):  # the folder is another
+        return
+    try:
+        refuse_unusable("hydra.run.dir", "runs", is_file=False)
+    except InputError as error:
+        print(f"error: {name}: {error}", file=sys.stderr, flush=True)
+        sys.exit(INPUT_ERROR_STATUS)
 
 
 def _sweep() -> tuple[str, str] | None:

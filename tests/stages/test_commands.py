@@ -317,3 +317,12 @@ def test_an_output_beside_the_folder_costs_no_folder_of_the_same_name(stage: str
     assert done.returncode == 2
     assert "checkpoints/../data2" in done.stderr and "without .." in done.stderr
     assert (here / "data2" / "results.txt").read_text() == "mine"
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A read-only checkout: one line instead of Hydra's traceback."""
+    monkeypatch.setattr("pipeline.files.path_checks.os.access", lambda *_: False)
+    ended = run_stage("ingest", "logs=logs", "output=tuples", folder=tmp_path)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("error: ingest: hydra.run.dir=runs: . must not be written to")
+    assert ended.stderr.count("\n") == 1 and not list(tmp_path.iterdir())

@@ -9,11 +9,13 @@ from collections.abc import Iterator
 import numpy as np
 import zstandard
 
-from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
+from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError
+from pipeline.logs.formats.compressed_file import MAXIMUM_EXPANSION
 from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger
 
 FRAME_MAGIC = np.frombuffer(b"\x28\xb5\x2f\xfd", np.uint8)
 BATCH_BYTES = 1 << 23  # of decompressed messages in one block
+ALWAYS_ALLOWED_BYTES = 1 << 16  # of one message; zeros alone shrink more than `MAXIMUM_EXPANSION`
 
 
 def decompressed_messages(block: MessageBlock, ledger: ReadingLedger) -> Iterator[MessageBlock]:
@@ -64,12 +66,13 @@ def _decompressed(frame: memoryview, decompressor: zstandard.ZstdDecompressor) -
     Raises:
         DecompressionError: The message is damaged or too large.
     """
+    limit = min(max(ALWAYS_ALLOWED_BYTES, MAXIMUM_EXPANSION * len(frame)), MAXIMUM_CHUNK_BYTES)
     try:
-        if 0 <= zstandard.frame_content_size(frame) <= MAXIMUM_CHUNK_BYTES:
-            return decompressor.decompress(frame)
+        if zstandard.frame_content_size(frame) > limit:
+            raise DecompressionError(f"it becomes more than {MAXIMUM_EXPANSION} times as long")
+        return decompressor.decompress(frame, max_output_size=limit)
     except zstandard.ZstdError as error:
         raise DecompressionError(f"zstd: {error}") from error
-    return decompress("zstd", bytes(frame), None)
 
 
 def _joined(block: MessageBlock, times: list[int], messages: list[bytes]) -> MessageBlock:

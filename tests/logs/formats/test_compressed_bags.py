@@ -200,6 +200,8 @@ def test_damaged_messages_are_counted(tmp_path, machine, short, entries, with_me
     compressor = zstandard.ZstdCompressor().compressobj(size=600 << 20)  # more than a message may have
     bomb = b"".join(compressor.compress(bytes(1 << 20)) for _ in range(600)) + compressor.flush()
     broken = {10: b"", 20: rows[20][1][:-3], 30: b"\xff" + rows[30][1][1:], 40: bomb}
+    broken[60] = zstandard.compress(bytes(100 << 20))  # ten thousand times as long
+    broken[70] = zstandard.ZstdCompressor(write_content_size=False).compress(bytes(100 << 20))
     broken[50] = rows[50][1][:12] + b"\xff\xff" + rows[50][1][14:]
     for index, data in broken.items():
         connection.execute("UPDATE messages SET data = ? WHERE id = ?", (data, rows[index][0]))
@@ -207,7 +209,7 @@ def test_damaged_messages_are_counted(tmp_path, machine, short, entries, with_me
     connection.close()
     raw = read(tmp_path, machine)
     lost = [index for index, t in enumerate(short.log_time_ns) if t not in raw.joint_log_time_ns]
-    assert {10, 20, 30, 40} <= set(lost) <= set(broken)
+    assert {10, 20, 30, 40, 60, 70} <= set(lost) <= set(broken)
     kept = np.delete(np.arange(len(short.q)), lost)
     sure = kept[kept != 50]  # a flipped bit in a frame without a checksum may go unnoticed
     np.testing.assert_array_equal(raw.q[np.isin(kept, sure)], short.q[sure])
