@@ -55,7 +55,7 @@ class RowCount:
             gaps = [f"{first} to {last}" if first < last else str(first) for first, last in self.gaps]
             n_listed = sum(last - first + 1 for first, last in self.gaps)
             places = _abridged(gaps, len(gaps) + (self.n_missing > n_listed))
-            lost = f"{self.n_missing} row numbers are missing ({places}): their messages are lost or were deleted"
+            lost = f"row numbers are missing ({places}): {self.n_missing} messages are lost or were deleted"
             ledger.damage(None, lost, self.n_missing)
         limit = max(2 * self.n_rows, LEAST_LIMIT)
         with suppress(sqlite3.Error, UnicodeDecodeError):  # there is no such index, or it is damaged
