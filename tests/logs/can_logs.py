@@ -49,6 +49,8 @@ def write(path: Path, messages: list[can.Message]) -> Path:
     with WRITERS[path.suffix](path) as writer:
         if path.suffix == ".blf":
             writer.max_container_size = 1 << 12
+        elif path.suffix == ".db":  # the writer loses what is left when it has written before it is stopped
+            writer.MAX_BUFFER_SIZE_BEFORE_WRITES, writer.MAX_TIME_BETWEEN_WRITES = 1 << 20, 3600.0
         for message in messages:
             writer(message)
     return path

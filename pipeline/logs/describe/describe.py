@@ -4,10 +4,12 @@ from pathlib import Path
 
 from pipeline.errors import InputError
 from pipeline.logs.describe.bags import add_bag
+from pipeline.logs.describe.can import add_can, database_beside
 from pipeline.logs.describe.contents import Contents
+from pipeline.logs.describe.lerobot import add_episode
 from pipeline.logs.describe.tables import add_table
 from pipeline.logs.formats.bags import STORAGE_READERS
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discover import LogFormat, find_logs
 
 
 def describe(directory: Path) -> Contents:
@@ -17,12 +19,19 @@ def describe(directory: Path) -> Contents:
         InputError: The folder holds no logs, or none that can be read.
     """
     contents = Contents()
+    database = database_beside(directory)
     for entry in find_logs(directory):
         try:
             if entry.error:
                 raise InputError(entry.error)
-            add = add_bag if entry.format in STORAGE_READERS else add_table
-            add(entry, contents)
+            if entry.format in STORAGE_READERS:
+                add_bag(entry, contents)
+            elif entry.format is LogFormat.can:
+                add_can(entry, contents, database)
+            elif entry.format is LogFormat.lerobot:
+                add_episode(entry, contents)
+            else:
+                add_table(entry, contents)
         except InputError as error:
             contents.failures.append(str(error))
     if not contents.streams:

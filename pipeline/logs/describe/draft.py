@@ -5,8 +5,10 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from pipeline.logs.describe.can import CAN_FRAME
 from pipeline.logs.describe.contents import Contents, FieldContents, Stream
 from pipeline.logs.describe.field_types import TEXT, TIME
+from pipeline.logs.describe.lerobot import DATASET
 from pipeline.logs.describe.tables import TABLE, time_column
 from pipeline.logs.messages.joint_states import FOXGLOVE_TYPE
 
@@ -52,9 +54,18 @@ def draft_machine(contents: Contents, name: str) -> str:
         name: The machine's name; empty where it is not known yet.
     """
     streams = list(contents.streams.values())
-    topics = [stream for stream in streams if stream.type_name != TABLE]
-    tables = [stream for stream in streams if stream.type_name == TABLE]
-    draft = _of_topics(topics) if topics or not tables else _of_table(max(tables, key=_n_messages))
+    of_type: dict[str, list[Stream]] = {}
+    for stream in streams:
+        of_type.setdefault(stream.type_name, []).append(stream)
+    others = {TABLE: "columns", CAN_FRAME: "can", DATASET: "lerobot"}
+    topics = [stream for stream in streams if stream.type_name not in others]
+    if topics or not streams:
+        draft = _of_topics(topics)
+    elif TABLE in of_type:
+        draft = _of_table(max(of_type[TABLE], key=_n_messages))
+    else:
+        kind = next(kind for kind in others if kind in of_type)
+        draft = _of_signals(of_type[kind], others[kind])
     return "\n".join(_lines(draft, name)) + "\n"
 
 
@@ -172,6 +183,34 @@ def _of_table(stream: Stream) -> Draft:
         f"  position: {_quoted(position)}",
         f"  command: {_quoted(command)}",
         f"# columns: {', '.join(stream.fields)}",
+    ]
+    return draft
+
+
+def _of_signals(streams: list[Stream], section: str) -> Draft:
+    """CAN frames by `FRAME.SIGNAL`, or LeRobot features by their path."""
+    signals = {
+        f"{stream.name}.{name}" if section == "can" else name: (content, stream)
+        for stream in streams
+        for name, content in stream.fields.items()
+    }
+    position, command, joints = _templates(
+        [path for path, (content, _) in signals.items() if content.n_elements]
+    )
+    draft = Draft([(joint, signals[position.replace("{joint}", joint)][0], 0) for joint in joints])
+    draft.joints = draft.joints or [(UNKNOWN, None, 0)]
+    if joints:
+        draft.command_fields = [signals[command.replace("{joint}", joint)][0] for joint in joints]
+        draft.rate_hz = signals[position.replace("{joint}", joints[0])][1].rate_hz
+    else:
+        draft.rate_hz = max((stream.rate_hz for stream in streams), default=0.0)
+    database = ["  database: ???  # the DBC file, beside this file"] if section == "can" else []
+    draft.positions = [
+        f"{section}:  # one per joint, or one with {{joint}} for all",
+        *database,
+        f"  positions: [{_quoted(position)}]",
+        f"  commands: [{_quoted(command)}]",
+        f"# there are: {', '.join(signals) or 'no signals without a DBC file'}",
     ]
     return draft
 

@@ -1,6 +1,7 @@
 """What `describe` says of logs, and that the machine drafted from them reads them."""
 
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import polars
 import pytest
 from omegaconf import OmegaConf
 
+from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.errors import InputError
 from pipeline.logs.describe.describe import describe
 from pipeline.logs.describe.draft import UNKNOWN, draft_machine
@@ -16,8 +18,8 @@ from pipeline.logs.describe.tables import time_unit
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
 from pipeline.machine.specification import CommandSourceKind, MachineSpecification
+from tests.logs import can_logs, self_describing_bags, whole_logs
 from tests.logs import foreign_bags as foreign
-from tests.logs import self_describing_bags
 from tests.logs.conftest import make_session
 from tests.stages.command import run_stage
 
@@ -137,6 +139,27 @@ def test_unreadable_logs_are_named_and_the_others_described(tmp_path, machine, s
     )
     with pytest.raises(InputError, match=r"nothing can be read: .*bad\.mcap"):
         describe(tmp_path / "bad.mcap")
+
+
+def test_can_with_the_dbc_file_beside(tmp_path, machine, short):
+    can_logs.write(tmp_path / "a.blf", can_logs.frames(short, machine.joint_names))
+    shutil.copy(MACHINE_DIRECTORY / "bobcat_e10.dbc", tmp_path)
+    contents = describe(tmp_path)
+    text = draft_machine(contents, "").replace("database: ???", f"database: {tmp_path}/bobcat_e10.dbc")
+    drafted = filled_in(text)
+    assert drafted.joint_names == machine.joint_names and drafted.command_kind == "discrete"
+    raw = read_log(find_logs(tmp_path)[0], drafted)
+    np.testing.assert_array_equal(raw.command, short.command)
+    assert "position_swing" in (listed := "\n".join(listing(contents))) and "rad" in listed
+    (tmp_path / "bobcat_e10.dbc").unlink()
+    assert "0x280: CAN frame" in "\n".join(listing(describe(tmp_path)))
+
+
+def test_lerobot_dataset(tmp_path, machine):
+    whole_logs.write_dataset(tmp_path / "arm")
+    drafted, raw, text = read_with_draft(tmp_path)
+    assert drafted.joint_names == machine.joint_names and len(raw.q) == 600
+    assert "observation.state.swing" in text and "50 Hz" in text
 
 
 def test_what_is_not_known_is_left_to_the_user(tmp_path):
