@@ -52,6 +52,8 @@ def add_episode(entry: LogEntry, contents: Contents) -> None:
                 for path, element in elements.items():
                     if element.feature in wanted:
                         stream.fields[path].add_numbers(element.values(batch)[is_own][:, None])
+    except InputError as error:
+        raise InputError(f"{entry.files[0]}: {error}") from error
     except READING_FAULTS as error:
         raise InputError(f"{entry.files[0]}: not a readable table ({str(error).splitlines()[0]})") from error
     times = np.rint(np.arange(n_frames) / information.fps * NANOSECONDS).astype(np.int64)

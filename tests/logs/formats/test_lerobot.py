@@ -11,6 +11,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import LogFormat, find_logs
+from pipeline.logs.formats.lerobot.dataset import MAXIMUM_EPISODES
 from pipeline.logs.formats.lerobot.features import Element, element_of, names_of
 from pipeline.logs.formats.lerobot.writer import write_lerobot
 from pipeline.logs.ingest import ingest
@@ -138,3 +139,28 @@ def test_command(tmp_path, dataset, machine, config, loop_tracker):
     assert result.returncode == 0, result.stderr
     for name in ("data/chunk-000/file-000.parquet", "meta/info.json", "meta/stats.json"):
         assert (tmp_path / "again" / name).read_bytes() == (dataset / name).read_bytes()
+
+
+def test_odd_columns_are_told_in_one_line(tmp_path, dataset, machine):
+    """Episodes that are no numbers, or too many; frames whose state is text."""
+    path = dataset / "data/chunk-000/file-000.parquet"
+    frames = polars.read_parquet(path)
+    n = MAXIMUM_EPISODES + 1
+    for content, reason in (
+        (frames.with_columns(episode_index=polars.concat_list("episode_index")), "not a readable table"),
+        (polars.DataFrame({"episode_index": range(n)}), "holds more than 100000 episodes"),
+        (
+            frames.with_columns(polars.lit("x").alias("action")),
+            r"file-000\.parquet: feature action holds \w+, not numbers",
+        ),
+        (frames.drop("action"), "column action is missing"),
+    ):
+        content.write_parquet(path)
+        with pytest.raises(InputError, match=reason):
+            read_log(find_logs(dataset)[0], machine)
+    episodes = dataset / "meta/episodes/chunk-000/file-000.parquet"
+    polars.read_parquet(episodes).with_columns(length=polars.col("tasks")).write_parquet(episodes)
+    frames.write_parquet(path)
+    assert len(read_log(find_logs(dataset)[0], machine).q) == len(
+        frames.filter(polars.col("episode_index") == 0)
+    )

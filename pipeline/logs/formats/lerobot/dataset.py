@@ -14,6 +14,7 @@ from pipeline.errors import InputError
 INFORMATION = Path("meta") / "info.json"
 VERSION = "v3."
 MAXIMUM_INFORMATION_BYTES = 1 << 22
+MAXIMUM_EPISODES = 100_000  # of a file
 EPISODE, LENGTH = "episode_index", "length"
 READING_FAULTS = (pa.ArrowException, OSError, ValueError, OverflowError)
 
@@ -80,7 +81,11 @@ def episodes_of(path: Path) -> list[int]:
     try:
         with pq.ParquetFile(path) as file:
             for batch in file.iter_batches(columns=[EPISODE]):
-                found |= set(np.unique(batch.column(0).drop_null().to_numpy(zero_copy_only=False)).tolist())
+                found |= set(np.unique(episode_numbers(batch.column(0).drop_null())).tolist())
+                if len(found) > MAXIMUM_EPISODES:
+                    raise InputError(
+                        f"{path}: holds more than {MAXIMUM_EPISODES} episodes; split the dataset"
+                    )
     except READING_FAULTS as error:
         if not found:
             raise InputError(
@@ -89,13 +94,19 @@ def episodes_of(path: Path) -> list[int]:
     return sorted(int(episode) for episode in found)
 
 
+def episode_numbers(column: pa.Array) -> np.ndarray:
+    """The episodes of frames, shape (n,), int64; -1 where a frame has none. Raises `pa.ArrowException`."""
+    return column.cast(pa.int64()).fill_null(-1).to_numpy(zero_copy_only=False)
+
+
 def stated_lengths(directory: Path) -> dict[int, int]:
     """Number of frames of each episode, as the dataset's list of episodes states them; empty if it cannot be read."""
     lengths: dict[int, int] = {}
     for path in sorted((directory / "meta" / "episodes").glob("*/*.parquet")):
         try:
             table = pq.read_table(path, columns=[EPISODE, LENGTH])
-            lengths |= dict(zip(table[EPISODE].to_pylist(), table[LENGTH].to_pylist(), strict=True))
+            episodes, own = (table[name].cast(pa.int64()).to_pylist() for name in (EPISODE, LENGTH))
+            lengths |= dict(zip(episodes, own, strict=True))
         except (*READING_FAULTS, KeyError):
             continue
     return {episode: length for episode, length in lengths.items() if isinstance(length, int)}

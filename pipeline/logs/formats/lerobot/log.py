@@ -57,7 +57,11 @@ def read_lerobot(entry: LogEntry, machine: MachineSpecification, store: ColumnSt
         time_ns, has_time = _times_ns(batch, information)
         n_untimed += int((~has_time).sum())
         for table, (_, _, conversion) in roles.items():
-            values = conversion(np.stack([element.values(batch) for element in elements[table]], axis=1))
+            try:
+                numbers = np.stack([element.values(batch) for element in elements[table]], axis=1)
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from error
+            values = conversion(numbers)
             chosen = has_time & ~np.isnan(values).all(axis=1)
             store.append(table, {"time_ns": time_ns[chosen], "value": values[chosen]})
     if entry.message_count is not None and n_rows != entry.message_count:
