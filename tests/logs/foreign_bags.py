@@ -96,6 +96,7 @@ def write_mcap(
     chunked: bool = True,
     finish: bool = True,
     enable_crcs: bool = True,
+    chunk_bytes: int = 1 << 14,
 ) -> Path:
     """With the `mcap` library; `finish=False` leaves the file as a crash would: no index, no end."""
     kinds = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
@@ -103,7 +104,7 @@ def write_mcap(
     with path.open("wb") as stream:
         writer = Writer(
             stream,
-            chunk_size=1 << 14,
+            chunk_size=chunk_bytes,
             compression=kinds[compression],
             use_chunking=chunked,
             enable_crcs=enable_crcs,

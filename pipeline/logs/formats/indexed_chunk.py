@@ -3,7 +3,8 @@
 Each format's `index.py` checks every entry: a message record of that channel and time must stand at its offset.
 This module checks that the records do not overlap, and walks the bytes between them record by record. The result
 equals that of a walk over the whole chunk. If the index is contradicted, that walk is done; after damage it resumes at
-the next verified entry.
+the next verified entry. On the files of `benchmarks.log_readers` the walk alone takes six times as long (MCAP) to
+twenty times (ROS 1).
 """
 
 from collections.abc import Callable, Iterator

@@ -2,7 +2,11 @@
 
 The data section is read front to back, chunk by chunk, so a file without summary, index or end is read up to its last
 byte. A chunk whose checksum fails is dropped completely, because the wrong bytes are unknown. The front of a truncated
-chunk is used.
+chunk is used. The number of messages is held against the file's statistics, or against the chunks' indexes.
+
+User time for 756,000 messages in 103 MB: 0.14 to 0.21 s; with the `mcap` library, read in blocks, 10.0 to 10.8 s
+(`benchmarks.log_readers`). Of a file cut in half the library's indexed reader gives nothing; behind a chunk that cannot
+be decompressed neither of its readers gives anything.
 """
 
 import struct

@@ -1,7 +1,10 @@
 """Read ROS 1 bags, version 2.0, intact or damaged (wiki.ros.org/Bags/Format/2.0).
 
 The file is read front to back, chunk by chunk, so the index at its end is not needed: bags of a crashed
-recorder (`.bag.active`) are read up to their last byte.
+recorder (`.bag.active`) are read up to their last byte. The number of messages is held against the index's.
+
+User time for 756,000 messages in 100 MB: 0.07 to 0.09 s; with `rosbags`, read in blocks, 7.4 to 8.5 s
+(`benchmarks.log_readers`). Of a bag cut in half `rosbags` gives nothing, and it ends at a damaged chunk.
 """
 
 import struct
