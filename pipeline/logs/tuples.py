@@ -163,7 +163,7 @@ def _table(machine: MachineSpecification, schema: pyarrow.Schema, section: Traje
 def _read(path: Path, machine: MachineSpecification) -> list[Trajectory]:
     try:
         frame = polars.read_parquet(path)
-    except (polars.exceptions.PolarsError, OSError) as error:
+    except (polars.exceptions.PolarsError, polars.exceptions.PanicException, OSError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(
             f"{path}: not a readable Parquet file ({reason}); run the stage `ingest` again"

@@ -19,7 +19,8 @@ from pipeline.machine.specification import MachineSpecification
 NANOSECONDS_PER = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 NANOSECONDS_PER_DAY = 86_400 * NANOSECONDS_PER["s"]
 SAMPLES, COMMANDS = "samples", "commands"  # tables of the store
-READING_FAULTS = (polars.exceptions.PolarsError, OSError, ValueError)
+# Polars' Parquet reader panics at some damage, which is no `Exception`.
+READING_FAULTS = (polars.exceptions.PolarsError, polars.exceptions.PanicException, OSError, ValueError)
 PIECE_BYTES = 1 << 22  # longer than any line of a table
 SMALLEST_SLICE = 64  # rows; smallest slice of a damaged table that is tried
 LISTED_COLUMNS, LISTED_CHARACTERS = 24, 40

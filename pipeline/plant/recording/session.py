@@ -1,7 +1,7 @@
 """Recorded sessions: the operator drives the plant, and the content of a log is kept as arrays."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 
 import numpy as np
@@ -71,9 +71,9 @@ class SessionLog:
     command_log_time_ns: np.ndarray  # (M,) int64
     commands: np.ndarray  # (M, n_joint) int8
     true_positions: np.ndarray  # (M, n_joint) float64, rad, at the ends of the control periods; not for bags
-    channels: Mapping[
-        str, tuple[np.ndarray, np.ndarray]
-    ]  # log times, int64, and values, of each channel by name
+    channels: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(
+        default_factory=dict
+    )  # log times, ns, and values
 
 
 def record_session(
