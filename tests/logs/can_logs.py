@@ -53,7 +53,7 @@ def write(path: Path, messages: list[can.Message]) -> Path:
             writer.MAX_BUFFER_SIZE_BEFORE_WRITES, writer.MAX_TIME_BETWEEN_WRITES = 1 << 20, 3600.0
         for message in messages:
             writer(message)
-    if path.suffix == ".asc":  # the writer puts today's date at its head, with one to three digits of milliseconds
+    if path.suffix == ".asc":  # its head holds today's date, with one to three digits of milliseconds
         _, rest = path.read_text().split("\n", 1)
         path.write_text(f"date Thu Jan 01 00:00:00.000 2026\n{rest}")
     return path
