@@ -16,7 +16,7 @@ PUBLICATION_DELAY_S = (0.001, 0.005)  # least and largest, uniform
 
 
 @dataclass(frozen=True)
-class Sensor:
+class ChannelSensor:
     """One sensor. Noise and resolution are in the channel's unit.
 
     Attributes:
@@ -33,11 +33,11 @@ class Sensor:
 
 
 SENSORS = {
-    "oil_temperature": Sensor(
+    "oil_temperature": ChannelSensor(
         time_constant_s=8.0, noise_std=0.2, resolution=0.1, n_period=20
     ),  # °C, in the tank
-    "pump_pressure": Sensor(time_constant_s=0.02, noise_std=1.0, resolution=0.1, n_period=1),  # bar
-    "engine_speed": Sensor(time_constant_s=0.1, noise_std=3.0, resolution=1.0, n_period=2),  # rpm
+    "pump_pressure": ChannelSensor(time_constant_s=0.02, noise_std=1.0, resolution=0.1, n_period=1),  # bar
+    "engine_speed": ChannelSensor(time_constant_s=0.1, noise_std=3.0, resolution=1.0, n_period=2),  # rpm
 }
 
 

@@ -97,7 +97,7 @@ def endless_line(folder: Path, log: WholeLog) -> Damaged:
     path = log.write(folder / "a")
     with path.open("r+b") as file:
         file.truncate(1 << 27)
-    return Damaged(path, log.n_messages, (r"line \d+ is no text",))
+    return Damaged(path, log.n_messages, (r"line \d+ is not text",))
 
 
 @case("decompression bomb", CAN_BLF, where=Where.fused)

@@ -203,7 +203,7 @@ def test_damaged_lines_cost_their_frames(tmp_path, machine, short, recorded, suf
     assert len(raw.q) + len(raw.command) == len(short.q) + len(short.command) - 4
     (note,) = raw.notes
     assert note.kind is NoteKind.damage and re.search(
-        r"byte \d+: line 101 is no text, and \d more", note.text
+        r"byte \d+: line 101 is not text, and \d more", note.text
     )
 
 

@@ -46,7 +46,7 @@ class TextLines:
                     return text
                 self.damaged("is not read")
             else:
-                self.damaged("is no text")
+                self.damaged("is not text")
         raise StopIteration
 
     def repeat(self, line: str) -> None:
