@@ -129,9 +129,14 @@ def check(composed: DictConfig) -> Any:
         configuration = OmegaConf.to_object(composed)
         resolved = OmegaConf.to_container(composed, resolve=True)
     except MissingMandatoryValue as error:
-        raise InputError(
-            f"`{error.full_key}` is missing; add {error.full_key}=VALUE to the command"
-        ) from error
+        key = str(error.full_key)
+        place = HydraConfig.get().runtime.choices["machine"]
+        remedy = (
+            f"set it in conf/machine/{place}.yaml"
+            if key.startswith("machine.")
+            else f"add {key}=VALUE to the command"
+        )
+        raise InputError(f"`{key}` is missing; {remedy}") from error
     except OmegaConfBaseException as error:
         line = str(error).splitlines()[0]
         raise InputError(f"`{error.full_key}`: {line}; correct it on the command line or in conf/") from error

@@ -52,4 +52,6 @@ def write_json(path: Path, content: object, *, sort_keys: bool = False, allow_na
         ValueError: A number is not finite, without `allow_nan`.
     """
     text = json.dumps(content, indent=1, sort_keys=sort_keys, allow_nan=allow_nan, ensure_ascii=False)
-    write_whole(path, f"{text}\n".encode())
+    write_whole(
+        path, f"{text}\n".encode(errors="backslashreplace")
+    )  # half a surrogate pair becomes JSON's \\ud800

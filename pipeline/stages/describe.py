@@ -7,6 +7,7 @@ from omegaconf import MISSING
 
 from pipeline.configuration.paths import InputLogs, OutputFile
 from pipeline.configuration.stage import PipelineConfiguration, stage
+from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
 from pipeline.logs.describe.describe import describe
 from pipeline.logs.describe.draft import draft_machine
@@ -25,15 +26,17 @@ class DescribeStage(PipelineConfiguration):
 @stage(DescribeStage)
 def main(configuration: DescribeStage, run: StageRun) -> None:
     """Print what the logs hold, and write or print the draft."""
+    output = Path(configuration.output) if configuration.output else None
+    if output is not None and output.exists():
+        raise InputError(f"{output}: is there already; name another output, or remove it")
     contents = describe(Path(configuration.logs))
     for line in listing(contents):
-        print(line)
-    output = Path(configuration.output) if configuration.output else None
+        print(line.encode(errors="backslashreplace").decode())
     draft = draft_machine(contents, output.stem if output else "")
     if output is None:
         print(f"\n{draft}", end="")
     else:
-        write_whole(output, draft.encode())
+        write_whole(output, draft.encode(errors="backslashreplace"))
         print(f"\ndescribe: {output}: replace every ???, then ingest with machine={output.stem}")
         run.artifact(output)
 

@@ -84,7 +84,10 @@ def choose_clock(
     report = ClockReport(used, reason, median, low, high, drift_ppm(stamp, log_time))
     notes = []
     if reason and choice is ClockChoice.automatic:
-        notes.append(Note(NoteKind.changed, f"joint samples are timed by log time: {reason}", len(stamp)))
+        text = f"joint samples are timed by log time: {reason}"
+        if source.clock_offset_s:
+            text += f"; the stated clock_offset_s of {source.clock_offset_s:g} s is not used"
+        notes.append(Note(NoteKind.changed, text, len(stamp)))
     return (log_time if reason else stamp), report, notes
 
 
@@ -106,10 +109,12 @@ def offset_warnings(
     """Warn of clocks of joint states and commands that differ by more than a control period.
 
     Log time is what both can be compared with. If the configuration names header stamps for both, they are trusted.
+    An offset stated for commands on log time may mend their clock or their delay; either reading may be right.
     """
-    apart_s = (clock.offset_s if clock.used == HEADER_STAMP else 0.0) - commands_offset_s
+    unstated_s = (clock.offset_s if clock.used == HEADER_STAMP else 0.0) - commands_offset_s
+    apart_s = unstated_s + (machine.commands.clock_offset_s if raw.command_stamp_ns is None else 0.0)
     has_chosen = raw.command_stamp_ns is not None and machine.joint_states.clock == ClockChoice.header_stamp
-    if abs(apart_s) <= machine.dt_s or has_chosen:
+    if min(abs(apart_s), abs(unstated_s)) <= machine.dt_s or has_chosen:
         return []
     text = (
         f"the times of {machine.joint_states.topic} are {abs(apart_s):.3f} s "

@@ -12,7 +12,7 @@ from pipeline.logs.describe.lerobot import DATASET
 from pipeline.logs.describe.tables import TABLE, time_column
 from pipeline.logs.messages.joint_states import FOXGLOVE_TYPE
 
-UNKNOWN = "???"
+UNKNOWN = '"???"'  # quoted, as YAML takes no bare question mark within braces
 DEFAULT_RATE_HZ = 20.0
 COMMAND_NAME = re.compile(
     r"(^|[^a-z])((cmd|command|joy|control|action|target|desired|goal|setpoint|input|volt)|(u|a|tau|ref)([^a-z]|$))",
@@ -70,7 +70,7 @@ def draft_machine(contents: Contents, name: str) -> str:
 
 
 def _lines(draft: Draft, name: str) -> Iterator[str]:
-    yield f"# Drafted from logs: replace every {UNKNOWN}, check the rest, and set the machine's own limits."
+    yield "# Drafted from logs: replace every ???, check the rest, and set the machine's own limits."
     yield f"name: {_quoted(name) if name else UNKNOWN}  # the file's name without .yaml"
     rate = draft.rate_hz if 0 < draft.rate_hz < DEFAULT_RATE_HZ else DEFAULT_RATE_HZ
     yield f"rate_hz: {rate:.4g}  # control rate; joint samples come at {draft.rate_hz:.4g} Hz"

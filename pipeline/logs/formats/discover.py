@@ -1,6 +1,7 @@
 """Find the logs in a folder: bags of every format and tables, mixed and in subfolders."""
 
 import enum
+import errno
 import os
 import re
 from dataclasses import dataclass, replace
@@ -215,10 +216,10 @@ def _is_file(path: Path) -> bool:
     """Whether it is a regular file; opening a pipe would block. Unreadable files count: their reader reports them."""
     try:
         return why_unreadable(path) is None
-    except FileNotFoundError:
+    except (FileNotFoundError, ValueError):  # no path holds a zero byte
         return False
-    except OSError:
-        return True
+    except OSError as error:
+        return error.errno != errno.ENAMETOOLONG
 
 
 def _folder_named_as_log(folder: Path) -> list[LogEntry]:
@@ -306,7 +307,7 @@ def _described_bag(
 ) -> tuple[list[LogEntry], set[Path]]:
     """The bag of the files that the metadata lists, or of those that must be meant if it is damaged or they are not."""
     # Older releases list files with their folder.
-    listed = [_existing_variant(directory / Path(name).name) for name in metadata.files]
+    listed = [*dict.fromkeys(_existing_variant(directory / Path(name).name) for name in metadata.files)]
     present = [path for path in listed if _is_file(path)]
     if not present and (_are_of_one_bag(parts) or len(parts) == len(listed)):
         present = parts
@@ -353,7 +354,7 @@ def _existing_variant(path: Path) -> Path:
     """Return the existing variant of a listed file, which may have been compressed or decompressed since."""
     plain = _plain(path)
     others = [plain, *(plain.with_name(plain.name + suffix) for suffix in COMPRESSED_SUFFIXES)]
-    return next((other for other in [path, *others] if other.exists()), path)
+    return next((other for other in [path, *others] if _is_file(other)), path)
 
 
 def _part_number(path: Path) -> tuple[int, str]:

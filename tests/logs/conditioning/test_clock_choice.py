@@ -101,6 +101,21 @@ def test_an_offset_of_the_commands(one, make, machine):
     assert_rows(result, one.stamp_ns, one.q, one.command_ns, one.command)
 
 
+@pytest.mark.parametrize(("stated_s", "warns"), [(-5.0, False), (5.0, False), (-3.0, True)])
+def test_an_offset_of_the_commands_that_makes_the_clocks_agree_ends_the_warning(
+    one, make, machine, stated_s, warns
+):
+    early = replace(one, stamp_ns=one.stamp_ns + round(np.sign(stated_s)) * 5 * SECOND)
+    result = make(early, replace(machine, commands=CommandSource(clock_offset_s=stated_s)))
+    assert bool(warnings_of(result)) == warns
+
+
+def test_a_stated_offset_that_is_not_used_is_told(one, make, machine):
+    early = replace(one, stamp_ns=one.stamp_ns - 8 * SECOND)
+    result = make(early, replace(machine, joint_states=JointStateSource(clock_offset_s=-8.0)))
+    assert any("the stated clock_offset_s of -8 s is not used" in note.text for note in result.notes)
+
+
 def test_commands_by_their_header_stamps(one, machine, config, loop_tracker, tmp_path):
     """A `JointState` of commands that the recorder got 0.3 s late; both streams are stamped by another clock."""
     source = CommandSource(

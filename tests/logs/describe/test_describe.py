@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import polars
 import pytest
+import yaml
 from omegaconf import OmegaConf
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
@@ -166,7 +167,7 @@ def test_what_is_not_known_is_left_to_the_user(tmp_path):
     twist = foreign.joint_state(foreign.ROS2, 1, ["a", "b"], [0.1, 0.2])
     foreign.write_mcap(tmp_path / "a.mcap", [(10**9, "/joint_states", twist)])
     draft = draft_machine(describe(tmp_path), "two")
-    assert "name: two" in draft and "commands:\n  topic: ???" in draft
+    assert "name: two" in draft and 'commands:\n  topic: "???"' in draft
 
 
 def test_command(tmp_path, machine, short):
@@ -175,3 +176,15 @@ def test_command(tmp_path, machine, short):
     assert result.returncode == 0, result.stderr
     assert "replace every ???, then ingest with machine=mine" in result.stdout
     assert filled_in((tmp_path / "mine.yaml").read_text()).name == "mine"
+
+
+def test_a_draft_with_gaps_left_is_refused_in_one_line_and_a_file_is_not_overwritten(tmp_path):
+    machine = tmp_path / "machine.yaml"
+    twist = foreign.joint_state(foreign.ROS2, 1, ["a", "b"], [0.1, 0.2])
+    foreign.write_mcap(tmp_path / "logs" / "a.mcap", [(10**9, "/joint_states", twist)])
+    words = [f"logs={tmp_path / 'logs'}", f"output={machine}"]
+    assert run_stage("describe", *words, folder=tmp_path).returncode == 0
+    joints = yaml.safe_load(machine.read_text())["joints"]
+    assert [joint["lower"] for joint in joints] == ["???", "???"]  # OmegaConf's sign of a missing value
+    again = run_stage("describe", *words, folder=tmp_path)
+    assert again.returncode == 2 and "is there already" in again.stderr

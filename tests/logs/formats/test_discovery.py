@@ -88,6 +88,20 @@ def test_metadata_of_something_else_hides_and_merges_nothing(place, run, text):
     assert names(summary) == ["monday", "y", "tuesday", "x"] and not summary.failures and not notes(summary)
 
 
+@pytest.mark.parametrize("listed", ["x" * 5000, "a\0b.db3"])
+def test_a_name_that_no_file_can_have_stops_nothing(place, run, listed):
+    logs = place("day/run_0.db3", "other.mcap")
+    (logs / "day/metadata.yaml").write_text(lists("run_0.db3", listed))
+    assert names(run(logs)) == ["day", "other"]
+
+
+def test_a_file_that_is_listed_twice_is_read_once(place, run):
+    logs = place("day/run_0.mcap", "other.mcap")
+    (logs / "day/metadata.yaml").write_text(lists("run_0.mcap", "./run_0.mcap", "x/run_0.mcap"))
+    day, other = run(logs).reports
+    assert day.metrics["n_rows"] == other.metrics["n_rows"] > 0
+
+
 @pytest.mark.parametrize("text", ["", "rosbag2_bagfile_information: {relative_file_paths: [a", "\0\0"])
 def test_damaged_metadata_does_not_merge_files_of_other_names(place, run, text):
     logs = place("monday.mcap", "tuesday.mcap")
