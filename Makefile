@@ -78,7 +78,7 @@ check: env ## check style, layers and types, and run the tests beside what chang
 	bash -c '$(STYLE)' & $(BIN)/python -m tests.beside $(SINCE); tests=$$?; wait $$! && exit $$tests
 
 .PHONY: test
-test: env ## check style, layers and types, and run the tests but the long ones (some 8 minutes on two idle cores)
+test: env ## check style, layers and types, and run the tests but the long ones (some 11 minutes on two cores)
 	nice -n 5 bash -c '$(STYLE)' & $(PYTEST) -m "not long"; tests=$$?; wait $$! && exit $$tests
 
 .PHONY: test-all
