@@ -13,3 +13,8 @@ class InputError(Exception):
         super().__init__(
             "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in line)
         )
+
+
+def first_line(error: BaseException) -> str:
+    """The first line of an error's message; its type if it has no message."""
+    return (str(error).splitlines() or [type(error).__name__])[0]

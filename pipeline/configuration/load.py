@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.configuration.number_checks import check_numbers
-from pipeline.errors import InputError
+from pipeline.errors import InputError, first_line
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.machine.specification import MACHINE_DIRECTORY, MachineSpecification
 
@@ -60,4 +60,4 @@ def _typed(schema: type, content: Any, place: Path) -> Any:
     try:
         return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), content))
     except OmegaConfBaseException as error:
-        raise InputError(f"{place}: {str(error).splitlines()[0]}") from error
+        raise InputError(f"{place}: {first_line(error)}") from error

@@ -24,7 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from pipeline.configuration.load import CONFIGURATION_DIRECTORY
 from pipeline.configuration.number_checks import check_numbers
 from pipeline.configuration.paths import check_paths
-from pipeline.errors import InputError
+from pipeline.errors import InputError, first_line
 from pipeline.files.path_checks import refuse_unusable
 from pipeline.machine.specification import MachineSpecification
 from pipeline.tracking import StageRun, TrackingConfiguration, track
@@ -138,7 +138,7 @@ def check(composed: DictConfig) -> Any:
         )
         raise InputError(f"`{key}` is missing; {remedy}") from error
     except OmegaConfBaseException as error:
-        line = str(error).splitlines()[0]
+        line = first_line(error)
         raise InputError(f"`{error.full_key}`: {line}; correct it on the command line or in conf/") from error
     check_numbers(resolved)
     _check_checkpoints(getattr(configuration, "checkpoints", None), getattr(configuration, "output", None))

@@ -9,7 +9,7 @@ import polars
 import pyarrow
 from pyarrow.parquet import ParquetFile, ParquetWriter, read_schema
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, first_line
 from pipeline.files.atomic import atomic_path
 from pipeline.machine.specification import MachineSpecification
 
@@ -164,7 +164,7 @@ def _read(path: Path, machine: MachineSpecification) -> list[Trajectory]:
     try:
         frame = polars.read_parquet(path)
     except (polars.exceptions.PolarsError, polars.exceptions.PanicException, OSError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = first_line(error)
         raise InputError(
             f"{path}: not a readable Parquet file ({reason}); run the stage `ingest` again"
         ) from error

@@ -3,7 +3,7 @@
 import numpy as np
 import pyarrow.parquet as pq
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, first_line
 from pipeline.logs.describe.contents import MAXIMUM_ELEMENTS, Contents
 from pipeline.logs.formats.discover import LogEntry
 from pipeline.logs.formats.lerobot.dataset import EPISODE, READING_FAULTS, read_information
@@ -55,7 +55,7 @@ def add_episode(entry: LogEntry, contents: Contents) -> None:
     except InputError as error:
         raise InputError(f"{entry.files[0]}: {error}") from error
     except READING_FAULTS as error:
-        raise InputError(f"{entry.files[0]}: not a readable table ({str(error).splitlines()[0]})") from error
+        raise InputError(f"{entry.files[0]}: not a readable table ({first_line(error)})") from error
     times = np.rint(np.arange(n_frames) / information.fps * NANOSECONDS).astype(np.int64)
     stream.end_log(n_frames, [times])
     contents.logs.append(f"{entry.path}: {n_frames} frames of episode {entry.part}")

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import polars
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, first_line
 from pipeline.logs.describe.contents import Contents, Stream
 from pipeline.logs.describe.field_types import TEXT, TIME
 from pipeline.logs.formats.discover import LogEntry, LogFormat
@@ -36,7 +36,7 @@ def add_table(entry: LogEntry, contents: Contents) -> None:
         )
         frame = lazy.head(MAXIMUM_ROWS).collect()
     except READING_FAULTS as error:
-        raise InputError(f"{path}: not a readable table ({str(error).splitlines()[0]})") from error
+        raise InputError(f"{path}: not a readable table ({first_line(error)})") from error
     if not all(name.isprintable() for name in frame.columns):
         raise InputError(
             f"{path}: its first line does not name columns; save the table as UTF-8 with a first line"

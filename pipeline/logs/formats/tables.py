@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import polars
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, first_line
 from pipeline.logs.formats.discover import LogEntry, LogFormat
-from pipeline.logs.messages.channel_sources import channel_table
+from pipeline.logs.messages.channel_sources import channel_table, stored_channels
 from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore
 from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
-from pipeline.logs.messages.raw_log import ChannelSamples, Note, NoteKind, RawLog
+from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog, timed_by_one_clock
 from pipeline.machine.specification import MachineSpecification
 
 NANOSECONDS_PER = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
@@ -79,7 +79,7 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
             n_timed += int(has_time.sum())
             example = example or _example(frame[columns.time].filter(~has_time))
     except READING_FAULTS as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        reason = first_line(error)
         if not n_rows:
             raise InputError(f"{path}: not a readable table ({reason}); repair or remove it") from error
         damage.append(f"the table is damaged after row {n_rows} ({reason}); the rows before it were read")
@@ -102,22 +102,9 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
     if n_unused:
         text = f"{path.name}: {n_unused} rows left out: they hold no time, or neither positions nor commands"
         notes.append(Note(NoteKind.left_out, text, n_unused))
-    return RawLog(
-        name=entry.name,
-        path=entry.path,
-        joint_stamp_ns=sampled["time_ns"],
-        joint_log_time_ns=sampled["time_ns"],
-        q=sampled["value"],
-        command_log_time_ns=commanded["time_ns"],
-        command=commanded["value"],
-        message_counts={path.name: n_rows},
-        notes=tuple(notes),
-        channels={
-            name: ChannelSamples(found["time_ns"], found["value"])
-            for name in channels
-            if (found := store.columns(channel_table(name))) and len(found["time_ns"])
-        },
-    )
+    found_channels = stored_channels(store, channels)
+    counts = {path.name: n_rows}
+    return timed_by_one_clock(entry.name, entry.path, sampled, commanded, counts, notes, found_channels)
 
 
 def _batches(
@@ -209,7 +196,7 @@ def _readable_slices(
     except READING_FAULTS as error:
         if end - begin <= SMALLEST_SLICE:
             joins = bool(lost) and lost[-1][1] == begin - 1
-            first, _, reason = lost.pop() if joins else (begin, 0, str(error).splitlines()[0])
+            first, _, reason = lost.pop() if joins else (begin, 0, first_line(error))
             lost.append((first, end - 1, reason))
             return
         middle = (begin + end) // 2

@@ -1,5 +1,7 @@
 """Channels: whatever else a machine records, one number per message (contract, section 1)."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from pipeline.errors import InputError
@@ -58,3 +60,12 @@ def finish_channels(collectors: dict[str, TopicColumns], ledger: ReadingLedger) 
             continue
         found[name] = ChannelSamples(columns.get("stamp_ns", columns["log_time_ns"]), columns["value"])
     return found
+
+
+def stored_channels(store: ColumnStore, names: Iterable[str]) -> dict[str, ChannelSamples]:
+    """Return the samples of the channels whose tables the store holds, without empty ones."""
+    return {
+        name: ChannelSamples(found["time_ns"], found["value"])
+        for name in names
+        if (found := store.columns(channel_table(name))) and len(found["time_ns"])
+    }

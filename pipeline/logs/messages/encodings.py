@@ -9,7 +9,6 @@ from pipeline.logs.messages.message_blocks import MessageBlock
 from pipeline.logs.messages.message_definitions import parse_definition
 from pipeline.logs.messages.message_layout import FieldGroup, decode_block
 from pipeline.logs.messages.mismatch import MismatchError
-from pipeline.logs.messages.protobuf_messages import decode_protobuf
 
 ENCODINGS = ("cdr", "ros1", "json", "protobuf")
 
@@ -28,6 +27,10 @@ def decode(block: MessageBlock, wanted: Collection[str]) -> tuple[list[FieldGrou
     if topic.encoding == "json":
         return decode_json(block, wanted)
     if topic.encoding == "protobuf":
+        from pipeline.logs.messages.protobuf_messages import (
+            decode_protobuf,  # others need not wait for protobuf
+        )
+
         return decode_protobuf(block, wanted)
     if topic.encoding not in ENCODINGS:
         raise MismatchError(f"their encoding `{topic.encoding}` is not one of {', '.join(ENCODINGS)}")

@@ -15,6 +15,7 @@ import numpy as np
 from pipeline.logs.messages.notes import NoteList
 from pipeline.logs.messages.raw_log import Note, NoteKind
 
+BYTES_AS_TEXT = "latin-1"  # how a definition of bytes stands in `LoggedTopic.definition`
 MAXIMUM_TIME_NS = 1 << 62  # the year 2116; later times are damage, and differences of times stay within int64
 
 
@@ -25,9 +26,9 @@ class LoggedTopic:
     Attributes:
         name: Topic name.
         type_name: Message type in its full form, such as `sensor_msgs/msg/JointState`.
-        encoding: Serialisation, `cdr` or `ros1`.
+        encoding: Serialisation: `cdr`, `ros1`, `json` or `protobuf`.
         definition: Text of the message definition; empty if the bag lacks it.
-        definition_format: `ros1msg`, `ros2msg` or `ros2idl`.
+        definition_format: `ros1msg`, `ros2msg`, `ros2idl`, `jsonschema` or `protobuf`.
     """
 
     name: str

@@ -14,13 +14,12 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 
+from pipeline.errors import first_line
 from pipeline.logs.messages.field_paths import Step
-from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock
+from pipeline.logs.messages.message_blocks import BYTES_AS_TEXT, LoggedTopic, MessageBlock
 from pipeline.logs.messages.message_definitions import MAXIMUM_DEFINITION_CHARACTERS, DefinitionError
 from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.message_trees import TreeError, decode_trees
-
-BYTES_AS_TEXT = "latin-1"  # how a definition of bytes stands in `LoggedTopic.definition`
 
 
 def decode_protobuf(block: MessageBlock, wanted: Collection[str]) -> tuple[list[FieldGroup], np.ndarray]:
@@ -60,7 +59,7 @@ def _message_class(type_name: str, definition: str) -> type[Message]:
             pool.Add(file)  # type: ignore[attr-defined, no-untyped-call]
         return GetMessageClass(pool.FindMessageTypeByName(type_name))  # type: ignore[no-untyped-call]
     except (DecodeError, TypeError, ValueError, KeyError, RecursionError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        reason = first_line(error)
         raise DefinitionError(f"definition of {type_name} cannot be used ({reason})") from error
 
 

@@ -12,7 +12,7 @@ from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, Rea
 from pipeline.logs.messages.message_definitions import DefinitionError
 from pipeline.logs.messages.message_layout import FieldGroup, LayoutError, TooManyFieldsError
 from pipeline.logs.messages.mismatch import MismatchError
-from pipeline.logs.messages.raw_log import Note, NoteKind
+from pipeline.logs.messages.raw_log import Note, NoteKind, first_damage
 
 MAXIMUM_DEFINITIONS = 1000  # of one topic that are parsed, in a second; recorders write one per publisher
 
@@ -116,7 +116,7 @@ class TopicColumns:
 
     def _why_nothing(self, ledger: ReadingLedger) -> str:
         place = f"{ledger.path}: {self.adapter.role}"
-        damage = next((f"; damage: {note.text}" for note in ledger.notes if note.kind is NoteKind.damage), "")
+        damage = first_damage(ledger.notes)
         if self.reasons:
             reason, count = self.reasons.most_common(1)[0]
             return f"{place}: none of the {count} messages of {self.topic_name} can be used: {reason}{damage}"

@@ -11,7 +11,7 @@ from pathlib import Path
 import can
 from can.io.generic import TextIOMessageReader
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, first_line
 from pipeline.logs.formats.can.blf_objects import readable_pieces
 from pipeline.logs.formats.can.text_lines import TextLines
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
@@ -80,7 +80,7 @@ def _of_text(opened: OpenedFile, suffix: str) -> Iterator[can.Message]:
                     yield frame
                 return
             except FAULTS as error:
-                lines.damaged(f"is not read ({(str(error).splitlines() or [type(error).__name__])[0][:80]})")
+                lines.damaged(f"is not read ({first_line(error)[:80]})")
 
 
 def _is_lost_asc(line: str) -> bool:

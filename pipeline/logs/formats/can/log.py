@@ -9,11 +9,11 @@ from pipeline.logs.formats.can.frames import read_frames, time_ns
 from pipeline.logs.formats.can.merged import MergedFrames
 from pipeline.logs.formats.can.signals import JointSignals, joint_signals, load_database, single_signal
 from pipeline.logs.formats.discover import LogEntry
-from pipeline.logs.messages.channel_sources import channel_table
+from pipeline.logs.messages.channel_sources import channel_table, stored_channels
 from pipeline.logs.messages.columns import SECTION_ROWS, Column, ColumnStore
 from pipeline.logs.messages.conversion import Conversion, command_conversion, position_conversion
 from pipeline.logs.messages.message_blocks import ReadingLedger
-from pipeline.logs.messages.raw_log import ChannelSamples, Note, NoteKind, RawLog
+from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog, first_damage, timed_by_one_clock
 from pipeline.machine.specification import MachineSpecification
 
 LISTED_FRAMES = 24
@@ -89,10 +89,9 @@ class _Collector:
             seen = ", ".join(
                 f"{name} ({count})" for name, count in list(ledger.counts.items())[:LISTED_FRAMES]
             )
-            damage = next((f"; damage: {n.text}" for n in ledger.notes if n.kind is NoteKind.damage), "")
             raise InputError(
                 f"{entry.path}: {self.role}: no usable frame {names}; set section can in conf/machine; "
-                f"frames seen: {seen or 'none'}{damage}"
+                f"frames seen: {seen or 'none'}{first_damage(ledger.notes)}"
             )
         return columns
 
@@ -140,19 +139,5 @@ def read_can(entry: LogEntry, machine: MachineSpecification, store: ColumnStore)
     for collector in channels.values():
         collector.flush(is_last=True)
     sampled, commanded = positions.finish(entry, ledger), commands.finish(entry, ledger)
-    return RawLog(
-        name=entry.name,
-        path=entry.path,
-        joint_stamp_ns=sampled["time_ns"],
-        joint_log_time_ns=sampled["time_ns"],
-        q=sampled["value"],
-        command_log_time_ns=commanded["time_ns"],
-        command=commanded["value"],
-        message_counts=dict(ledger.counts),
-        notes=tuple(ledger.notes),
-        channels={
-            name: ChannelSamples(found["time_ns"], found["value"])
-            for name in channels
-            if (found := store.columns(channel_table(name)))
-        },
-    )
+    found, seen = stored_channels(store, channels), dict(ledger.counts)
+    return timed_by_one_clock(entry.name, entry.path, sampled, commanded, seen, ledger.notes, found)

@@ -10,7 +10,7 @@ from bitstruct import Error as BitError
 from cantools.database import Database, Message
 from cantools.database.errors import Error as CantoolsError
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, first_line
 from pipeline.machine.specification import MachineSpecification, can_database, per_joint
 
 LISTED = 24
@@ -64,7 +64,7 @@ def load_database_file(path: Path) -> Database:
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file; name the DBC file in can.database of the machine") from error
     except (CantoolsError, OSError, ValueError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        reason = first_line(error)
         raise InputError(f"{path}: not a DBC file ({reason})") from error
     if not isinstance(database, Database):
         raise InputError(f"{path}: describes diagnostics, not frames; name a DBC file")

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, first_line
 
 INFORMATION = Path("meta") / "info.json"
 VERSION = "v3."
@@ -55,7 +55,7 @@ def read_information(directory: Path) -> DatasetInformation:
         if not all(isinstance(feature, dict) for feature in features.values()):
             raise TypeError("features are no descriptions")
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:80]
+        reason = first_line(error)[:80]
         raise InputError(f"{path}: not a LeRobot dataset's description ({reason})") from error
     if not version.startswith(VERSION):
         raise InputError(
@@ -88,9 +88,7 @@ def episodes_of(path: Path) -> list[int]:
                     )
     except READING_FAULTS as error:
         if not found:
-            raise InputError(
-                f"{path}: not a readable table ({(str(error).splitlines() or [''])[0]})"
-            ) from error
+            raise InputError(f"{path}: not a readable table ({first_line(error)})") from error
     return sorted(int(episode) for episode in found)
 
 

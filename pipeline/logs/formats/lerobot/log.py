@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, first_line
 from pipeline.logs.formats.discover import LogEntry
 from pipeline.logs.formats.lerobot.dataset import (
     EPISODE,
@@ -19,7 +19,14 @@ from pipeline.logs.formats.lerobot.features import Element, element_of
 from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore
 from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
-from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog
+from pipeline.logs.messages.raw_log import (
+    NANOSECONDS,
+    Note,
+    NoteKind,
+    RawLog,
+    first_damage,
+    timed_by_one_clock,
+)
 from pipeline.machine.specification import MachineSpecification, per_joint
 
 SAMPLES, COMMANDS = "samples", "commands"  # tables of the store
@@ -77,19 +84,10 @@ def read_lerobot(entry: LogEntry, machine: MachineSpecification, store: ColumnSt
     sampled, commanded = store.columns(SAMPLES), store.columns(COMMANDS)
     for what, found in (("positions", sampled), ("commands", commanded)):
         if not found or not len(found["time_ns"]):
-            damage = next((f"; damage: {note.text}" for note in notes if note.kind is NoteKind.damage), "")
-            raise InputError(f"{path}: no frame of episode {entry.part} holds a time and {what}{damage}")
-    return RawLog(
-        name=entry.name,
-        path=entry.path,
-        joint_stamp_ns=sampled["time_ns"],
-        joint_log_time_ns=sampled["time_ns"],
-        q=sampled["value"],
-        command_log_time_ns=commanded["time_ns"],
-        command=commanded["value"],
-        message_counts={path.name: n_rows},
-        notes=tuple(notes),
-    )
+            raise InputError(
+                f"{path}: no frame of episode {entry.part} holds a time and {what}{first_damage(notes)}"
+            )
+    return timed_by_one_clock(entry.name, entry.path, sampled, commanded, {path.name: n_rows}, notes, {})
 
 
 def _batches(
@@ -99,7 +97,7 @@ def _batches(
     try:
         file = pq.ParquetFile(path, page_checksum_verification=True)
     except READING_FAULTS as error:
-        raise InputError(f"{path}: not a readable table ({_first_line(error)}); restore it") from error
+        raise InputError(f"{path}: not a readable table ({first_line(error)}); restore it") from error
     with file:
         seen = file.schema_arrow.names
         wanted = {element.feature for found in elements.values() for element in found}
@@ -119,7 +117,7 @@ def _batches(
                     )
                     yield batch.filter(pa.array(is_wanted == episode))
             except READING_FAULTS as error:
-                text = f"{path.name}: row group {group} cannot be read on ({_first_line(error)})"
+                text = f"{path.name}: row group {group} cannot be read on ({first_line(error)})"
                 notes.append(Note(NoteKind.damage, text))
 
 
@@ -155,7 +153,3 @@ def _times_ns(batch: pa.RecordBatch, information: DatasetInformation) -> tuple[n
         is_possible = has_stamp & (np.abs(exact) < MAXIMUM_TIME_NS)
         return np.where(is_possible, exact, time_ns), is_possible | (~has_stamp & is_known)
     return time_ns, is_known
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

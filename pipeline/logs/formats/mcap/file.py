@@ -35,9 +35,14 @@ from pipeline.logs.formats.mcap.summary import (
 )
 from pipeline.logs.formats.message_compression import decompressed_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
-from pipeline.logs.messages.message_blocks import BlockColumns, LoggedTopic, MessageBlock, ReadingLedger
+from pipeline.logs.messages.message_blocks import (
+    BYTES_AS_TEXT,
+    BlockColumns,
+    LoggedTopic,
+    MessageBlock,
+    ReadingLedger,
+)
 from pipeline.logs.messages.message_definitions import full_type_name
-from pipeline.logs.messages.protobuf_messages import BYTES_AS_TEXT
 
 BINARY_SCHEMAS = ("protobuf", "flatbuffer")
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
