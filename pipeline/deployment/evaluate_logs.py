@@ -49,7 +49,7 @@ def evaluate_logs(
     """
     predictor = load_predictor(model, machine=machine)
     entries = find_logs(logs)
-    raw = [read_log(entry, machine) for entry in entries]
+    raw = [read_log(entry, machine, None, ingest.maximum_gap_s) for entry in entries]
     conditioned = [make_trajectories(one, machine, ingest, loop_tracker) for one in raw]
     for caution in cautions(conditioned):
         log(caution)

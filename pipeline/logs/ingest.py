@@ -253,7 +253,7 @@ def _ingest_one(entry: LogEntry, settings: _Settings) -> _Outcome:
 def _convert(entry: LogEntry, settings: _Settings, store: ColumnStore, tuples_path: Path) -> QualityReport:
     """Write one log's tuples section by section, and measure the log in the same pass."""
     machine, config = settings.machine, settings.config
-    raw = read_log(entry, machine, store)
+    raw = read_log(entry, machine, store, config.maximum_gap_s)
     try:
         gridded = grid_log(raw, machine, config, store)
     except InputError as error:

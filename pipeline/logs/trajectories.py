@@ -234,7 +234,7 @@ def load_logs(
         InputError: The folder holds no logs, or one of them cannot be used.
     """
     return [
-        make_trajectories(read_log(entry, machine), machine, config, loop_tracker)
+        make_trajectories(read_log(entry, machine, None, config.maximum_gap_s), machine, config, loop_tracker)
         for entry in find_logs(directory)
     ]
 

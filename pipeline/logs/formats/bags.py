@@ -1,7 +1,9 @@
 """Read one log of any format into a `RawLog`."""
 
-from collections.abc import Collection, Iterator
+import math
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from pipeline.errors import InputError
@@ -25,15 +27,22 @@ STORAGE_READERS: dict[LogFormat, StorageReader] = {
     LogFormat.rosbag1: read_rosbag1,
     LogFormat.sqlite3: read_sqlite3,
 }
+TableReader = Callable[[LogEntry, MachineSpecification, ColumnStore], RawLog]
 
 
-def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore | None = None) -> RawLog:
+def read_log(
+    entry: LogEntry,
+    machine: MachineSpecification,
+    store: ColumnStore | None = None,
+    maximum_gap_s: float = math.inf,
+) -> RawLog:
     """Read one log.
 
     Args:
         entry: A log that `find_logs` found.
         machine: Names topics, joints and the command source.
         store: Stores the columns; in memory by default.
+        maximum_gap_s: Longest pause of a frame over which positions that stand in several CAN frames are joined.
 
     Raises:
         InputError: The log cannot be read at all, lacks a topic or joint of the machine, or is of another type.
@@ -45,11 +54,10 @@ def read_log(entry: LogEntry, machine: MachineSpecification, store: ColumnStore 
     if entry.format in STORAGE_READERS:
         return _read_bag(entry, machine, STORAGE_READERS[entry.format], store)
     if entry.format is LogFormat.can:
-        from pipeline.logs.formats.can.log import (
-            read_can,  # other logs need not wait for python-can and cantools
-        )
+        # Other logs need not wait for python-can and cantools.
+        from pipeline.logs.formats.can.log import read_can
 
-        read = read_can
+        read: TableReader = partial(read_can, maximum_gap_s=maximum_gap_s)
     elif entry.format is LogFormat.lerobot:
         read = read_lerobot
     else:

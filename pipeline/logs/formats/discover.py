@@ -236,15 +236,14 @@ def _format_of(path: Path) -> LogFormat | None:
     """Return a file's format, by its name; compressed tables are not supported."""
     if _plain(path).suffix.lower() in can_logs.SUFFIXES and _is_file(path) and can_logs.is_can_log(path):
         return LogFormat.can
-    found = FORMATS.get(_plain(path).suffix)
+    found = FORMATS.get(_plain(path).suffix.lower())
     return None if path != _plain(path) and found in (LogFormat.csv, LogFormat.parquet) else found
 
 
 def _could_be_log(path: Path) -> bool:
     """Whether a file has a log's suffix, alone or before that of a compression."""
-    return path.suffix in FORMATS or (
-        path.suffix in UNREAD_SUFFIXES and path.with_suffix("").suffix in FORMATS
-    )
+    inner = path.with_suffix("") if path.suffix.lower() in UNREAD_SUFFIXES else path
+    return inner.suffix.lower() in FORMATS or (inner != path and _is_file(path) and can_logs.is_can_log(path))
 
 
 def _printable(name: str) -> str:

@@ -1,20 +1,26 @@
 """CAN logs in every format that `python-can` reads: what was recorded, whatever the frames' layout, and damage."""
 
+import gzip
+import lzma
 import re
+from copy import copy
 from dataclasses import replace
 
 import can
 import cantools
 import numpy as np
 import pytest
+import zstandard
 
 from pipeline.errors import InputError
+from pipeline.logs.conditioning.samples import Samples
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.can.detect import is_can_log
-from pipeline.logs.formats.can.merged import MergedFrames
+from pipeline.logs.formats.can.merged import merged_rows
 from pipeline.logs.formats.discover import LogFormat, find_logs
 from pipeline.logs.ingest import ingest
 from pipeline.logs.messages.raw_log import NoteKind
+from pipeline.logs.trajectories import make_trajectories
 from pipeline.machine.specification import CanSource, ChannelSource
 from tests.logs import can_logs
 from tests.logs.conftest import make_session
@@ -78,10 +84,30 @@ def test_other_files_of_these_suffixes_are_no_logs(tmp_path, name, content):
         find_logs(tmp_path)
 
 
-def test_mf4_is_named(tmp_path, machine):
-    (tmp_path / "a.mf4").write_bytes(b"MDF     4.10")
-    with pytest.raises(InputError, match=r"a\.mf4: \.mf4 is not read; convert it"):
+@pytest.mark.parametrize("suffix", [".mf4", ".mdf", ".MF4"])
+def test_mf4_is_named(tmp_path, machine, suffix):
+    (tmp_path / f"a{suffix}").write_bytes(b"MDF     4.10")
+    with pytest.raises(InputError, match=rf"a\{suffix}: \{suffix.lower()} is not read; convert it"):
         read(tmp_path, machine)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_compressed_logs_are_read_or_named(tmp_path, machine, short, recorded, suffix):
+    plain = can_logs.write(tmp_path / f"a{suffix}", recorded)
+    content = plain.read_bytes()
+    plain.unlink()
+    (tmp_path / f"b{suffix.upper()}.gz").write_bytes(gzip.compress(content))
+    (tmp_path / f"c{suffix}.zst").write_bytes(zstandard.compress(content))
+    (tmp_path / "syslog.log.xz").write_bytes(lzma.compress(b"Nov 28 04:57:19 kernel: started\n"))
+    named, found = find_logs(tmp_path)
+    assert "compressed as .gz, which is not read; decompress it" in named.error
+    assert len(read_log(found, machine).q) == len(short.q)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_suffixes_of_any_case(tmp_path, machine, short, recorded, suffix):
+    can_logs.write(tmp_path / f"a{suffix}", recorded).rename(tmp_path / f"A{suffix.upper()}")
+    assert len(read(tmp_path, machine).q) == len(short.q)
 
 
 def split_frames(short, machine, delays_ns):
@@ -134,33 +160,184 @@ def test_one_frame_per_joint(tmp_path, machine, short, config, loop_tracker):
     assert again.n_skipped == 0  # another DBC file gives other positions
 
 
-def test_merging_by_parts_is_merging_at_once():
+def by_frame(times, values, cuts):
+    """Two frames of one value each, in order of time, in sections that end at the cuts."""
+    at, number = np.concatenate(times), np.repeat([0, 1], [len(one) for one in times])
+    rows = np.full((len(at), 3), np.nan)
+    rows[:, 0], rows[np.arange(len(at)), 1 + number] = number, np.concatenate(values)
+    order = np.argsort(at, kind="stable")
+    return [Samples(at[part], rows[part]) for part in np.split(order, cuts)]
+
+
+def merged(sections, is_held, gap_ns, notes=None):
+    rows = merged_rows(sections, [[0], [1]], is_held, gap_ns, "rows", [] if notes is None else notes)
+    found = [(part.time_ns, part.value, np.full(len(part), part.era)) for part in rows]
+    return [np.concatenate(column) for column in zip(*found, strict=True)]
+
+
+def test_rows_are_those_of_numpy_whatever_the_sections():
     rng = np.random.default_rng(0)
     times = [np.sort(rng.integers(0, 10**10, n)) for n in (500, 300)]
-    values = [rng.normal(size=(len(t), 1)) for t in times]
-    for is_held in (False, True):
-        whole = MergedFrames([[1], [0]], 2, is_held)
-        parts = MergedFrames([[1], [0]], 2, is_held)
-        found = []
-        for number in range(2):
-            whole.add(number, times[number], values[number])
-        for begin in range(0, 10**10, 10**9):
-            for number in range(2):
-                chosen = (times[number] >= begin) & (times[number] < begin + 10**9)
-                parts.add(number, times[number][chosen], values[number][chosen])
-            found.append(parts.rows(begin == 9 * 10**9))
-        at, rows = whole.rows(True)
-        np.testing.assert_array_equal(np.concatenate([part[0] for part in found]), at)
-        np.testing.assert_allclose(np.concatenate([part[1] for part in found]), rows, rtol=0, atol=1e-12)
-        assert parts.n_late == 0
+    values = [rng.normal(size=len(t)) for t in times]
+    for cuts in ([], np.sort(rng.integers(0, 800, 30))):
+        notes = []
+        sections = by_frame(times, values, cuts)
+        at, rows, _ = merged(sections, False, 10**9, notes)
+        np.testing.assert_array_equal(at, times[0])
+        np.testing.assert_array_equal(rows[:, 0], values[0])
+        expected = np.interp(at, times[1], values[1], left=np.nan, right=np.nan)
+        np.testing.assert_allclose(rows[:, 1], expected, rtol=0, atol=1e-12)
+        at, rows, _ = merged(sections, True, 10**9, notes)
+        every = np.unique(np.concatenate(times))
+        np.testing.assert_array_equal(at, every[every >= max(times[0][0], times[1][0])])
+        for column in range(2):
+            last = np.searchsorted(times[column], at, side="right") - 1
+            np.testing.assert_array_equal(rows[:, column], values[column][last])
+        assert not notes
 
 
-def test_a_frame_that_stays_away_does_not_hold_the_others_up():
-    merged = MergedFrames([[0], [1]], 2, False)
-    merged.add(0, np.arange(0, 10**10, 10**8), np.zeros((100, 1)))
-    merged.add(1, np.arange(0, 10**9, 10**8), np.zeros((10, 1)))
-    at, values = merged.rows()
-    assert len(at) == 90 and np.isnan(values[11:, 1]).all() and len(merged.times[0]) < 20
+def test_a_frame_that_stays_away_is_not_interpolated():
+    times = [np.arange(0, 10**10, 10**8), np.arange(0, 10**9, 10**8)]
+    (waiting, *later) = by_frame(times, [np.zeros(100), np.zeros(10)], np.arange(10, 110, 10))
+    at, values, _ = merged([waiting, *later], False, 10**9)
+    np.testing.assert_array_equal(at, times[0])
+    assert np.isnan(values[11:, 1]).all() and not np.isnan(values[:10]).any()
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+def test_a_clock_set_back_begins_an_era_and_a_stray_time_costs_its_frame(is_held):
+    times = [np.arange(10) * 10**8, np.arange(10) * 10**8 + 10**7]
+    first, second = ([np.full(10, value), np.full(10, value)] for value in (1.0, 2.0))
+    (before,), (after,) = by_frame(times, first, []), by_frame(times, second, [])
+    before.time_ns[11] += 3600 * 10**9
+    notes = []
+    at, values, era = merged([before, after], is_held, 5 * 10**8, notes)
+    assert set(era) == {0, 1} and np.isfinite(values).all(axis=1).sum() >= 16
+    for value, number in ((1.0, 0), (2.0, 1)):
+        own = values[era == number]
+        np.testing.assert_array_equal(own[np.isfinite(own)], value)
+    assert at.max() < 10**9
+    (note,) = notes
+    assert note.count == 1 and "far from both neighbours" in note.text
+
+
+def test_commands_in_several_frames_and_a_clock_set_back(tmp_path, machine, short, config, loop_tracker):
+    """Of the rows, those of sound halves: neither era's commands are put into the other."""
+    text, messages = split_frames(short, machine, DELAYS_NS)
+    (tmp_path / "arm.dbc").write_text(text)
+    source = CanSource(str(tmp_path / "arm.dbc"), "", ["POS_{joint}.angle"], ["CMD_{joint}.valve"])
+    described = replace(machine, can=source)
+
+    def rows(name, chosen):
+        entry = find_logs(can_logs.write(tmp_path / f"{name}.log", chosen))[0]
+        raw = read_log(entry, described, None, config.maximum_gap_s)
+        return make_trajectories(raw, described, config, loop_tracker)
+
+    half = len(messages) // 2
+    expected = [rows("first", messages[:half]), rows("second", messages[half:])]
+    for message in messages[half:]:
+        message.timestamp -= 2.0
+    result = rows("both", messages)
+    assert "the clock steps back; the log is split there" in "\n".join(note.text for note in result.notes)
+    for one, other in zip(result.trajectories, expected, strict=True):
+        np.testing.assert_array_equal(one.a, other.trajectories[0].a)
+        np.testing.assert_allclose(one.q, other.trajectories[0].q, atol=1e-6)
+
+
+def test_frames_on_two_buses_are_told(tmp_path, machine, short, recorded):
+    again = [copy(message) for message in recorded]
+    for message in again:
+        message.channel, message.timestamp = 1, message.timestamp + 1e-3
+    both = sorted([*recorded, *again], key=lambda message: message.timestamp)
+    raw = read(can_logs.write(tmp_path / "a.log", both), machine)
+    told = [note.text for note in raw.notes if note.kind is NoteKind.warning]
+    assert len(told) == 2 and all(
+        "on the buses can0, can1, and all are used; set can.bus" in text for text in told
+    )
+    raw = read(tmp_path / "a.log", replace(machine, can=replace(machine.can, bus="can1")))
+    assert len(raw.q) == len(short.q) and not raw.notes
+
+
+MULTIPLEXED = """VERSION "1"
+NS_ :
+BS_:
+BU_: A
+BO_ 256 ARM: 8 A
+ SG_ page M : 0|8@1+ (1,0) [0|3] "" A
+ SG_ p0 m0 : 8|32@1- (1e-6,0) [-10|10] "rad" A
+ SG_ p1 m0 : 40|24@1- (1e-6,0) [-10|10] "rad" A
+ SG_ p2 m1 : 8|32@1- (1e-6,0) [-10|10] "rad" A
+ SG_ p3 m1 : 40|24@1- (1e-6,0) [-10|10] "rad" A
+ SG_ raw m1 : 8|8@1+ (1,0) [0|255] "" A
+BO_ 257 ARM: 1 A
+ SG_ other : 0|8@1+ (1,0) [0|255] "" A
+BO_ 258 CMD: 4 A
+"""
+
+
+def test_multiplexed_overlapping_and_repeated_frames(tmp_path, machine, short, capfd, caplog):
+    """One frame with two joints on each of two pages; signals overlap, and another frame has the same name."""
+    commands = "".join(f' SG_ c{i} : {8 * i}|8@1- (1,0) [-1|1] "" A\n' for i in range(4))
+    text = (
+        MULTIPLEXED.replace("BO_ 257 ARM", "BO_ 257 AUX")
+        + commands
+        + 'BO_ 259 AUX: 1 A\n SG_ b : 0|8@1+ (1,0) [0|1] "" A\n'
+    )
+    (tmp_path / "arm.dbc").write_text(text)
+    frames = []
+    for t, q in zip(short.stamp_ns, short.q, strict=True):
+        for page in (0, 1):
+            counts = np.rint(q[2 * page : 2 * page + 2] / 1e-6).astype(int)
+            data = bytes([page]) + int(counts[0]).to_bytes(4, "little", signed=True)
+            data += int(counts[1]).to_bytes(3, "little", signed=True)
+            frames.append((int(t) + page * 2_000_000, 256, data))
+    for t, a in zip(short.command_ns, short.command, strict=True):
+        frames.append((int(t), 258, a.astype(np.int8).tobytes()))
+    messages = [
+        can.Message(timestamp=t / 1e9, arbitration_id=key, is_extended_id=False, data=data)
+        for t, key, data in sorted(frames)
+    ]
+    positions, commands = ([f"{frame}{i}" for i in range(4)] for frame in ("ARM.p", "CMD.c"))
+    source = CanSource(str(tmp_path / "arm.dbc"), "", positions, commands)
+    raw = read(can_logs.write(tmp_path / "a.log", messages), replace(machine, can=source))
+    assert not raw.notes and not caplog.records and capfd.readouterr().err == ""
+    inside = ~np.isnan(raw.q).any(axis=1)
+    assert inside.sum() == len(short.q) - 1
+    np.testing.assert_allclose(raw.q[inside, :2], short.q[1:, :2], atol=1e-6)
+    at, known = raw.joint_stamp_ns[inside], short.stamp_ns + 2_000_000
+    for joint in (2, 3):
+        assert np.abs(raw.q[inside, joint] - np.interp(at, known, short.q[:, joint])).max() < 2e-6
+    np.testing.assert_array_equal(raw.command, short.command)
+
+
+@pytest.mark.parametrize(
+    ("topic", "field", "text"),
+    [
+        ("COMAND", "counter", "channel counter: no frame `COMAND` in the DBC file; it has EMERGENCY"),
+        ("COMMAND", "countr", "channel counter: frame COMMAND has no signal `countr`; it has command_swing"),
+    ],
+)
+def test_misspelt_channels_are_told(tmp_path, machine, recorded, topic, field, text):
+    can_logs.write(tmp_path / "a.log", recorded)
+    raw = read(tmp_path / "a.log", replace(machine, channels=[ChannelSource("counter", topic, field)]))
+    (note,) = raw.notes
+    assert note.kind is NoteKind.left_out and note.text.startswith(text) and not raw.channels
+
+
+def test_frames_that_do_not_fit_are_told_of_channels_too(tmp_path, machine, recorded):
+    identifier = can_logs.DATABASE.get_message_by_name("COMMAND").frame_id
+    short_frames = [copy(message) for message in recorded]
+    own = [message for message in short_frames if message.arbitration_id == identifier][:3]
+    for message in own:
+        message.data, message.dlc = message.data[:1], 1
+    can_logs.write(tmp_path / "a.log", short_frames)
+    raw = read(
+        tmp_path / "a.log", replace(machine, channels=[ChannelSource("counter", "COMMAND", "counter")])
+    )
+    assert sorted(note.text for note in raw.notes) == [
+        f"3 frames COMMAND ({role}) do not fit the DBC file; left out"
+        for role in ("channel counter", "commands")
+    ]
 
 
 def test_channels_are_signals_of_any_frame(tmp_path, machine, short, recorded):

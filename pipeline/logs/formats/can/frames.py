@@ -5,7 +5,7 @@ import math
 import re
 import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 
 import can
@@ -13,6 +13,7 @@ from can.io.generic import TextIOMessageReader
 
 from pipeline.errors import InputError, first_line
 from pipeline.logs.formats.can.blf_objects import readable_pieces
+from pipeline.logs.formats.can.signals import warnings_handled
 from pipeline.logs.formats.can.text_lines import TextLines
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, ReadingLedger
@@ -66,7 +67,7 @@ def _of_text(opened: OpenedFile, suffix: str) -> Iterator[can.Message]:
     lines = TextLines(opened.file, opened.ledger, _is_lost_asc if suffix == ".asc" else None)
     reader = reader_type(lines, **options)  # type: ignore[arg-type]
     is_within = False
-    with closing(lines), _warnings_as_damage(lines):
+    with closing(lines), warnings_handled("can", _DamageHandler(lines)):
         while True:
             if is_within and header:
                 lines.repeat(header)
@@ -90,27 +91,15 @@ def _is_lost_asc(line: str) -> bool:
 
 
 class _DamageHandler(logging.Handler):
-    """Counts what is logged as damaged lines."""
+    """Counts the lines of which `python-can` only logs that it cannot read them."""
 
-    lines: TextLines
+    def __init__(self, lines: TextLines) -> None:
+        super().__init__(logging.WARNING)
+        self.lines = lines
 
     def emit(self, record: logging.LogRecord) -> None:
         """Count the last line."""
         self.lines.damaged("is not read")
-
-
-@contextmanager
-def _warnings_as_damage(lines: TextLines) -> Iterator[None]:
-    """Count the lines of which `python-can` only logs that it cannot read them."""
-    logger, handler = logging.getLogger("can"), _DamageHandler(logging.WARNING)
-    handler.lines = lines
-    propagates, logger.propagate = logger.propagate, False
-    logger.addHandler(handler)
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)
-        logger.propagate = propagates
 
 
 def _of_blf(opened: OpenedFile) -> Iterator[can.Message]:

@@ -1,125 +1,124 @@
 """Read a CAN log into a `RawLog`."""
 
 from collections import Counter
+from collections.abc import Callable
 
 import numpy as np
+from cantools.database import Database
 
 from pipeline.errors import InputError
+from pipeline.logs.conditioning.samples import Samples
 from pipeline.logs.formats.can.frames import read_frames, time_ns
-from pipeline.logs.formats.can.merged import MergedFrames
-from pipeline.logs.formats.can.signals import JointSignals, joint_signals, load_database, single_signal
+from pipeline.logs.formats.can.merged import merged_rows
+from pipeline.logs.formats.can.signals import (
+    FrameKey,
+    JointSignals,
+    joint_signals,
+    key_of,
+    load_database,
+    single_signal,
+)
 from pipeline.logs.formats.discover import LogEntry
 from pipeline.logs.messages.channel_sources import channel_table, stored_channels
-from pipeline.logs.messages.columns import SECTION_ROWS, Column, ColumnStore
-from pipeline.logs.messages.conversion import Conversion, command_conversion, position_conversion
-from pipeline.logs.messages.message_blocks import ReadingLedger
-from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog, first_damage, timed_by_one_clock
+from pipeline.logs.messages.columns import SECTION_ROWS, Column, ColumnStore, sections
+from pipeline.logs.messages.conversion import command_conversion, position_conversion
+from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, ReadingLedger
+from pipeline.logs.messages.raw_log import (
+    NANOSECONDS,
+    Note,
+    NoteKind,
+    RawLog,
+    first_damage,
+    timed_by_one_clock,
+)
 from pipeline.machine.specification import MachineSpecification
 
+Conversion = Callable[[np.ndarray], np.ndarray]
 LISTED_FRAMES = 24
 
 
 class _Collector:
-    """Gathers the signals of one role (positions or commands) and stores rows of them."""
+    """Gathers the signals of one role (positions, commands or a channel) and stores rows of them."""
 
     def __init__(
-        self,
-        role: str,
-        signals: JointSignals,
-        conversion: Conversion,
-        n_joint: int,
-        is_held: bool,
-        store: ColumnStore,
-        is_channel: bool = False,
+        self, role: str, table: str, signals: JointSignals, conversion: Conversion, store: ColumnStore
     ) -> None:
-        self.is_channel = is_channel
-        self.role, self.signals, self.conversion, self.store = role, signals, conversion, store
-        self.numbers = {
-            (frame.frame_id, frame.is_extended_frame): number for number, frame in enumerate(signals.frames)
-        }
-        self.merged = MergedFrames(signals.joints, n_joint, is_held)
-        self.waiting: list[tuple[list[int], list[np.ndarray]]] = [([], []) for _ in signals.frames]
-        self.n_waiting = self.n_unusable = 0
+        self.role, self.table, self.store = role, table, store
+        self.signals, self.conversion = signals, conversion
+        self.has_one_frame = len(signals.frames) == 1
+        self.waiting: list[tuple[int, int, np.ndarray]] = []
+        self.n_unusable = 0
 
-    def add(self, key: tuple[int, bool], at_ns: int, data: bytes) -> None:
-        """Decode a frame if it is one of these."""
-        if (number := self.numbers.get(key)) is None:
-            return
-        if (values := self.signals.values(number, data)) is None:
-            self.n_unusable += 1
-            return
-        times, rows = self.waiting[number]
-        times.append(at_ns)
-        rows.append(values)
-        self.n_waiting += 1
-        if self.n_waiting >= SECTION_ROWS:
+    def add(self, key: FrameKey, at_ns: int, data: bytes) -> None:
+        """Decode a frame that is one of these."""
+        found = self.signals.values(key, data)
+        self.n_unusable += found is None
+        self.waiting += [(at_ns, number, values) for number, values in found or ()]
+        if len(self.waiting) >= SECTION_ROWS:
             self.flush()
 
-    def flush(self, is_last: bool = False) -> None:
-        """Store the rows that are settled."""
-        for number, (times, rows) in enumerate(self.waiting):
-            if times:
-                self.merged.add(number, np.array(times, np.int64), np.array(rows))
-        self.waiting = [([], []) for _ in self.signals.frames]
-        self.n_waiting = 0
-        at, values = self.merged.rows(is_last)
-        is_known = ~np.isnan(values).all(axis=1)
-        if is_known.any():
-            found = self.conversion(values[is_known])
-            self.store.append(
-                self.role, {"time_ns": at[is_known], "value": found[:, 0] if self.is_channel else found}
-            )
+    def flush(self) -> None:
+        """Store what was gathered."""
+        if not self.waiting:
+            return
+        times, numbers, values = zip(*self.waiting, strict=True)
+        self.waiting = []
+        time_ns, value = np.array(times, np.int64), np.array(values)
+        if self.has_one_frame:
+            self._store_rows(time_ns, value)
+        else:
+            by_frame = np.column_stack([numbers, value])
+            self.store.append(f"{self.table}_by_frame", {"time_ns": time_ns, "value": by_frame})
 
-    def finish(self, entry: LogEntry, ledger: ReadingLedger) -> dict[str, Column]:
-        """Return the columns, and note what was lost.
-
-        Raises:
-            InputError: The log holds none of the frames.
-        """
-        self.flush(is_last=True)
-        names = ", ".join(frame.name for frame in self.signals.frames)
+    def finish(self, is_held: bool, gap_ns: int, ledger: ReadingLedger) -> dict[str, Column]:
+        """Return the columns, empty without a usable frame, and note what was lost."""
+        self.flush()
         if self.n_unusable:
-            text = f"{self.n_unusable} frames {names} do not fit the DBC file; they are left out"
+            text = f"{self.n_unusable} frames {self.signals.names} ({self.role}) do not fit the DBC file; left out"
             ledger.notes.append(Note(NoteKind.left_out, text, self.n_unusable))
-        if self.merged.n_late:
-            text = f"{self.merged.n_late} frames {names} left out: they come after later ones"
-            ledger.notes.append(Note(NoteKind.left_out, text, self.merged.n_late))
-        columns = self.store.columns(self.role)
-        if not columns:
-            seen = ", ".join(
-                f"{name} ({count})" for name, count in list(ledger.counts.items())[:LISTED_FRAMES]
-            )
-            raise InputError(
-                f"{entry.path}: {self.role}: no usable frame {names}; set section can in conf/machine; "
-                f"frames seen: {seen or 'none'}{first_damage(ledger.notes)}"
-            )
-        return columns
+        if found := self.store.columns(f"{self.table}_by_frame"):
+            stream = (Samples(at, value) for at, value in sections((found["time_ns"], found["value"])))
+            for rows in merged_rows(stream, self.signals.joints, is_held, gap_ns, self.role, ledger.notes):
+                self._store_rows(rows.time_ns, rows.value)
+        return self.store.columns(self.table)
+
+    def _store_rows(self, time_ns: np.ndarray, value: np.ndarray) -> None:
+        is_known = ~np.isnan(value).all(axis=1)
+        self.store.append(
+            self.table, {"time_ns": time_ns[is_known], "value": self.conversion(value[is_known])}
+        )
 
 
-def read_can(entry: LogEntry, machine: MachineSpecification, store: ColumnStore) -> RawLog:
+def read_can(
+    entry: LogEntry, machine: MachineSpecification, store: ColumnStore, maximum_gap_s: float = np.inf
+) -> RawLog:
     """Read the signals that the machine's section `can` names. Frames are timed by the log.
+
+    Args:
+        entry: The log.
+        machine: Names the signals.
+        store: Stores the columns.
+        maximum_gap_s: Longest pause of a frame over which positions in several frames are joined.
 
     Raises:
         InputError: The file cannot be read, holds no such frames, or the DBC file lacks a signal.
     """
-    database = load_database(machine)
-    roles = (
-        ("joint states", "positions", position_conversion(machine), False),
-        ("commands", "commands", command_conversion(machine), True),
-    )
+    database, ledger = load_database(machine), ReadingLedger(entry.path)
+    gap_ns = round(min(maximum_gap_s * NANOSECONDS, MAXIMUM_TIME_NS))
     positions, commands = (
-        _Collector(role, joint_signals(database, machine, key), conversion, machine.n_joint, is_held, store)
-        for role, key, conversion, is_held in roles
-    )
-    channels = {
-        channel.name: _Collector(
-            channel_table(channel.name), signal, Conversion(), 1, False, store, is_channel=True
+        _Collector(role, role.replace(" ", "_"), joint_signals(database, machine, key), conversion, store)
+        for role, key, conversion in (
+            ("joint states", "positions", position_conversion(machine)),
+            ("commands", "commands", command_conversion(machine)),
         )
-        for channel in machine.channels
-        if channel.topic and (signal := single_signal(database, channel.topic, channel.field)) is not None
-    }
-    ledger = ReadingLedger(entry.path)
-    counts: Counter[tuple[int, bool]] = Counter()
+    )
+    channels = _channels(database, machine, store, ledger)
+    collectors: dict[FrameKey, list[_Collector]] = {}
+    for collector in (positions, commands, *channels.values()):
+        for key in collector.signals.numbers:
+            collectors.setdefault(key, []).append(collector)
+    counts: Counter[FrameKey] = Counter()
+    buses: dict[FrameKey, set[str]] = {key: set() for key in collectors}
     n_untimed = 0
     for path in entry.files:
         for frame in read_frames(path, ledger):
@@ -127,17 +126,55 @@ def read_can(entry: LogEntry, machine: MachineSpecification, store: ColumnStore)
                 continue
             key, at_ns = (frame.arbitration_id, frame.is_extended_id), time_ns(frame)
             counts[key] += 1
+            if key not in collectors:
+                continue
+            buses[key].add(str(frame.channel))
             if at_ns is None:
                 n_untimed += 1
                 continue
-            for collector in (positions, commands, *channels.values()):
+            for collector in collectors[key]:
                 collector.add(key, at_ns, bytes(frame.data))
     if n_untimed:
         ledger.notes.append(Note(NoteKind.left_out, f"{n_untimed} frames have impossible times", n_untimed))
-    names = {(frame.frame_id, frame.is_extended_frame): frame.name for frame in database.messages}
+    names = {key_of(frame): frame.name for frame in database.messages}
     ledger.counts |= {names.get(key, f"0x{key[0]:X}"): count for key, count in sorted(counts.items())}
+    for key, seen in buses.items():
+        if len(seen) > 1:
+            text = (
+                f"frame {names[key]} stands on the buses {', '.join(sorted(seen))}, and all are used; set can.bus in "
+                f"conf/machine/{machine.name}.yaml to the one to be read"
+            )
+            ledger.notes.append(Note(NoteKind.warning, text, counts[key]))
+    sampled, commanded = positions.finish(False, gap_ns, ledger), commands.finish(True, gap_ns, ledger)
+    for collector, columns in ((positions, sampled), (commands, commanded)):
+        if not columns or not len(columns["time_ns"]):
+            listed = [f"{name} ({count})" for name, count in ledger.counts.items()][:LISTED_FRAMES]
+            raise InputError(
+                f"{entry.path}: {collector.role}: no usable frame {collector.signals.names}; set section can in "
+                f"conf/machine; frames seen: {', '.join(listed) or 'none'}{first_damage(ledger.notes)}"
+            )
     for collector in channels.values():
-        collector.flush(is_last=True)
-    sampled, commanded = positions.finish(entry, ledger), commands.finish(entry, ledger)
-    found, seen = stored_channels(store, channels), dict(ledger.counts)
-    return timed_by_one_clock(entry.name, entry.path, sampled, commanded, seen, ledger.notes, found)
+        collector.finish(True, gap_ns, ledger)
+    found = stored_channels(store, channels)
+    counted = dict(ledger.counts)
+    return timed_by_one_clock(entry.name, entry.path, sampled, commanded, counted, ledger.notes, found)
+
+
+def _channels(
+    database: Database, machine: MachineSpecification, store: ColumnStore, ledger: ReadingLedger
+) -> dict[str, _Collector]:
+    """The channels that are signals; a name that is neither a frame's nor a topic's is noted."""
+    found = {}
+    for channel in machine.channels:
+        role = f"channel {channel.name}"
+        if not channel.topic or channel.topic.startswith("/"):  # of bags
+            continue
+        try:
+            signals = single_signal(database, channel.topic, channel.field, role)
+        except InputError as error:
+            ledger.notes.append(Note(NoteKind.left_out, str(error)))
+            continue
+        found[channel.name] = _Collector(
+            role, channel_table(channel.name), signals, lambda value: value[:, 0], store
+        )
+    return found

@@ -1,84 +1,91 @@
 """Join the signals of several frames into rows of one value per joint."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-LONGEST_PAUSE_NS = 1_000_000_000  # a frame that stays away longer does not hold the others up
+from pipeline.logs.conditioning.encoder_rules import drop_isolated_stamps
+from pipeline.logs.conditioning.ordering import sort_by_time, split_at_steps_back
+from pipeline.logs.conditioning.samples import Samples, join
+from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
+from pipeline.logs.messages.raw_log import Note
 
 
-class MergedFrames:
-    """Rows from frames that each hold the values of some joints, within bounded memory.
+def merged_rows(
+    frames: Iterable[Samples],
+    joints: list[list[int]],
+    is_held: bool,
+    gap_ns: int,
+    what: str,
+    notes: list[Note],
+) -> Iterator[Samples]:
+    """Yield rows of all joints from frames that each hold the values of some, within bounded memory.
 
-    Positions are interpolated linearly to the times of the first frame. Commands have a row at every frame, with the
-    last values of the others.
+    Positions are interpolated linearly to the times of frame 0. Commands have a row at every frame, with the last
+    values of the others, once each has come. A clock that steps back begins an era, for which earlier frames do not
+    count.
+
+    Args:
+        frames: Samples in the order of the log: the frame's number, then a value per joint, NaN for those of other
+            frames; shape (n, 1 + n_joint).
+        joints: Joints of each frame.
+        is_held: Whether these are commands.
+        gap_ns: Longer pauses of a frame are not interpolated, and longer steps back are steps of the clock.
+        what: For the notes.
+        notes: Gets what is left out.
     """
-
-    def __init__(self, joints: list[list[int]], n_joint: int, is_held: bool) -> None:
-        self.joints, self.n_joint, self.is_held = joints, n_joint, is_held
-        self.times: list[np.ndarray] = [np.zeros(0, np.int64) for _ in joints]
-        self.values: list[np.ndarray] = [np.zeros((0, len(columns))) for columns in joints]
-        self.emitted = -1
-        self.n_late = 0
-
-    def add(self, number: int, times: np.ndarray, values: np.ndarray) -> None:
-        """Add samples of one frame, of shapes (n,) and (n, n_signals)."""
-        is_late = times <= self.emitted if len(self.joints) > 1 else np.zeros(len(times), bool)
-        self.n_late += int(is_late.sum())
-        self.times[number] = np.concatenate([self.times[number], times[~is_late]])
-        self.values[number] = np.concatenate([self.values[number], values[~is_late]])
-
-    def rows(self, is_last: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows that are settled, of shapes (n,) and (n, n_joint)."""
-        if len(self.joints) == 1:
-            return self._of_one_frame()
-        for number, times in enumerate(self.times):
-            order = np.argsort(times, kind="stable")
-            self.times[number], self.values[number] = times[order], self.values[number][order]
-        ends = [int(times[-1]) for times in self.times if len(times)]
-        if not ends:
-            return np.zeros(0, np.int64), np.zeros((0, self.n_joint))
-        newest = max(ends)
-        settled = newest if is_last else max(min(ends), newest - LONGEST_PAUSE_NS)
-        at = np.unique(np.concatenate(self.times)) if self.is_held else self.times[0]
-        at = at[(at > self.emitted) & (at <= settled)]
-        values = np.full((len(at), self.n_joint), np.nan)
-        for number, columns in enumerate(self.joints):
-            values[:, columns] = (_held if self.is_held else _interpolated)(
-                at, self.times[number], self.values[number]
-            )
-        self.emitted = settled
-        for number, times in enumerate(self.times):
-            begin = max(int(np.searchsorted(times, settled, side="right")) - 1, 0)
-            self.times[number], self.values[number] = times[begin:], self.values[number][begin:]
-        return at, values
-
-    def _of_one_frame(self) -> tuple[np.ndarray, np.ndarray]:
-        times, own = self.times[0], self.values[0]
-        values = np.full((len(times), self.n_joint), np.nan)
-        values[:, self.joints[0]] = own
-        self.times[0], self.values[0] = times[:0], own[:0]
-        return times, values
+    stream = split_at_steps_back(drop_isolated_stamps(frames, gap_ns, what, "time", notes), gap_ns)
+    stream = sort_by_time(stream, gap_ns, what, "time", notes)
+    return _held(stream, joints) if is_held else _interpolated(stream, joints, gap_ns)
 
 
-def _held(at: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    if not len(times):
-        return np.full((len(at), values.shape[1]), np.nan)
-    index = np.searchsorted(times, at, side="right") - 1
-    return np.where(index[:, None] < 0, np.nan, values[np.maximum(index, 0)])
+def _held(stream: Iterable[Samples], joints: list[list[int]]) -> Iterator[Samples]:
+    era, last, has_come = -1, np.zeros(0), np.zeros(len(joints), bool)
+    for section in stream:
+        if section.era != era:
+            era, last, has_come = section.era, np.full(section.value.shape[1] - 1, np.nan), has_come & False
+        values, is_known = np.tile(last, (len(section), 1)), np.ones(len(section), bool)
+        for number, columns in enumerate(joints):
+            own = np.flatnonzero(section.value[:, 0] == number)
+            newest = np.searchsorted(own, np.arange(len(section)), side="right") - 1
+            after, places = np.flatnonzero(newest >= 0), np.array(columns)
+            values[after[:, None], places] = section.value[own[newest[after]]][:, 1 + places]
+            is_known &= has_come[number] | (newest >= 0)
+            has_come[number] |= len(own) > 0
+        is_known[:-1] &= np.diff(section.time_ns) > 0  # of frames at one time, the last row holds all
+        last = values[-1] if len(values) else last
+        yield Samples(section.time_ns, values, era)[is_known]
 
 
-def _interpolated(at: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    if not len(times):
-        return np.full((len(at), values.shape[1]), np.nan)
-    origin = times[0]
-    found = np.stack(list(_columns(at - origin, times - origin, values)), axis=1)
-    after = np.searchsorted(times, at, side="left").clip(max=len(times) - 1)
-    before = np.maximum(np.searchsorted(times, at, side="right") - 1, 0)
-    found[times[after] - times[before] > LONGEST_PAUSE_NS] = np.nan
-    return found
+def _interpolated(stream: Iterable[Samples], joints: list[list[int]], gap_ns: int) -> Iterator[Samples]:
+    waiting: Samples | None = None  # what may still be a neighbour of rows to come
+    settled = -1
+    for section in stream:
+        if waiting is not None and waiting.era != section.era:
+            yield _between(waiting, joints, settled, MAXIMUM_TIME_NS, gap_ns)
+            waiting, settled = None, -1
+        waiting = section if waiting is None else join([waiting, section])
+        if len(waiting):
+            until = int(waiting.time_ns[-1]) - gap_ns
+            yield _between(waiting, joints, settled, until, gap_ns)
+            waiting, settled = waiting[waiting.time_ns >= until - gap_ns], until
+    if waiting is not None:
+        yield _between(waiting, joints, settled, MAXIMUM_TIME_NS, gap_ns)
 
 
-def _columns(at: np.ndarray, times: np.ndarray, values: np.ndarray) -> Iterator[np.ndarray]:
-    for column in values.T:
-        yield np.interp(at, times, column, left=np.nan, right=np.nan)
+def _between(frames: Samples, joints: list[list[int]], after_ns: int, until_ns: int, gap_ns: int) -> Samples:
+    """The rows at times of frame 0 after `after_ns`, up to `until_ns`."""
+    number, times = frames.value[:, 0], frames.time_ns
+    at = times[(number == 0) & (times > after_ns) & (times <= until_ns)]
+    values = np.full((len(at), frames.value.shape[1] - 1), np.nan)
+    for frame, columns in enumerate(joints):
+        if not (own := number == frame).any():
+            continue
+        known, time_ns = frames.value[own][:, 1:], times[own]
+        for column in columns:
+            elapsed = (at - time_ns[0], time_ns - time_ns[0])
+            values[:, column] = np.interp(*elapsed, known[:, column], left=np.nan, right=np.nan)
+        following = np.searchsorted(time_ns, at, side="left").clip(max=len(time_ns) - 1)
+        before = np.maximum(np.searchsorted(time_ns, at, side="right") - 1, 0)
+        values[np.ix_(time_ns[following] - time_ns[before] > gap_ns, columns)] = np.nan
+    return Samples(at, values, frames.era)

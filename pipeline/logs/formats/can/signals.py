@@ -1,7 +1,9 @@
 """Signals of the machine's joints in CAN frames, by a DBC file."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from copy import copy
 from pathlib import Path
 
 import cantools
@@ -16,32 +18,90 @@ from pipeline.machine.specification import MachineSpecification, can_database, p
 LISTED = 24
 
 
-@dataclass(frozen=True)
+FrameKey = tuple[int, bool]  # identifier, and whether it has 29 bits
+
+
 class JointSignals:
     """Which signals of which frames hold one number per joint.
 
     Attributes:
-        frames: The frames, each once.
-        sources: For each frame the names of its signals.
-        joints: For each frame the joints of these signals, as positions in the machine's order.
+        frames: The frames, reduced to these signals, since others may overlap; one that is multiplexed stands once for
+            each multiplexer value that selects such signals.
+        joints: For each frame the joints of its signals, as positions in the machine's order.
+        n_joint: Their number.
+        numbers: Places in `frames` by the frame's key.
     """
 
-    frames: list[Message]
-    sources: list[list[str]]
-    joints: list[list[int]]
+    def __init__(self, signals: Sequence[tuple[Message, str]]) -> None:
+        groups: dict[tuple, tuple[Message, list[str], list[int]]] = {}
+        for joint, (frame, name) in enumerate(signals):
+            selected = frame.name, tuple(_conditions(frame, name))
+            _, names, joints = groups.setdefault(selected, (frame, [], []))
+            names.append(name)
+            joints.append(joint)
+        self.conditions = [conditions for _, conditions in groups]
+        self.sources = [names for _, names, _ in groups.values()]
+        self.joints = [joints for _, _, joints in groups.values()]
+        self.frames = [
+            _reduced(frame, [*names, *(name for name, _ in conditions)])
+            for (_, conditions), (frame, names, _) in groups.items()
+        ]
+        self.n_joint = len(signals)
+        self.numbers: dict[FrameKey, list[int]] = {}
+        for number, frame in enumerate(self.frames):
+            self.numbers.setdefault(key_of(frame), []).append(number)
 
-    def values(self, number: int, data: bytes) -> np.ndarray | None:
-        """Decode one frame's data into physical values, shape (n_signals,), float64; None if they do not fit.
+    @property
+    def names(self) -> str:
+        """The frames' names, in a list for messages."""
+        return ", ".join(dict.fromkeys(frame.name for frame in self.frames))
+
+    def values(self, key: FrameKey, data: bytes) -> list[tuple[int, np.ndarray]] | None:
+        """Decode one frame's data into physical values.
 
         Args:
-            number: Which of `frames`.
+            key: One of `numbers`.
             data: Its bytes.
+
+        Returns:
+            For each of `frames` that it is, the place there and a value per joint, NaN for joints of other frames,
+            shape (n_joint,), float64; None if the data do not fit.
         """
+        found = []
         try:
-            decoded = self.frames[number].decode_simple(data, decode_choices=False)
-            return np.array([decoded[name] for name in self.sources[number]], np.float64)
-        except (CantoolsError, BitError, KeyError, ValueError, TypeError):
+            for number in self.numbers[key]:
+                decoded = self.frames[number].decode_simple(data, decode_choices=False)
+                if all(decoded[name] in chosen for name, chosen in self.conditions[number]):
+                    values = np.full(self.n_joint, np.nan)
+                    values[self.joints[number]] = [decoded[name] for name in self.sources[number]]
+                    found.append((number, values))
+        except (CantoolsError, BitError, ValueError, TypeError):
             return None
+        return found
+
+
+def _conditions(frame: Message, name: str) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield the multiplexers on which a signal depends, each with the values that select it."""
+    signal = frame.get_signal_by_name(name)
+    while signal.multiplexer_signal is not None:
+        yield signal.multiplexer_signal, tuple(signal.multiplexer_ids or ())
+        signal = frame.get_signal_by_name(signal.multiplexer_signal)
+
+
+def _reduced(frame: Message, names: list[str]) -> Message:
+    """The frame with some of its signals only, as if they were in every one."""
+    signals = [copy(frame.get_signal_by_name(name)) for name in dict.fromkeys(names)]
+    for signal in signals:
+        signal.is_multiplexer, signal.multiplexer_ids, signal.multiplexer_signal = False, None, None
+    extended = frame.is_extended_frame
+    return Message(
+        frame.frame_id, frame.name, frame.length, signals, is_extended_frame=extended, strict=False
+    )
+
+
+def key_of(frame: Message) -> FrameKey:
+    """Return what tells a frame from others on the bus."""
+    return frame.frame_id, frame.is_extended_frame
 
 
 def load_database(machine: MachineSpecification) -> Database:
@@ -60,7 +120,8 @@ def load_database_file(path: Path) -> Database:
         InputError: It is missing or cannot be read.
     """
     try:
-        database = cantools.database.load_file(path)
+        with warnings_handled("cantools", logging.NullHandler()):  # it tells of frames that stand there twice
+            database = cantools.database.load_file(path, strict=False)  # signals may overlap
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file; name the DBC file in can.database of the machine") from error
     except (CantoolsError, OSError, ValueError) as error:
@@ -84,39 +145,38 @@ def joint_signals(database: Database, machine: MachineSpecification, key: str) -
     """
     place = f"conf/machine/{machine.name}.yaml: can.{key}"
     entries: Sequence[str] = getattr(machine.can, key)
-    found: dict[str, tuple[list[str], list[int]]] = {}
-    for joint, entry in enumerate(per_joint(list(entries), machine.joint_names, place)):
-        frame, _, signal = entry.partition(".")
-        names, joints = found.setdefault(frame, ([], []))
-        names.append(signal)
-        joints.append(joint)
-    frames = []
-    for frame, (names, _) in found.items():
-        try:
-            message = database.get_message_by_name(frame)
-        except KeyError:
-            seen = [one.name for one in database.messages]
-            raise InputError(f"{place}: no frame `{frame}` in the DBC file; it has {_listed(seen)}") from None
-        known = [signal.name for signal in message.signals]
-        if missing := [name for name in names if name not in known]:
-            raise InputError(f"{place}: frame {frame} has no signal `{missing[0]}`; it has {_listed(known)}")
-        frames.append(message)
-    return JointSignals(
-        frames, [names for names, _ in found.values()], [joints for _, joints in found.values()]
-    )
+    names = per_joint(list(entries), machine.joint_names, place)
+    return JointSignals([_signal(database, *name.partition(".")[::2], place) for name in names])
 
 
-def single_signal(database: Database, frame: str, signal: str) -> JointSignals | None:
-    """Find one signal by the names of its frame and its own; None if the DBC file lacks it."""
+def single_signal(database: Database, frame: str, signal: str, place: str) -> JointSignals:
+    """Find one signal by the names of its frame and its own; errors as for `joint_signals`."""
+    return JointSignals([_signal(database, frame, signal, place)])
+
+
+def _signal(database: Database, frame: str, signal: str, place: str) -> tuple[Message, str]:
     try:
         message = database.get_message_by_name(frame)
     except KeyError:
-        return None
-    return (
-        JointSignals([message], [[signal]], [[0]])
-        if signal in {one.name for one in message.signals}
-        else None
-    )
+        seen = [one.name for one in database.messages]
+        raise InputError(f"{place}: no frame `{frame}` in the DBC file; it has {_listed(seen)}") from None
+    known = [one.name for one in message.signals]
+    if signal not in known:
+        raise InputError(f"{place}: frame {frame} has no signal `{signal}`; it has {_listed(known)}")
+    return message, signal
+
+
+@contextmanager
+def warnings_handled(library: str, handler: logging.Handler) -> Iterator[None]:
+    """Hand the warnings that a library logs to a handler, and to nothing else."""
+    logger = logging.getLogger(library)
+    propagates, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = propagates
 
 
 def _listed(names: list[str]) -> str:
