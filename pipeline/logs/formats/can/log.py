@@ -126,13 +126,12 @@ def read_can(
                 continue
             key, at_ns = (frame.arbitration_id, frame.is_extended_id), time_ns(frame)
             counts[key] += 1
-            if key not in collectors:
-                continue
-            buses[key].add(str(frame.channel))
-            if at_ns is None:
+            if at_ns is None:  # of any frame, as damage may have changed the identifier too
                 n_untimed += 1
                 continue
-            for collector in collectors[key]:
+            if key in buses:
+                buses[key].add(str(frame.channel))
+            for collector in collectors.get(key, ()):
                 collector.add(key, at_ns, bytes(frame.data))
     if n_untimed:
         ledger.notes.append(Note(NoteKind.left_out, f"{n_untimed} frames have impossible times", n_untimed))
