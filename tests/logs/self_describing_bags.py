@@ -20,7 +20,7 @@ TYPES = {
 KINDS = tuple(TYPES)
 
 
-def _add(message, number, name, kind, type_name="", repeated=False, optional=False) -> None:
+def add_field(message, number, name, kind, type_name="", repeated=False, optional=False) -> None:
     label = FieldDescriptorProto.LABEL_REPEATED if repeated else FieldDescriptorProto.LABEL_OPTIONAL
     field = message.field.add(name=name, number=number, type=kind, label=label, type_name=type_name or None)
     if optional:
@@ -33,13 +33,13 @@ def schema_files() -> FileDescriptorSet:
     file = FileDescriptorProto(name="arm.proto", package="foxglove", syntax="proto3")
     file.dependency.append("google/protobuf/timestamp.proto")
     joint = file.message_type.add(name="JointState")
-    _add(joint, 1, "name", STRING)
-    _add(joint, 2, "position", DOUBLE, optional=True)
+    add_field(joint, 1, "name", STRING)
+    add_field(joint, 2, "position", DOUBLE, optional=True)
     states = file.message_type.add(name="JointStates")
-    _add(states, 1, "timestamp", MESSAGE, ".google.protobuf.Timestamp")
-    _add(states, 2, "joints", MESSAGE, ".foxglove.JointState", repeated=True)
+    add_field(states, 1, "timestamp", MESSAGE, ".google.protobuf.Timestamp")
+    add_field(states, 2, "joints", MESSAGE, ".foxglove.JointState", repeated=True)
     arrays = FileDescriptorProto(name="array.proto", package="std_msgs", syntax="proto3")
-    _add(arrays.message_type.add(name="Int8MultiArray"), 1, "data", SINT32, repeated=True)
+    add_field(arrays.message_type.add(name="Int8MultiArray"), 1, "data", SINT32, repeated=True)
     timestamp = FileDescriptorProto()
     timestamp_pb2.DESCRIPTOR.CopyToProto(timestamp)
     return FileDescriptorSet(file=[file, arrays, timestamp])

@@ -12,6 +12,7 @@ from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.protobuf_messages import message_class_of
 
 TIME, TEXT = "time", "text"
+MAP = "map"  # its entries' paths are `map.KEY`
 ROS_TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 PROTOBUF_TIMES = ("google.protobuf.Timestamp", "google.protobuf.Duration")
 ARRAY_LAYOUT = "std_msgs/msg/MultiArrayLayout"  # which nobody fills in
@@ -85,7 +86,9 @@ def _of_json(value: Any, path: str, depth: int) -> Iterator[tuple[str, str]]:
 def _of_protobuf(descriptor: Any, prefix: str, depth: int) -> Iterator[tuple[str, str]]:
     for entry in descriptor.fields if depth < MAXIMUM_DEPTH else ():
         path, is_list = f"{prefix}{entry.name}", entry.is_repeated
-        if entry.message_type is None:
+        if entry.message_type is not None and entry.message_type.GetOptions().map_entry:
+            yield path, MAP
+        elif entry.message_type is None:
             kind = TEXT if entry.cpp_type == entry.CPPTYPE_STRING else "number"
             yield path, kind + ("[]" if is_list else "")
         elif entry.message_type.full_name in PROTOBUF_TIMES:

@@ -163,15 +163,18 @@ class NamedCommands:
         self.joint_names = joint_names
         self.names = names
         self.values = values
+        self.paths: list[tuple[str, ...]] = []  # of names and of values, in the messages of the last topic
 
     def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """Names and values."""
-        return (*elements(self.names), *elements(self.values))
+        self.paths = [elements(path, topic.encoding) for path in (self.names, self.values)]
+        return tuple(path for paths in self.paths for path in paths)
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Pick the machine's joints by name."""
-        names = tuple(name for path in elements(self.names) for name in group.strings.get(path, ()))
-        parts = [group.numbers[path] for path in elements(self.values) if path in group.numbers]
+        of_names, of_values = self.paths
+        names = tuple(name for path in of_names for name in group.strings.get(path, ()))
+        parts = [group.numbers[path] for path in of_values if path in group.numbers]
         n_values = sum(part.shape[1] for part in parts)
         columns = select_joints(names, self.joint_names)
         if n_values != len(names):

@@ -13,6 +13,8 @@ MAXIMUM_ELEMENTS = 64  # of a list of messages, one per joint
 STEP = re.compile(r"(?:^|\.)([^.\[\]]+)|\[(\d*)\]")
 SECONDS_AND_NANOSECONDS = (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos"), ("secs", "nsecs"))
 
+SELF_DESCRIBING = ("json", "protobuf")  # encodings whose decoders know `[]`
+
 Step = str | int
 
 
@@ -40,10 +42,12 @@ def number_at(group: FieldGroup, path: str) -> np.ndarray:
     return values[:, int(index)].astype(np.float64)
 
 
-def elements(path: str) -> tuple[str, ...]:
-    """Return a path, and where it holds `[]` also those of the first elements, as ROS messages name them."""
-    numbered = (path.replace("[]", f"[{number}]") for number in range(MAXIMUM_ELEMENTS))
-    return (path, *numbered) if "[]" in path else (path,)
+def elements(path: str, encoding: str) -> tuple[str, ...]:
+    """Return the paths that stand for one with `[]`: itself, or in ROS messages those of the first elements."""
+    path = path.removesuffix("[]")
+    if "[]" not in path or encoding in SELF_DESCRIBING:
+        return (path,)
+    return tuple(path.replace("[]", f"[{number}]") for number in range(MAXIMUM_ELEMENTS))
 
 
 def stamp_paths(place: str = "") -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.logs.messages.conversion import ConvertedColumn, position_conversion
-from pipeline.logs.messages.field_paths import number_at, stamp_paths, stamps_ns
+from pipeline.logs.messages.field_paths import SELF_DESCRIBING, number_at, stamp_paths, stamps_ns
 from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup, LayoutError
 from pipeline.logs.messages.mismatch import MismatchError
@@ -14,7 +14,6 @@ ROLE = "joint states"
 ROS_TYPE = "sensor_msgs/msg/JointState"
 FOXGLOVE_TYPE = "foxglove.JointStates"
 FOXGLOVE_NAMES = "joints[].name"
-SELF_DESCRIBING = ("json", "protobuf")
 
 
 def joint_state_adapter(machine: MachineSpecification) -> Adapter:

@@ -38,6 +38,4 @@ def json_child(value: Any, step: Step) -> Any:
         found = value[step]  # type: ignore[index]
     except (KeyError, IndexError, TypeError):
         return None
-    if isinstance(found, list):
-        return [math.nan if element is None else element for element in found]
     return math.nan if found is None else found

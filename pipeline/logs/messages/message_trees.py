@@ -1,7 +1,7 @@
 """Messages that describe themselves field by field (JSON, Protobuf): their wanted fields as `FieldGroup`s."""
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,9 @@ from pipeline.logs.messages.message_layout import FieldGroup
 
 INT64 = range(-(1 << 63), 1 << 63)
 MAXIMUM_VALUES = 1 << 16  # of one field of one message
+MAXIMUM_MESSAGE_BYTES = (
+    64 * MAXIMUM_VALUES
+)  # a value with its name takes fewer; parsing takes 50 times as much memory
 
 Child = Callable[[Any, Step], Any]  # the value at one step below a value; None where there is no such value
 Values = tuple[float | int | str, ...]
@@ -41,6 +44,8 @@ def decode_trees(
     malformed = []
     for number, (start, length) in enumerate(zip(block.start.tolist(), block.length.tolist(), strict=True)):
         try:
+            if length > MAXIMUM_MESSAGE_BYTES:
+                raise TreeError(f"{length} bytes")
             tree = parse(block.data[start : start + length].tobytes())
         except TreeError:
             malformed.append(number)
@@ -76,19 +81,23 @@ def _values(tree: Any, steps: tuple[Step, ...], child: Child) -> Values | None:
     """The numbers, or the texts, at a path; None if there are neither."""
     for position, step in enumerate(steps):
         if step == EVERY:
-            if not isinstance(tree, list) or len(tree) > MAXIMUM_VALUES:
+            if not _is_list(tree):
                 return None
             parts = [_values(element, steps[position + 1 :], child) for element in tree]
             return None if None in parts else tuple(value for part in parts if part for value in part)
         tree = child(tree, step)
         if tree is None:
             return None
-    elements = tree if isinstance(tree, list) else [tree]
-    if len(elements) > MAXIMUM_VALUES or not all(isinstance(value, int | float | str) for value in elements):
+    elements = [math.nan if value is None else value for value in (tree if _is_list(tree) else [tree])]
+    if not all(isinstance(value, int | float | str) for value in elements):
         return None
     if len({isinstance(value, str) for value in elements}) > 1:
         return None
     return tuple(_bounded(value) for value in elements)
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes) and len(value) <= MAXIMUM_VALUES
 
 
 def _bounded(value: float | int | str) -> float | int | str:

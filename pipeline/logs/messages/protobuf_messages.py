@@ -5,17 +5,17 @@ The schema of a channel is a serialised `FileDescriptorSet`.
 
 import functools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
-from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 
 from pipeline.errors import first_line
-from pipeline.logs.messages.field_paths import Step
+from pipeline.logs.messages.field_paths import Step, steps_of
 from pipeline.logs.messages.message_blocks import BYTES_AS_TEXT, LoggedTopic, MessageBlock
 from pipeline.logs.messages.message_definitions import MAXIMUM_DEFINITION_CHARACTERS, DefinitionError
 from pipeline.logs.messages.message_layout import FieldGroup
@@ -28,7 +28,8 @@ def decode_protobuf(block: MessageBlock, wanted: Collection[str]) -> tuple[list[
     Raises:
         DefinitionError: The channel's schema cannot be used.
     """
-    message_class = message_class_of(block.topic)
+    names = frozenset(step for path in wanted for step in steps_of(path) if isinstance(step, str))
+    message_class = message_class_of(block.topic, names)
 
     def parse(message: bytes) -> Message:
         try:
@@ -39,28 +40,45 @@ def decode_protobuf(block: MessageBlock, wanted: Collection[str]) -> tuple[list[
     return decode_trees(block, wanted, parse, protobuf_child)
 
 
-def message_class_of(topic: LoggedTopic) -> type[Message]:
-    """Return the class of a topic's messages.
+@functools.lru_cache(maxsize=64)
+def message_class_of(topic: LoggedTopic, names: frozenset[str] | None = None) -> type[Message]:
+    """Return the class of a topic's messages, with fields of these names alone (default: with all).
+
+    Memory of a message grows with all fields of its class for each of its elements, also of those that are not set.
 
     Raises:
         DefinitionError: The schema cannot be used.
     """
-    return _message_class(topic.type_name, topic.definition)
-
-
-@functools.lru_cache(maxsize=64)
-def _message_class(type_name: str, definition: str) -> type[Message]:
+    type_name, definition = topic.type_name, topic.definition
     if len(definition) > MAXIMUM_DEFINITION_CHARACTERS:
         raise DefinitionError(f"definition of {type_name} has {len(definition)} bytes")
     pool = DescriptorPool()
     try:
         files = FileDescriptorSet.FromString(definition.encode(BYTES_AS_TEXT))
         for file in _in_order_of_dependence(files):
+            for message in file.message_type if names is not None else ():
+                _leave_only(names, message)
             pool.Add(file)  # type: ignore[attr-defined, no-untyped-call]
         return GetMessageClass(pool.FindMessageTypeByName(type_name))  # type: ignore[no-untyped-call]
     except (DecodeError, TypeError, ValueError, KeyError, RecursionError) as error:
         reason = first_line(error)
         raise DefinitionError(f"definition of {type_name} cannot be used ({reason})") from error
+
+
+def _leave_only(names: Collection[str], message: DescriptorProto) -> None:
+    """Remove all other fields from a message's description, and from those within."""
+    if not message.options.map_entry:
+        kept = [field for field in message.field if field.name in names]
+        choices = sorted({field.oneof_index for field in kept if field.HasField("oneof_index")})
+        for field in kept:
+            if field.HasField("oneof_index"):
+                field.oneof_index = choices.index(field.oneof_index)
+        oneofs = [message.oneof_decl[number] for number in choices]
+        del message.field[:], message.oneof_decl[:]
+        message.field.extend(kept)
+        message.oneof_decl.extend(oneofs)
+    for nested in message.nested_type:
+        _leave_only(names, nested)
 
 
 def _in_order_of_dependence(files: FileDescriptorSet) -> list[FileDescriptorProto]:
@@ -87,16 +105,12 @@ def protobuf_child(value: Any, step: Step) -> Any:
             return None
         if field.has_presence and field.message_type is None and not value.HasField(field.name):
             return math.nan
-        found = getattr(value, field.name)
-    else:
-        found = _element(value, step)
-    is_list = isinstance(found, Sequence) and not isinstance(found, str | bytes)
-    return list(found) if is_list else found
-
-
-def _element(value: Any, step: Step) -> Any:
-    """The element of a list or a map."""
-    if isinstance(value, Mapping):
-        return value.get(step)
-    is_within = isinstance(value, list) and isinstance(step, int) and step < len(value)
-    return value[step] if is_within else None
+        return getattr(value, field.name)
+    if isinstance(value, str | bytes):
+        return None
+    try:
+        return (
+            value.get(step) if isinstance(value, Mapping) else value[step]
+        )  # a map adds what `[]` does not find
+    except (IndexError, TypeError):
+        return None
