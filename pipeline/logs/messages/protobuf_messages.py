@@ -56,8 +56,9 @@ def message_class_of(topic: LoggedTopic, names: frozenset[str] | None = None) ->
     try:
         files = FileDescriptorSet.FromString(definition.encode(BYTES_AS_TEXT))
         for file in _in_order_of_dependence(files):
-            for message in file.message_type if names is not None else ():
-                _leave_only(names, message)
+            if names is not None:
+                for message in file.message_type:
+                    _leave_only(names, message)
             pool.Add(file)  # type: ignore[attr-defined, no-untyped-call]
         return GetMessageClass(pool.FindMessageTypeByName(type_name))  # type: ignore[no-untyped-call]
     except (DecodeError, TypeError, ValueError, KeyError, RecursionError) as error:
