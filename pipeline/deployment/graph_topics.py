@@ -19,7 +19,7 @@ from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.messages import EmergencyStop, GoalOutcome, JointCommand, ReachResult, Topic
 from pipeline.deployment.transports.mcap_file import RecordedTopic, write_mcap_file
 from pipeline.logs.formats.bags import STORAGE_READERS
-from pipeline.logs.formats.discover import LogEntry
+from pipeline.logs.formats.log_entry import LogEntry
 from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger
 
 PACKAGE = "hydraulic_arm"

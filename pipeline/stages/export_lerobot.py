@@ -7,7 +7,7 @@ from omegaconf import MISSING
 
 from pipeline.configuration.paths import InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.logs.formats.lerobot.writer import write_lerobot
+from pipeline.logs.export.lerobot import write_lerobot
 from pipeline.logs.tuples import read_tuples
 from pipeline.tracking import StageRun
 

@@ -8,7 +8,7 @@ import polars
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
-from pipeline.logs.formats.lerobot.writer import write_lerobot
+from pipeline.logs.export.lerobot import write_lerobot
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import Trajectory
 from tests.logs import can_logs, self_describing_bags

@@ -23,7 +23,7 @@ import zstandard
 from rosbags.rosbag2 import StoragePlugin
 
 from pipeline.configuration.load import load_machine
-from pipeline.logs.formats.lerobot.writer import write_lerobot
+from pipeline.logs.export.lerobot import write_lerobot
 from pipeline.logs.tuples import Trajectory
 from tests.logs import can_logs, self_describing_bags
 from tests.logs import foreign_bags as foreign

@@ -8,7 +8,7 @@ from pipeline.errors import InputError
 from pipeline.logs.describe.contents import Contents, Stream
 from pipeline.logs.describe.field_types import TEXT, TIME, field_types
 from pipeline.logs.formats.bags import STORAGE_READERS
-from pipeline.logs.formats.discover import LogEntry
+from pipeline.logs.formats.log_entry import LogEntry
 from pipeline.logs.messages.encodings import decode
 from pipeline.logs.messages.joint_states import FOXGLOVE_NAMES, FOXGLOVE_TYPE
 from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger

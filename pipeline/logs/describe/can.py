@@ -10,7 +10,7 @@ from pipeline.errors import InputError
 from pipeline.logs.describe.contents import Contents, Stream
 from pipeline.logs.formats.can.frames import read_frames, time_ns
 from pipeline.logs.formats.can.signals import load_database_file
-from pipeline.logs.formats.discover import LogEntry
+from pipeline.logs.formats.log_entry import LogEntry
 from pipeline.logs.messages.message_blocks import ReadingLedger
 
 CAN_FRAME = "CAN frame"  # type of the streams

@@ -1,11 +1,11 @@
 """What logs hold: streams (topics, tables, CAN frames) and their fields, over all logs of a folder."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.logs.messages.raw_log import NANOSECONDS
+from pipeline.logs.messages.raw_log import NANOSECONDS, Note, first_damage
 
 MAXIMUM_ELEMENTS = 64  # of a sequence that are kept apart
 MAXIMUM_TEXTS = 8
@@ -115,6 +115,10 @@ class Contents:
     streams: dict[tuple[str, ...], Stream] = field(default_factory=dict)
     logs: list[str] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
+
+    def add_log(self, text: str, notes: Iterable[Note]) -> None:
+        """Add the line of a log that was read, with the first of its damage."""
+        self.logs.append(f"{text}{first_damage(notes)}")
 
     def stream(self, key: tuple[str, ...], name: str, type_name: str) -> Stream:
         """Return the stream of a key, which is made when it is first met."""

@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.logs.formats.discover import LogEntry, LogFormat
 from pipeline.logs.formats.lerobot.log import read_lerobot
+from pipeline.logs.formats.log_entry import LogEntry, LogFormat
 from pipeline.logs.formats.mcap.file import read_mcap
 from pipeline.logs.formats.rosbag1.file import read_rosbag1
 from pipeline.logs.formats.sqlite3.file import read_sqlite3

@@ -8,7 +8,7 @@ import numpy as np
 import polars
 
 from pipeline.errors import InputError, first_line
-from pipeline.logs.formats.discover import LogEntry, LogFormat
+from pipeline.logs.formats.log_entry import LogEntry, LogFormat
 from pipeline.logs.messages.channel_sources import channel_table, stored_channels
 from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore
 from pipeline.logs.messages.conversion import command_conversion, position_conversion

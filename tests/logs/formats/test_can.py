@@ -17,7 +17,8 @@ from pipeline.logs.conditioning.samples import Samples
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.can.detect import is_can_log
 from pipeline.logs.formats.can.merged import merged_rows
-from pipeline.logs.formats.discover import LogFormat, find_logs
+from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.log_entry import LogFormat
 from pipeline.logs.ingest import ingest
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.trajectories import make_trajectories

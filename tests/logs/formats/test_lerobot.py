@@ -9,15 +9,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.logs.export.lerobot import write_lerobot
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import LogFormat, find_logs
+from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.lerobot import frames
 from pipeline.logs.formats.lerobot.dataset import MAXIMUM_EPISODES
 from pipeline.logs.formats.lerobot.features import Element, element_of, names_of
-from pipeline.logs.formats.lerobot.writer import write_lerobot
+from pipeline.logs.formats.log_entry import LogFormat
 from pipeline.logs.ingest import ingest
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import read_tuples
-from pipeline.machine.specification import LeRobotSource
+from pipeline.machine.specification import ChannelSource, LeRobotSource
 from tests.logs.conftest import make_session
 from tests.stages.command import run_stage
 
@@ -117,7 +119,8 @@ def test_elements_of_features():
     assert element_of("c[2]", features, "") == Element("c", 2) and element_of("c", features, "") == Element(
         "c", 0
     )
-    assert names_of({"names": {"motors": ["x", "y"]}}) == ["x", "y"]
+    assert names_of({"names": {"motors": ["x", "y"]}}) == {"x": 0, "y": 1}
+    assert element_of("d.q", {"d": {"names": {"p": 2, "q": 0}}}, "") == Element("d", 0)
     with pytest.raises(InputError, match=r"no feature `d`; the dataset has a, a\.b, c"):
         element_of("d", features, "")
     with pytest.raises(InputError, match=r"has no number `z`; it has no names; use \[0\]"):
@@ -164,3 +167,71 @@ def test_odd_columns_are_told_in_one_line(tmp_path, dataset, machine):
     assert len(read_log(find_logs(dataset)[0], machine).q) == len(
         frames.filter(polars.col("episode_index") == 0)
     )
+
+
+def test_what_lies_in_a_dataset_or_beside_a_stray_description_is_read_too(
+    tmp_path, dataset, machine, config, loop_tracker
+):
+    session = make_session(machine, seconds=6)
+    session.write(dataset / "data" / "morning", machine)
+    session.write(dataset / "evening", machine)
+    for text in ('{"codebase_version": "v3.0"}', '{"codebase_version": "v3.0", "fps": 20, "features": {}}'):
+        stray = tmp_path / "data" / str(len(text))
+        session.write(stray / "bag", machine)
+        (stray / "meta").mkdir()
+        (stray / "meta/info.json").write_text(text)
+    summary = ingest(machine, tmp_path / "data", tmp_path / "tuples", config, loop_tracker)
+    assert sum(report.name.endswith("bag") for report in summary.reports) == 2
+    assert {"morning", "evening", "arm_episode_000000"} < {report.name for report in summary.reports}
+    reasons = [failure.reason for failure in summary.failures]
+    assert "info.json: not a LeRobot dataset's description" in reasons[0]
+    assert "a LeRobot dataset without frames" in reasons[1]
+
+
+@pytest.mark.parametrize(
+    ("key", "stated", "told"),
+    [
+        ("total_episodes", 5, "states total_episodes 5, and 3"),
+        ("total_frames", 7, "states total_frames 7, and"),
+    ],
+)
+def test_totals_are_held_against_what_was_read(dataset, machine, key, stated, told):
+    information = json.loads((dataset / "meta/info.json").read_text())
+    (dataset / "meta/info.json").write_text(json.dumps({**information, key: stated}))
+    (note,) = find_logs(dataset)[0].notes
+    assert told in note.text
+    assert any(told in other.text for other in read_log(find_logs(dataset)[0], machine).notes)
+
+
+def test_channels(dataset, machine):
+    path = dataset / "data/chunk-000/file-000.parquet"
+    polars.read_parquet(path).with_columns(oil=polars.lit([40.0, 41.0])).write_parquet(path)
+    information = json.loads((dataset / "meta/info.json").read_text())
+    information["features"]["oil"] = {"dtype": "float64", "shape": [2], "names": ["in", "out"]}
+    (dataset / "meta/info.json").write_text(json.dumps(information))
+    channels = [ChannelSource("oil", column="oil.out"), ChannelSource("water", column="water")]
+    raw = read_log(find_logs(dataset)[1], replace(machine, channels=channels))
+    assert set(raw.channels["oil"].value) == {41.0} and len(raw.channels["oil"].time_ns) == len(raw.q)
+    (note,) = raw.notes
+    assert note.text.startswith("channel water: no feature `water`; the dataset has")
+
+
+def test_a_row_group_of_many_episodes_is_read_once(dataset, machine, trajectories, monkeypatch):
+    """Also where frames of episodes are mixed."""
+    path = dataset / "data/chunk-000/file-000.parquet"
+    polars.read_parquet(path).sort("frame_index", maintain_order=True).write_parquet(path)
+    n_read, iter_batches = [], pq.ParquetFile.iter_batches
+
+    def counted(self, *args, **kwargs):
+        n_read.append(kwargs["columns"])
+        return iter_batches(self, *args, **kwargs)
+
+    entries = find_logs(dataset)
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", counted)
+    for entry, other in zip(entries, trajectories, strict=True):
+        np.testing.assert_array_equal(read_log(entry, machine).command, other.a)
+    assert len(n_read) == 1
+    monkeypatch.setattr(frames, "KEPT_BYTES", 0)
+    frames._kept.cache_clear()
+    for entry, other in zip(entries, trajectories, strict=True):
+        np.testing.assert_array_equal(read_log(entry, machine).command, other.a)

@@ -18,7 +18,7 @@ from pipeline.logs.formats.can.signals import (
     load_database,
     single_signal,
 )
-from pipeline.logs.formats.discover import LogEntry
+from pipeline.logs.formats.log_entry import LogEntry
 from pipeline.logs.messages.channel_sources import channel_table, stored_channels
 from pipeline.logs.messages.columns import SECTION_ROWS, Column, ColumnStore, sections
 from pipeline.logs.messages.conversion import command_conversion, position_conversion

@@ -1,1 +1,1 @@
-"""LeRobot datasets, version 3: read as logs, one per episode, and written."""
+"""LeRobot datasets, version 3, read as logs, one per episode."""

@@ -1,6 +1,7 @@
 """What a LeRobot dataset says of itself (`meta/info.json`), and the episodes in its files."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ INFORMATION = Path("meta") / "info.json"
 VERSION = "v3."
 MAXIMUM_INFORMATION_BYTES = 1 << 22
 MAXIMUM_EPISODES = 100_000  # of a file
+TOTALS = ("total_episodes", "total_frames")
 EPISODE, LENGTH = "episode_index", "length"
 READING_FAULTS = (pa.ArrowException, OSError, ValueError, OverflowError)
 
@@ -26,10 +28,12 @@ class DatasetInformation:
     Attributes:
         fps: Frames per second.
         features: By name: `dtype`, `shape`, `names`.
+        totals: `total_episodes` and `total_frames`, where they are stated.
     """
 
     fps: float
     features: dict[str, dict[str, Any]]
+    totals: dict[str, int]
 
 
 def is_dataset(directory: Path) -> bool:
@@ -63,7 +67,8 @@ def read_information(directory: Path) -> DatasetInformation:
         )
     if not 0 < fps < 1e6:
         raise InputError(f"{path}: fps is {fps}; it must be positive")
-    return DatasetInformation(fps, features)
+    totals = {key: content[key] for key in TOTALS if isinstance(content.get(key), int)}
+    return DatasetInformation(fps, features, totals)
 
 
 def data_files(directory: Path) -> list[Path]:
@@ -71,25 +76,55 @@ def data_files(directory: Path) -> list[Path]:
     return sorted((directory / "data").glob("*/*.parquet"))
 
 
-def episodes_of(path: Path) -> list[int]:
-    """Episodes in a file of frames, in order.
+@dataclass(frozen=True)
+class EpisodeFrames:
+    """Where an episode's frames stand in a file: the first row, the row behind the last one, and their number."""
+
+    begin: int
+    end: int
+    count: int
+
+
+def episodes_of(path: Path) -> dict[int, EpisodeFrames]:
+    """Episodes in a file of frames, in order of their numbers.
 
     Raises:
         InputError: The file cannot be read.
     """
-    found: set[int] = set()
+    found: dict[int, EpisodeFrames] = {}
+    fault: Exception | None = None
     try:
         with pq.ParquetFile(path) as file:
-            for batch in file.iter_batches(columns=[EPISODE]):
-                found |= set(np.unique(episode_numbers(batch.column(0).drop_null())).tolist())
-                if len(found) > MAXIMUM_EPISODES:
-                    raise InputError(
-                        f"{path}: holds more than {MAXIMUM_EPISODES} episodes; split the dataset"
-                    )
+            row = 0
+            for group in range(file.num_row_groups):
+                try:
+                    for number, frames in _episodes_of_group(file, group, row):
+                        known = found.get(number, EpisodeFrames(frames.begin, frames.end, 0))
+                        found[number] = EpisodeFrames(known.begin, frames.end, known.count + frames.count)
+                        if len(found) > MAXIMUM_EPISODES:
+                            raise InputError(
+                                f"{path}: holds more than {MAXIMUM_EPISODES} episodes; split the dataset"
+                            )
+                except READING_FAULTS as error:
+                    fault = fault or error
+                row += file.metadata.row_group(group).num_rows
     except READING_FAULTS as error:
-        if not found:
-            raise InputError(f"{path}: not a readable table ({first_line(error)})") from error
-    return sorted(int(episode) for episode in found)
+        fault = fault or error
+    if fault is not None and not found:
+        raise InputError(f"{path}: not a readable table ({first_line(fault)})") from fault
+    return dict(sorted(found.items()))
+
+
+def _episodes_of_group(file: pq.ParquetFile, group: int, row: int) -> Iterator[tuple[int, EpisodeFrames]]:
+    """Yield the episodes of a row group that begins at a row, batch by batch."""
+    for batch in file.iter_batches(columns=[EPISODE], row_groups=[group]):
+        numbers = episode_numbers(batch.column(0))
+        episodes, first, count = np.unique(numbers, return_index=True, return_counts=True)
+        last = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
+        for episode, *place in zip(*(a.tolist() for a in (episodes, first, last, count)), strict=True):
+            if episode >= 0:
+                yield episode, EpisodeFrames(row + place[0], row + place[1] + 1, place[2])
+        row += len(batch)
 
 
 def episode_numbers(column: pa.Array) -> np.ndarray:

@@ -10,6 +10,10 @@ import pyarrow.compute as pc
 from pipeline.errors import InputError
 
 
+class NoNumbersError(InputError):
+    """A feature holds something else."""
+
+
 @dataclass(frozen=True)
 class Element:
     """One number of a feature: the feature's name, and the number's position in it."""
@@ -21,7 +25,7 @@ class Element:
         """Return the numbers of a batch of frames, shape (n,), float64; NaN where a frame lacks it.
 
         Raises:
-            InputError: The column holds no numbers.
+            NoNumbersError: The column holds something else.
         """
         column = batch.column(batch.schema.get_field_index(self.feature))
         kind = column.type
@@ -50,24 +54,29 @@ def element_of(entry: str, features: dict[str, dict[str, Any]], place: str) -> E
         if rest.startswith("[") and rest.endswith("]") and rest[1:-1].isdecimal():
             return Element(feature, int(rest[1:-1]))
         if rest.startswith(".") and rest[1:] in names:
-            return Element(feature, names.index(rest[1:]))
+            return Element(feature, names[rest[1:]])
         if rest.startswith("."):
-            listed = ", ".join(names[:24]) or "no names; use [0], [1], …"
+            listed = ", ".join(list(names)[:24]) or "no names; use [0], [1], …"
             raise InputError(f"{place}: feature {feature} has no number `{rest[1:]}`; it has {listed}")
     raise InputError(f"{place}: no feature `{entry}`; the dataset has {', '.join(list(features)[:24])}")
 
 
-def names_of(feature: dict[str, Any]) -> list[str]:
-    """The names of a feature's numbers, in order; empty if it has none. They are a list, or one in a dictionary."""
+def names_of(feature: dict[str, Any]) -> dict[str, int]:
+    """The positions of a feature's numbers by their names; empty if these are not given.
+
+    They are a list, lists in a dictionary (`{"motors": [...]}`), or a dictionary of positions (`{"boom": 0}`).
+    """
     names = feature.get("names")
     if isinstance(names, dict):
+        if all(type(place) is int and place >= 0 for place in names.values()):
+            return names
         parts = [part if isinstance(part, list) else [name] for name, part in names.items()]
         names = [name for part in parts for name in part]
-    return [str(name) for name in names] if isinstance(names, list) else []
+    return {str(name): place for place, name in enumerate(names)} if isinstance(names, list) else {}
 
 
 def _floats(column: pa.Array, feature: str) -> np.ndarray:
     try:
         return column.cast(pa.float64(), safe=False).fill_null(np.nan).to_numpy(zero_copy_only=False)
     except (pa.ArrowException, NotImplementedError) as error:
-        raise InputError(f"feature {feature} holds {column.type}, not numbers") from error
+        raise NoNumbersError(f"feature {feature} holds {column.type}, not numbers") from error

@@ -1,22 +1,15 @@
 """Read one episode of a LeRobot dataset into a `RawLog`."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from pipeline.errors import InputError, first_line
-from pipeline.logs.formats.discover import LogEntry
-from pipeline.logs.formats.lerobot.dataset import (
-    EPISODE,
-    READING_FAULTS,
-    DatasetInformation,
-    read_information,
-)
-from pipeline.logs.formats.lerobot.features import Element, element_of
-from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore
+from pipeline.errors import InputError
+from pipeline.logs.formats.lerobot.dataset import DatasetInformation, read_information
+from pipeline.logs.formats.lerobot.features import Element, NoNumbersError, element_of
+from pipeline.logs.formats.lerobot.frames import episode_frames
+from pipeline.logs.formats.log_entry import LogEntry
+from pipeline.logs.messages.channel_sources import channel_table, stored_channels
+from pipeline.logs.messages.columns import ColumnStore
 from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
 from pipeline.logs.messages.raw_log import (
@@ -58,19 +51,29 @@ def read_lerobot(entry: LogEntry, machine: MachineSpecification, store: ColumnSt
     }
     path = entry.files[0]
     notes: list[Note] = []
+    channels = _channels(machine, information, notes)
+    needed = {element.feature for found in elements.values() for element in found}
+    optional = (*TIMES, STAMP, *(element.feature for element in channels.values()))
     n_rows = n_untimed = 0
-    for batch in _batches(path, entry.part, elements, notes):
-        n_rows += len(batch)
-        time_ns, has_time = _times_ns(batch, information)
-        n_untimed += int((~has_time).sum())
-        for table, (_, _, conversion) in roles.items():
-            try:
-                numbers = np.stack([element.values(batch) for element in elements[table]], axis=1)
-            except InputError as error:
-                raise InputError(f"{path}: {error}") from error
-            values = conversion(numbers)
-            chosen = has_time & ~np.isnan(values).all(axis=1)
-            store.append(table, {"time_ns": time_ns[chosen], "value": values[chosen]})
+    try:
+        for batch in episode_frames(entry, sorted(needed), optional, notes):
+            n_rows += len(batch)
+            time_ns, has_time = _times_ns(batch, information)
+            n_untimed += int((~has_time).sum())
+            streams = {
+                table: conversion(np.stack([element.values(batch) for element in elements[table]], axis=1))
+                for table, (_, _, conversion) in roles.items()
+            }
+            streams |= {
+                channel_table(name): _finite(element.values(batch))
+                for name, element in channels.items()
+                if element.feature in batch.schema.names
+            }
+            for table, values in streams.items():
+                chosen = has_time & ~np.isnan(values.reshape(len(values), -1)).all(axis=1)
+                store.append(table, {"time_ns": time_ns[chosen], "value": values[chosen]})
+    except NoNumbersError as error:
+        raise InputError(f"{path}: {error}") from error
     if entry.message_count is not None and n_rows != entry.message_count:
         lost = entry.message_count - n_rows
         text = (
@@ -87,50 +90,29 @@ def read_lerobot(entry: LogEntry, machine: MachineSpecification, store: ColumnSt
             raise InputError(
                 f"{path}: no frame of episode {entry.part} holds a time and {what}{first_damage(notes)}"
             )
-    return timed_by_one_clock(entry.name, entry.path, sampled, commanded, {path.name: n_rows}, notes, {})
+    found_channels = stored_channels(store, channels)
+    counts = {path.name: n_rows}
+    return timed_by_one_clock(entry.name, entry.path, sampled, commanded, counts, notes, found_channels)
 
 
-def _batches(
-    path: Path, episode: int | None, elements: dict[str, list[Element]], notes: list[Note]
-) -> Iterator[pa.RecordBatch]:
-    """Yield the frames of an episode; row groups that cannot be read on are noted."""
-    try:
-        file = pq.ParquetFile(path, page_checksum_verification=True)
-    except READING_FAULTS as error:
-        raise InputError(f"{path}: not a readable table ({first_line(error)}); restore it") from error
-    with file:
-        seen = file.schema_arrow.names
-        wanted = {element.feature for found in elements.values() for element in found}
-        if missing := sorted({EPISODE, *wanted} - set(seen)):
-            raise InputError(
-                f"{path}: column {', '.join(missing)} is missing; columns seen: {', '.join(seen[:24])}"
-            )
-        columns = [name for name in dict.fromkeys((EPISODE, *TIMES, STAMP, *sorted(wanted))) if name in seen]
-        number_of_episode = seen.index(EPISODE)
-        for group in range(file.num_row_groups):
-            if not _may_hold(file, group, number_of_episode, episode):
-                continue
+def _channels(
+    machine: MachineSpecification, information: DatasetInformation, notes: list[Note]
+) -> dict[str, Element]:
+    """The machine's channels that the dataset has, by name; the others that name a column are noted."""
+    found = {}
+    for channel in machine.channels:
+        if channel.column:
             try:
-                for batch in file.iter_batches(SECTION_ROWS, row_groups=[group], columns=columns):
-                    is_wanted = batch.column(batch.schema.get_field_index(EPISODE)).to_numpy(
-                        zero_copy_only=False
-                    )
-                    yield batch.filter(pa.array(is_wanted == episode))
-            except READING_FAULTS as error:
-                text = f"{path.name}: row group {group} cannot be read on ({first_line(error)})"
-                notes.append(Note(NoteKind.damage, text))
+                found[channel.name] = element_of(
+                    channel.column, information.features, f"channel {channel.name}"
+                )
+            except InputError as error:
+                notes.append(Note(NoteKind.attention, str(error)))
+    return found
 
 
-def _may_hold(file: pq.ParquetFile, group: int, column: int, episode: int | None) -> bool:
-    """Whether a row group may hold frames of an episode, by its statistics."""
-    try:
-        leaf = next(i for i in range(file.metadata.num_columns) if file.schema.column(i).path == EPISODE)
-        statistics = file.metadata.row_group(group).column(leaf).statistics
-        if statistics is None or not statistics.has_min_max or episode is None:
-            return True
-        return bool(statistics.min <= episode <= statistics.max)
-    except (StopIteration, *READING_FAULTS, TypeError):
-        return True
+def _finite(values: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _times_ns(batch: pa.RecordBatch, information: DatasetInformation) -> tuple[np.ndarray, np.ndarray]:

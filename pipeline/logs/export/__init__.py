@@ -1,0 +1,1 @@
+"""Write trajectories in formats of other projects."""
