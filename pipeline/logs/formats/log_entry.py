@@ -87,7 +87,8 @@ def file_entry(path: Path) -> LogEntry | None:
 
 def format_of(path: Path) -> LogFormat | None:
     """Return a file's format, by its name; compressed tables are not supported."""
-    if path.suffix.lower() in can_logs.SUFFIXES and is_regular_file(path) and can_logs.is_can_log(path):
+    is_can_suffix = uncompressed(path).suffix.lower() in can_logs.SUFFIXES
+    if is_can_suffix and is_regular_file(path) and can_logs.is_can_log(path):
         return LogFormat.can
     found = FORMATS.get(uncompressed(path).suffix.lower())
     return None if path != uncompressed(path) and found in (LogFormat.csv, LogFormat.parquet) else found

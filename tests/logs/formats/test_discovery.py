@@ -1,8 +1,5 @@
 """Every file that could be a log is read once, under a name of its own, or named with the reason why not."""
 
-import bz2
-import gzip
-import lzma
 import os
 import shutil
 import sys
@@ -11,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-import zstandard
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
@@ -20,7 +16,6 @@ from pipeline.logs.formats.rosbag2_metadata import BagMetadata, read_metadata
 from pipeline.logs.ingest import ingest
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.tuples import read_tuples
-from tests.logs import can_logs
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
 
@@ -231,23 +226,3 @@ def test_names_that_are_not_utf8(place, run):
         failure.name.encode()
     with pytest.raises(InputError, match="not UTF-8"):
         find_logs(logs / odd)
-
-
-def test_suffixes_in_capitals_are_read_and_compressed_can_logs_named(place, run, machine, files, tmp_path):
-    logs = place("a.mcap", "b.bag")
-    (logs / "a.mcap").rename(logs / "A.MCAP")
-    (logs / "b.bag").rename(logs / "B.Bag")
-    frames = can_logs.frames(make_session(machine, SECONDS), machine.joint_names)
-    compressions = {"c.asc.gz": gzip, "d.log.xz": lzma, "e.blf.bz2": bz2}
-    for name, module in compressions.items():
-        plain = can_logs.write(tmp_path / name.rpartition(".")[0], frames)
-        (logs / name).write_bytes(module.compress(plain.read_bytes()))
-    (logs / "f.asc.zst").write_bytes(zstandard.compress((tmp_path / "c.asc").read_bytes()))
-    (logs / "system.log.gz").write_bytes(gzip.compress(b"Nov 28 host kernel: ok\n"))
-    (logs / "cut.log.gz").write_bytes(gzip.compress(bytes(99))[:20])
-    summary = run(logs)
-    assert names(summary) == ["A", "B"]
-    assert [one.name for one in summary.failures] == ["c.asc.gz", "d.log.xz", "e.blf.bz2", "f.asc.zst"]
-    assert summary.failures[0].reason.endswith(
-        "c.asc.gz: compressed as .gz, which is not read; decompress it"
-    )
