@@ -15,6 +15,11 @@ class InputError(Exception):
         )
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things in words: `1 log`, `2 logs`."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 def first_line(error: BaseException) -> str:
     """The first line of an error's message; its type if it has no message."""
     return (str(error).splitlines() or [type(error).__name__])[0]

@@ -13,7 +13,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, counted
 from pipeline.files.atomic import PARTIAL_SUFFIX, write_json
 from pipeline.logs.conditioning.excitation import Excitation
 from pipeline.logs.formats.bags import read_log
@@ -78,7 +78,7 @@ class IngestSummary:
         if self.failures:
             total = len(self.reports) + len(self.failures)
             reasons = "; ".join(failure.reason for failure in self.failures)
-            raise InputError(f"{len(self.failures)} of {total} logs failed: {reasons}")
+            raise InputError(f"{len(self.failures)} of {counted(total, 'log')} failed: {reasons}")
 
 
 def ingest(

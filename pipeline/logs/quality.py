@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.errors import counted
 from pipeline.logs.conditioning.excitation import Excitation, Figures
 from pipeline.logs.conditioning.order_statistics import quantiles
 from pipeline.logs.ingest_config import IngestConfig
@@ -34,9 +35,15 @@ class QualityReport:
 
     @property
     def line(self) -> str:
-        """One line for the terminal: rows, seconds, and of unsound logs what was lost and where, damage first."""
-        length = f"{self.metrics['n_rows']} rows, {self.metrics['duration_s']:.0f} s"
-        return f"{self.name}: {'; '.join([length, *losses(self.notes)])}"
+        """One line for the terminal: rows, seconds, gaps, and of unsound logs what was lost and where, damage first."""
+        keys = ("n_rows", "n_trajectories", "joint_states/n_gaps")
+        n_rows, n_trajectories, n_gaps = (int(self.metrics[key] or 0) for key in keys)
+        length = f"{counted(n_rows, 'row')}, {self.metrics['duration_s']:.0f} s"
+        parts = [f"{length} in {n_trajectories} trajectories" if n_trajectories > 1 else length]
+        if n_gaps:
+            longest = self.metrics["joint_states/longest_gap_s"]
+            parts.append(f"{counted(n_gaps, 'gap')} between joint samples, the longest of {longest:.3g} s")
+        return f"{self.name}: {'; '.join([*parts, *losses(self.notes)])}"
 
     @property
     def warnings(self) -> list[str]:

@@ -10,8 +10,9 @@ from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
 from pipeline.logs.describe.describe import describe
-from pipeline.logs.describe.draft import draft_machine
+from pipeline.logs.describe.draft import draft_machine, order_of_joints
 from pipeline.logs.describe.listing import listing
+from pipeline.machine.specification import MACHINE_DIRECTORY
 from pipeline.tracking import StageRun
 
 
@@ -37,7 +38,10 @@ def main(configuration: DescribeStage, run: StageRun) -> None:
         print(f"\n{draft}", end="")
     else:
         write_whole(output, draft.encode(errors="backslashreplace"))
-        print(f"\ndescribe: {output}: replace every ???, then ingest with machine={output.stem}")
+        is_there = output.resolve().parent == MACHINE_DIRECTORY
+        move = "" if is_there else f"move it to {MACHINE_DIRECTORY / output.name}, "
+        print(f"\ndescribe: {output}: {order_of_joints(contents)}")
+        print(f"describe: replace every ???, check the guesses, {move}then ingest with machine={output.stem}")
         run.artifact(output)
 
 

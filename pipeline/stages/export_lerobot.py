@@ -7,6 +7,7 @@ from omegaconf import MISSING
 
 from pipeline.configuration.paths import InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
+from pipeline.errors import counted
 from pipeline.logs.export.lerobot import write_lerobot
 from pipeline.logs.tuples import read_tuples
 from pipeline.tracking import StageRun
@@ -27,7 +28,7 @@ def main(configuration: ExportLeRobotStage, run: StageRun) -> None:
     output, machine = Path(configuration.output), configuration.machine
     trajectories = read_tuples(Path(configuration.tuples), machine)
     n_episodes = write_lerobot(output, machine, trajectories, configuration.task)
-    print(f"export_lerobot: {output}: {n_episodes} episodes")
+    print(f"export_lerobot: {output}: {counted(n_episodes, 'episode')}")
     run.artifact(output, "dataset")
 
 

@@ -10,9 +10,20 @@ from pipeline.logs.trajectories import load_logs
 from tests.logs.conftest import make_session
 from tests.stages.command import run_stage
 
+SOUND = {"n_rows": 240, "duration_s": 11.98, "n_trajectories": 1, "joint_states/n_gaps": 0}
 
-def line(*notes: Note) -> str:
-    return QualityReport("a", {"n_rows": 240, "duration_s": 11.98}, list(notes), []).line
+
+def line(*notes: Note, **metrics: float) -> str:
+    return QualityReport("a", {**SOUND, **metrics}, list(notes), []).line
+
+
+def test_gaps_and_what_they_split_stand_in_the_line():
+    gaps = {"n_trajectories": 3, "joint_states/n_gaps": 2, "joint_states/longest_gap_s": 2.345}
+    told = "a: 240 rows, 12 s in 3 trajectories; 2 gaps between joint samples, the longest of 2.35 s"
+    assert line(**gaps) == told
+    assert line(n_rows=1, **{**gaps, "n_trajectories": 1, "joint_states/n_gaps": 1}).startswith(
+        "a: 1 row, 12 s; 1 gap between"
+    )
 
 
 def test_of_a_sound_log_it_says_rows_and_seconds_only():

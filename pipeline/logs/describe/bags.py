@@ -4,14 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pipeline.errors import InputError
-from pipeline.logs.describe.contents import Contents, Stream
+from pipeline.errors import counted
+from pipeline.logs.describe.contents import MAXIMUM_ELEMENTS, Contents, Stream
 from pipeline.logs.describe.field_types import TEXT, TIME, field_types
-from pipeline.logs.formats.bags import STORAGE_READERS
+from pipeline.logs.formats.bags import readable_blocks
 from pipeline.logs.formats.log_entry import LogEntry
 from pipeline.logs.messages.encodings import decode
 from pipeline.logs.messages.joint_states import FOXGLOVE_NAMES, FOXGLOVE_TYPE
-from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger
+from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import DefinitionError
 from pipeline.logs.messages.message_layout import LayoutError
 from pipeline.logs.messages.mismatch import MismatchError
@@ -45,23 +45,21 @@ def add_bag(entry: LogEntry, contents: Contents) -> None:
         InputError: The bag cannot be read.
     """
     ledger = ReadingLedger(entry.path)
-    times: dict[tuple[str, ...], list] = {}
-    for path in entry.files:
-        try:
-            for block in STORAGE_READERS[entry.format](path, ledger, _EveryTopic()):
-                key = (block.topic.name, block.topic.type_name)
-                times.setdefault(key, []).append(block.log_time_ns)
-                _add_block(block, contents.stream(key, *key))
-        except InputError:
-            if len(entry.files) == 1:
-                raise
+    for note in entry.notes:
+        ledger.notes.append(note)
+    for block in readable_blocks(entry, ledger, _EveryTopic()):
+        stream = _stream(block.topic, contents)
+        stream.add_times(block.log_time_ns)
+        _add_block(block, stream)
     for topics in ledger.topics.values():
         for topic in topics:
-            key = (topic.name, topic.type_name)
-            parts = times.get(key, [])
-            contents.stream(key, *key).end_log(sum(map(len, parts)), parts)
-    damage = f"; {ledger.notes[0].text}" if ledger.notes else ""
-    contents.logs.append(f"{entry.path}: {sum(ledger.counts.values())} messages{damage}")
+            _stream(topic, contents).end_log()
+    contents.add_log(f"{entry.path}: {counted(sum(ledger.counts.values()), 'message')}", ledger.notes)
+
+
+def _stream(topic: LoggedTopic, contents: Contents) -> Stream:
+    key = (topic.name, topic.type_name)
+    return contents.stream(key, *key)
 
 
 def _add_block(block: MessageBlock, stream: Stream) -> None:
@@ -96,7 +94,10 @@ def _by_name(values: np.ndarray, names: tuple[str, ...], stream: Stream) -> np.n
     """Values of named joints in the order in which the stream first named them, shape (n, n_names)."""
     if len(names) < 2 or values.shape[1] != len(names):
         return values
-    stream.names += [name for name in dict.fromkeys(names) if name not in stream.names]
+    for name in names:
+        if len(stream.names) < MAXIMUM_ELEMENTS:
+            stream.names.setdefault(name, len(stream.names))
+    places = {stream.names[name]: number for number, name in enumerate(names) if name in stream.names}
     ordered = np.full((len(values), len(stream.names)), np.nan)
-    ordered[:, [stream.names.index(name) for name in names]] = values
+    ordered[:, list(places)] = values[:, list(places.values())]
     return ordered

@@ -6,15 +6,15 @@ import numpy as np
 from cantools.database import Database, Message
 from cantools.database.errors import Error as CantoolsError
 
-from pipeline.errors import InputError
-from pipeline.logs.describe.contents import Contents, Stream
+from pipeline.errors import InputError, counted
+from pipeline.logs.describe.contents import MAXIMUM_STREAMS, Contents, Stream
 from pipeline.logs.formats.can.frames import read_frames, time_ns
-from pipeline.logs.formats.can.signals import load_database_file
+from pipeline.logs.formats.can.signals import FrameKey, key_of, load_database_file
 from pipeline.logs.formats.log_entry import LogEntry
 from pipeline.logs.messages.message_blocks import ReadingLedger
 
 CAN_FRAME = "CAN frame"  # type of the streams
-SIGNALS_OF = 20_000  # frames of each kind whose signals are decoded
+SIGNALS_OF = 20_000  # frames of each kind in a log whose signals are decoded
 
 
 def database_beside(directory: Path) -> Database | None:
@@ -33,45 +33,48 @@ def add_can(entry: LogEntry, contents: Contents, database: Database | None) -> N
     Raises:
         InputError: The log cannot be read, or holds no frames.
     """
-    ledger = ReadingLedger(entry.path)
-    times: dict[tuple[int, bool], list[int]] = {}
-    signals: dict[tuple[int, bool], list[bytes]] = {}
+    ledger, n_frames = ReadingLedger(entry.path), 0
+    messages = {key_of(message): message for message in (database.messages if database is not None else ())}
+    streams: dict[FrameKey, Stream] = {}
     for path in entry.files:
         for frame in read_frames(path, ledger):
             key, at_ns = (frame.arbitration_id, frame.is_extended_id), time_ns(frame)
-            if at_ns is not None:
-                times.setdefault(key, []).append(at_ns)
-                if len(payloads := signals.setdefault(key, [])) < SIGNALS_OF:
-                    payloads.append(bytes(frame.data))
-    if not times:
+            if at_ns is None:
+                continue
+            n_frames += 1
+            message = messages.get(key)
+            if (stream := streams.get(key)) is None:
+                stream = _stream(key, message, len(frame.data), contents)
+                if len(streams) < MAXIMUM_STREAMS:
+                    streams[key] = stream
+            stream.add_times(np.array([at_ns]))
+            if message is not None and stream.n_of_log <= SIGNALS_OF:
+                _add_signals(message, bytes(frame.data), stream)
+    if not n_frames:
         raise InputError(f"{entry.path}: no frames")
-    messages = database.messages if database is not None else []
-    described = {(message.frame_id, message.is_extended_frame): message for message in messages}
-    for key, own in sorted(times.items()):
-        message = described.get(key)
-        name = message.name if message is not None else f"0x{key[0]:X}"
-        stream = contents.stream((CAN_FRAME, name), name, CAN_FRAME)
-        stream.end_log(len(own), [np.array(own, np.int64)])
-        if message is None:
-            stream.note = (
-                f"{max(map(len, signals[key]))} bytes; put one DBC file beside the logs to see signals"
-            )
-        else:
-            _add_signals(message, signals[key], stream)
-    damage = f"; {ledger.notes[0].text}" if ledger.notes else ""
-    contents.logs.append(f"{entry.path}: {sum(map(len, times.values()))} frames{damage}")
+    for stream in contents.streams.values():
+        if stream.n_of_log:
+            stream.end_log()
+    contents.add_log(f"{entry.path}: {counted(n_frames, 'frame')}", [*entry.notes, *ledger.notes])
 
 
-def _add_signals(message: Message, payloads: list[bytes], stream: Stream) -> None:
-    units = {signal.name: signal.unit or "" for signal in message.signals}
-    stream.add_fields(dict.fromkeys(units, "signal"))
-    for name, unit in units.items():
-        stream.fields[name].unit = unit
-    for payload in payloads:
-        try:
-            decoded = message.decode_simple(payload, decode_choices=False)
-        except (CantoolsError, ValueError):
-            continue
-        for name, value in decoded.items():
-            if isinstance(value, int | float):
-                stream.fields[name].add_numbers(np.array([[value]]))
+def _stream(key: FrameKey, message: Message | None, length: int, contents: Contents) -> Stream:
+    name = message.name if message is not None else f"0x{key[0]:X}"
+    stream = contents.stream((CAN_FRAME, name), name, CAN_FRAME)
+    if message is None:
+        stream.note = f"{counted(length, 'byte')}; put one DBC file beside the logs to see signals"
+        return stream
+    stream.add_fields(dict.fromkeys((signal.name for signal in message.signals), "signal"))
+    for signal in message.signals:
+        stream.fields[signal.name].unit = signal.unit or ""
+    return stream
+
+
+def _add_signals(message: Message, data: bytes, stream: Stream) -> None:
+    try:
+        decoded = message.decode_simple(data, decode_choices=False)
+    except (CantoolsError, ValueError):
+        return
+    for name, value in decoded.items():
+        if isinstance(value, int | float) and name in stream.fields:
+            stream.fields[name].add_numbers(np.array([[value]]))

@@ -9,6 +9,8 @@ from pipeline.logs.messages.raw_log import NANOSECONDS, Note, first_damage
 
 MAXIMUM_ELEMENTS = 64  # of a sequence that are kept apart
 MAXIMUM_TEXTS = 8
+MAXIMUM_STREAMS = 1000  # more are counted only, as are the names of more than `MAXIMUM_ELEMENTS` joints
+RATE_OF = 4096  # messages of a stream in a log, by which its rate is measured
 
 
 @dataclass
@@ -66,21 +68,25 @@ class Stream:
         name: The topic, or what is in its place.
         type_name: The messages' type.
         fields: By path or column.
-        names: Names of the joints in joint states, in the order in which they were first met.
+        names: Places of the joints in joint states by their names, in the order in which they were first met.
         n_messages: Over all logs.
         n_logs: Logs that hold it.
         intervals_s: Median interval between its messages, of each log.
         note: Why its fields are not known; empty if they are.
+        n_of_log: Messages of the log that is being read.
+        times_ns: Times of the first of them.
     """
 
     name: str
     type_name: str
     fields: dict[str, FieldContents] = field(default_factory=dict)
-    names: list[str] = field(default_factory=list)
+    names: dict[str, int] = field(default_factory=dict)
     n_messages: int = 0
     n_logs: int = 0
     intervals_s: list[float] = field(default_factory=list)
     note: str = ""
+    n_of_log: int = 0
+    times_ns: list[np.ndarray] = field(default_factory=list)
 
     @property
     def rate_hz(self) -> float:
@@ -93,13 +99,20 @@ class Stream:
         for path, type_name in types.items():
             self.fields.setdefault(path, FieldContents(type_name))
 
-    def end_log(self, n_messages: int, times_ns: list[np.ndarray]) -> None:
+    def add_times(self, times_ns: np.ndarray) -> None:
+        """Add messages of a log by their times, shape (n,), int64."""
+        if (n_more := RATE_OF - self.n_of_log) > 0:
+            self.times_ns.append(times_ns[:n_more])
+        self.n_of_log += len(times_ns)
+
+    def end_log(self) -> None:
         """Count the messages of one log and measure their rate."""
-        self.n_messages += n_messages
+        self.n_messages += self.n_of_log
         self.n_logs += 1
-        times = np.sort(np.concatenate(times_ns)) if times_ns else np.zeros(0, np.int64)
+        times = np.sort(np.concatenate([np.zeros(0, np.int64), *self.times_ns]))
         if len(times) > 1:
             self.intervals_s.append(float(np.median(np.diff(times))) / NANOSECONDS)
+        self.n_of_log, self.times_ns = 0, []
 
 
 @dataclass
@@ -122,4 +135,6 @@ class Contents:
 
     def stream(self, key: tuple[str, ...], name: str, type_name: str) -> Stream:
         """Return the stream of a key, which is made when it is first met."""
+        if key not in self.streams and len(self.streams) >= MAXIMUM_STREAMS:
+            key, name, type_name = (), f"all others than the first {MAXIMUM_STREAMS}", ""
         return self.streams.setdefault(key, Stream(name, type_name))

@@ -1,8 +1,9 @@
 """Draft a machine's configuration from what its logs hold; `???` stands where only the user knows."""
 
 import json
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 from pipeline.logs.describe.can import CAN_FRAME
@@ -14,6 +15,7 @@ from pipeline.logs.messages.joint_states import FOXGLOVE_TYPE
 
 UNKNOWN = '"???"'  # quoted, as YAML takes no bare question mark within braces
 DEFAULT_RATE_HZ = 20.0
+ROUND_RATES_HZ = (1.0, 2.0, 5.0, 10.0, DEFAULT_RATE_HZ)
 COMMAND_NAME = re.compile(
     r"(^|[^a-z])((cmd|command|joy|control|action|target|desired|goal|setpoint|input|volt)|(u|a|tau|ref)([^a-z]|$))",
     re.IGNORECASE,
@@ -21,7 +23,11 @@ COMMAND_NAME = re.compile(
 STATE_NAME = re.compile(
     r"state|position|encoder|angle|joint|measured|feedback|(^|[^a-z])(q|pos)([^a-z]|$)", re.IGNORECASE
 )
+MAXIMUM_WORDS = 16  # of a column's name
+MAXIMUM_TEMPLATES = 200  # those of most joints; every pair of them is looked at
 PLAIN = re.compile(r"[A-Za-z/][\w/]*")
+BY_POSITION = "the values of commands follow this order: put the joints into the order of the values"
+BY_NAME = "commands are matched by name, so any order will do"
 FIELDS_OF_JOINTS = ("velocity", "effort", "position")
 
 
@@ -33,7 +39,7 @@ class Draft:
         joints: Names, each with the field and the element of its position, where they are known.
         positions: Lines for joint states, or for the columns of a table.
         commands: Lines for commands.
-        order: What the user must know of the order of the joints.
+        order: How commands are matched to joints.
         command_fields: What holds the commands, by which their kind is guessed.
         rate_hz: Of the joint samples.
     """
@@ -41,7 +47,7 @@ class Draft:
     joints: list[tuple[str, FieldContents | None, int]] = field(default_factory=list)
     positions: list[str] = field(default_factory=list)
     commands: list[str] = field(default_factory=list)
-    order: list[str] = field(default_factory=list)
+    order: str = BY_POSITION
     command_fields: list[FieldContents] = field(default_factory=list)
     rate_hz: float = 0.0
 
@@ -53,6 +59,16 @@ def draft_machine(contents: Contents, name: str) -> str:
         contents: What the logs hold.
         name: The machine's name; empty where it is not known yet.
     """
+    return "\n".join(_lines(_drafted(contents), name)) + "\n"
+
+
+def order_of_joints(contents: Contents) -> str:
+    """Return a line that says in which order the draft lists the joints, and what commands have to do with it."""
+    draft = _drafted(contents)
+    return f"joints: {', '.join(name for name, *_ in draft.joints) or UNKNOWN}; {draft.order}"
+
+
+def _drafted(contents: Contents) -> Draft:
     streams = list(contents.streams.values())
     of_type: dict[str, list[Stream]] = {}
     for stream in streams:
@@ -60,30 +76,31 @@ def draft_machine(contents: Contents, name: str) -> str:
     others = {TABLE: "columns", CAN_FRAME: "can", DATASET: "lerobot"}
     topics = [stream for stream in streams if stream.type_name not in others]
     if topics or not streams:
-        draft = _of_topics(topics)
-    elif TABLE in of_type:
-        draft = _of_table(max(of_type[TABLE], key=_n_messages))
-    else:
-        kind = next(kind for kind in others if kind in of_type)
-        draft = _of_signals(of_type[kind], others[kind])
-    return "\n".join(_lines(draft, name)) + "\n"
+        return _of_topics(topics)
+    if TABLE in of_type:
+        return _of_table(max(of_type[TABLE], key=_n_messages))
+    kind = next(kind for kind in others if kind in of_type)
+    return _of_signals(of_type[kind], others[kind])
 
 
 def _lines(draft: Draft, name: str) -> Iterator[str]:
     yield "# Drafted from logs: replace every ???, check the rest, and set the machine's own limits."
     yield f"name: {_quoted(name) if name else UNKNOWN}  # the file's name without .yaml"
-    rate = draft.rate_hz if 0 < draft.rate_hz < DEFAULT_RATE_HZ else DEFAULT_RATE_HZ
-    yield f"rate_hz: {rate:.4g}  # control rate; joint samples come at {draft.rate_hz:.4g} Hz"
+    rate = min(ROUND_RATES_HZ, key=lambda one: abs(math.log(one / (draft.rate_hz or DEFAULT_RATE_HZ))))
+    yield f"# Joint samples come at {draft.rate_hz:.4g} Hz. Rows are interpolated to the rate that stands here."
+    yield f"rate_hz: {rate:g}  # a guess: set the rate at which the machine is controlled, a round figure"
     yield from _command_kind(draft.command_fields)
-    yield from ["joints:", *(f"  {line}" for line in draft.order)]
+    yield f"# Order: {draft.order}."
+    yield "# Each kind is a guess: check it. revolute: limits in rad; prismatic (the joint slides): limits in m."
+    yield "joints:"
     for joint, content, element in draft.joints or [(UNKNOWN, None, 0)]:
         seen = ""
         if content is not None and element < content.n_elements:
             seen = (
                 f"  # seen {content.low[element]:.4g} to {content.high[element]:.4g} {content.unit}".rstrip()
             )
-        yield f"  - {{name: {_quoted(joint)}, kind: revolute, lower: {UNKNOWN}, upper: {UNKNOWN}}}{seen}"
-    yield "# kind: revolute (limits in rad) or prismatic (limits in m)"
+        kind = "prismatic" if content is not None and content.unit == "m" else "revolute"
+        yield f"  - {{name: {_quoted(joint)}, kind: {kind}, lower: {UNKNOWN}, upper: {UNKNOWN}}}{seen}"
     yield from draft.positions
     yield from draft.commands
 
@@ -144,6 +161,7 @@ def _take_commands(stream: Stream, draft: Draft) -> None:
         field_name = next((n for n in FIELDS_OF_JOINTS if stream.fields[n].n_elements), "velocity")
         draft.command_fields = [stream.fields[field_name]]
         lines = ["source: joint_state", f"field_name: {field_name}"]
+        draft.order = BY_NAME
     elif stream.type_name.endswith("/Joy") and axes is not None:
         draft.command_fields = [axes]
         listed = ", ".join(map(str, range(n_joint)))
@@ -166,7 +184,7 @@ def _take_commands(stream: Stream, draft: Draft) -> None:
 
 
 def _of_table(stream: Stream) -> Draft:
-    draft = Draft(rate_hz=stream.rate_hz)
+    draft = Draft(rate_hz=stream.rate_hz, order=BY_NAME)
     time = time_column(stream)
     names = [name for name, c in stream.fields.items() if name != time and c.type_name not in (TEXT, TIME)]
     position, command, joints = _templates(names)
@@ -197,7 +215,9 @@ def _of_signals(streams: list[Stream], section: str) -> Draft:
     position, command, joints = _templates(
         [path for path, (content, _) in signals.items() if content.n_elements]
     )
-    draft = Draft([(joint, signals[position.replace("{joint}", joint)][0], 0) for joint in joints])
+    draft = Draft(
+        [(joint, signals[position.replace("{joint}", joint)][0], 0) for joint in joints], order=BY_NAME
+    )
     draft.joints = draft.joints or [(UNKNOWN, None, 0)]
     if joints:
         draft.command_fields = [signals[command.replace("{joint}", joint)][0] for joint in joints]
@@ -220,24 +240,25 @@ def _templates(names: list[str]) -> tuple[str, str, list[str]]:
     joints: dict[str, list[str]] = {}
     for name in names:
         parts = re.split(r"([_./ -]|(?<=[a-z])(?=\d))", name)
+        if len(parts) > 2 * MAXIMUM_WORDS:
+            continue
         for begin in range(0, len(parts), 2):
             for end in range(begin + 1, len(parts) + 1, 2):
                 template = "".join([*parts[:begin], "{joint}", *parts[end:]])
                 if template != "{joint}":
                     joints.setdefault(template, []).append("".join(parts[begin:end]))
 
-    def likelihood(pair: tuple[str, str]) -> tuple[bool, int, int]:
-        position, command = pair
-        of_names = bool(COMMAND_NAME.search(command)) - bool(COMMAND_NAME.search(position))
-        of_names += bool(STATE_NAME.search(position)) - bool(STATE_NAME.search(command))
-        return of_names > 0, len(set(joints[position]) & set(joints[command])), of_names
-
-    pairs = [(p, c) for p in joints for c in joints if p != c and set(joints[p]) & set(joints[c])]
-    best = max(pairs, key=likelihood, default=None)
-    if best is None or likelihood(best)[0] is False:
+    # How much a template's name is one of positions, and less one of commands.
+    of_state = {one: bool(STATE_NAME.search(one)) - bool(COMMAND_NAME.search(one)) for one in joints}
+    largest = set(sorted(joints, key=lambda one: -len(joints[one]))[:MAXIMUM_TEMPLATES])
+    own = {one: set(joints[one]) for one in joints if one in largest}
+    pairs = [(p, c) for p in own for c in own if of_state[p] > of_state[c] and own[p] & own[c]]
+    if not pairs:
         return UNKNOWN, UNKNOWN, []
-    position, command = best
-    return position, command, [joint for joint in joints[position] if joint in joints[command]]
+    position, command = max(
+        pairs, key=lambda pair: (len(own[pair[0]] & own[pair[1]]), of_state[pair[0]] - of_state[pair[1]])
+    )
+    return position, command, [joint for joint in joints[position] if joint in own[command]]
 
 
 def _numbers(stream: Stream) -> Iterator[tuple[str, FieldContents, int]]:
@@ -250,9 +271,9 @@ def _numbers(stream: Stream) -> Iterator[tuple[str, FieldContents, int]]:
             yield (f"{path}[{element}]" if is_list else path), content, element
 
 
-def _joint_names(stream: Stream) -> list[str]:
+def _joint_names(stream: Stream) -> Collection[str]:
     """The joints that joint states name; empty for other messages."""
-    return stream.names if stream.type_name.endswith(("JointState", "JointStates")) else []
+    return stream.names if stream.type_name.endswith(("JointState", "JointStates")) else ()
 
 
 def _is_state(stream: Stream) -> float:

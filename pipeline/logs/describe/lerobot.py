@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, counted
 from pipeline.logs.describe.contents import MAXIMUM_ELEMENTS, Contents
 from pipeline.logs.formats.lerobot.dataset import read_information
 from pipeline.logs.formats.lerobot.features import Element, NoNumbersError, names_of
@@ -43,5 +43,6 @@ def add_episode(entry: LogEntry, contents: Contents) -> None:
     except NoNumbersError as error:
         raise InputError(f"{entry.files[0]}: {error}") from error
     times = np.rint(np.arange(n_frames) / information.fps * NANOSECONDS).astype(np.int64)
-    stream.end_log(n_frames, [times])
-    contents.add_log(f"{entry.path}: {n_frames} frames of episode {entry.part}", notes)
+    stream.add_times(times)
+    stream.end_log()
+    contents.add_log(f"{entry.path}: {counted(n_frames, 'frame')} of episode {entry.part}", notes)

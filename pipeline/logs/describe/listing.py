@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from pipeline.errors import counted
 from pipeline.logs.describe.contents import Contents, FieldContents, Stream
 
 SHOWN_ELEMENTS = 8
@@ -29,7 +30,7 @@ def _lines(contents: Contents) -> Iterator[str]:
 def _summary(stream: Stream) -> str:
     rate = f", {stream.rate_hz:.4g} Hz" if stream.rate_hz else ""
     logs = f", in {stream.n_logs} logs" if stream.n_logs > 1 else ""
-    return f"{stream.type_name or 'of no named type'}, {stream.n_messages} messages{rate}{logs}"
+    return f"{stream.type_name or 'of no named type'}, {counted(stream.n_messages, 'message')}{rate}{logs}"
 
 
 def _values(content: FieldContents) -> str:

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import polars
 
-from pipeline.errors import InputError, first_line
+from pipeline.errors import InputError, counted, first_line
 from pipeline.logs.describe.contents import Contents, Stream
 from pipeline.logs.describe.field_types import TEXT, TIME
 from pipeline.logs.formats.log_entry import LogEntry, LogFormat
@@ -49,24 +49,25 @@ def add_table(entry: LogEntry, contents: Contents) -> None:
         if dtype.is_numeric():
             values = column.cast(polars.Float64).fill_null(float("nan")).to_numpy()
             stream.fields[name].add_numbers(values[:, None])
-    times = _times_ns(frame, stream)
-    stream.end_log(len(frame), times)
+    stream.add_times(_times_ns(frame, stream))
+    stream.n_of_log = len(frame)  # also those without a time
+    stream.end_log()
     only = "the first " if len(frame) == MAXIMUM_ROWS else ""
-    contents.logs.append(f"{entry.path}: {only}{len(frame)} rows")
+    contents.add_log(f"{entry.path}: {only}{counted(len(frame), 'row')}", entry.notes)
 
 
-def _times_ns(frame: polars.DataFrame, stream: Stream) -> list[np.ndarray]:
+def _times_ns(frame: polars.DataFrame, stream: Stream) -> np.ndarray:
     name = time_column(stream)
     if name is not None and frame[name].dtype in (polars.Datetime, polars.Duration):
         stream.fields[name].unit = "ns"
-        return [frame[name].drop_nulls().dt.cast_time_unit("ns").cast(polars.Int64).to_numpy()]
+        return frame[name].drop_nulls().dt.cast_time_unit("ns").cast(polars.Int64).to_numpy()
     if name is None or not frame[name].dtype.is_numeric():
-        return []
+        return np.zeros(0, np.int64)
     seconds = frame[name].cast(polars.Float64).drop_nulls().to_numpy()
     unit = time_unit(seconds)
     stream.fields[name].unit = unit
     whole = np.isfinite(seconds) & (np.abs(seconds) < 2.0**62 / 1e9 / SECONDS_PER[unit])
-    return [(seconds[whole] * (SECONDS_PER[unit] * 1e9)).astype(np.int64)]
+    return (seconds[whole] * (SECONDS_PER[unit] * 1e9)).astype(np.int64)
 
 
 def time_column(stream: Stream) -> str | None:
@@ -77,7 +78,7 @@ def time_column(stream: Stream) -> str | None:
 
 
 def time_unit(times: np.ndarray) -> str:
-    """The unit by which the intervals between times are those of samples."""
+    """The unit by which the interval between times is from 1 ms to 1 s, as machines are sampled; s if it is shorter."""
     steps = np.diff(np.sort(times))
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    return "ns" if step >= 1e5 else "us" if step >= 1e3 else "ms" if step >= 2 else "s"
+    return next((unit for unit, seconds in SECONDS_PER.items() if step * seconds < 1), "ns")

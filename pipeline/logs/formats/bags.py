@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.lerobot.log import read_lerobot
@@ -52,7 +51,7 @@ def read_log(
     if store is None:
         store = MemoryStore()
     if entry.format in STORAGE_READERS:
-        return _read_bag(entry, machine, STORAGE_READERS[entry.format], store)
+        return _read_bag(entry, machine, store)
     if entry.format is LogFormat.can:
         # Other logs need not wait for python-can and cantools.
         from pipeline.logs.formats.can.log import read_can
@@ -66,22 +65,25 @@ def read_log(
     return replace(raw, notes=(*entry.notes, *raw.notes))
 
 
-def _readable_blocks(
-    reader: StorageReader, path: Path, ledger: ReadingLedger, wanted: Collection[str], is_only: bool
+def readable_blocks(
+    entry: LogEntry, ledger: ReadingLedger, wanted: Collection[str]
 ) -> Iterator[MessageBlock]:
-    """Yield a file's blocks; an unreadable file of a split bag is skipped, and the rest of the bag is read."""
-    try:
-        yield from reader(path, ledger, wanted)
-    except InputError as error:
-        if is_only:
-            raise
-        reason = str(error).replace(str(path), path.name)
-        ledger.notes.append(Note(NoteKind.damage, f"{ledger.path.name}: the file is lost: {reason}"))
+    """Yield the blocks of a bag's files; an unreadable file of a split bag is noted, and the others are read.
+
+    Raises:
+        InputError: The bag's only file cannot be read.
+    """
+    for path in entry.files:
+        try:
+            yield from STORAGE_READERS[entry.format](path, ledger, wanted)
+        except InputError as error:
+            if len(entry.files) == 1:
+                raise
+            reason = str(error).replace(str(path), path.name)
+            ledger.notes.append(Note(NoteKind.damage, f"{ledger.path.name}: the file is lost: {reason}"))
 
 
-def _read_bag(
-    entry: LogEntry, machine: MachineSpecification, reader: StorageReader, store: ColumnStore
-) -> RawLog:
+def _read_bag(entry: LogEntry, machine: MachineSpecification, store: ColumnStore) -> RawLog:
     joint_states = TopicColumns(machine.joint_states.topic, joint_state_adapter(machine), store)
     commands = TopicColumns(machine.commands.topic, command_adapter(machine), store)
     pose_adapter = TargetPoseAdapter()
@@ -92,11 +94,10 @@ def _read_bag(
     ledger = ReadingLedger(entry.path)
     for note in entry.notes:
         ledger.notes.append(note)
-    for path in entry.files:
-        for block in _readable_blocks(reader, path, ledger, wanted, is_only=len(entry.files) == 1):
-            for collector in collectors:
-                if collector.topic_name == block.topic.name:
-                    collector.add(block)
+    for block in readable_blocks(entry, ledger, wanted):
+        for collector in collectors:
+            if collector.topic_name == block.topic.name:
+                collector.add(block)
     if entry.message_count is not None:
         ledger.compare_counts("metadata.yaml states", entry.message_count, sum(ledger.counts.values()))
     sampled, commanded = joint_states.finish(ledger), commands.finish(ledger)

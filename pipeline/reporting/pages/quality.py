@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from pipeline.errors import counted
 from pipeline.files.atomic import write_whole
 from pipeline.logs.ingest import IngestSummary
 from pipeline.logs.quality import QualityReport
@@ -74,13 +75,17 @@ def quality_page(
     if summary.failures:
         failed = Table("Logs that failed", ["Log", "Why"], [[f.name, f.reason] for f in summary.failures])
         sections.insert(
-            0, Section("What failed", f"{len(summary.failures)} logs could not be used.", (), [failed])
+            0,
+            Section(
+                "What failed", f"{counted(len(summary.failures), 'log')} could not be used.", (), [failed]
+            ),
         )
     totals = summary.metrics()
     minutes = (totals["duration_s"] or 0) / 60
     n_failed = totals["n_failed"]
-    verdict = f"{totals['n_logs']} logs, {minutes:.0f} minutes, {totals['n_rows']} rows of tuples; " + (
-        "all could be used." if n_failed == 0 else f"{n_failed} failed."
+    verdict = (
+        f"{counted(int(totals['n_logs'] or 0), 'log')}, {minutes:.0f} minutes, {totals['n_rows']} rows of tuples; "
+        + ("all could be used." if n_failed == 0 else f"{n_failed} failed.")
     )
     verdict += "".join(
         f" Warning: {report.name}: {text}." for report in summary.reports for text in report.warnings

@@ -2,8 +2,10 @@
 
 import re
 import shutil
+import time
 from dataclasses import replace
 
+import can
 import numpy as np
 import polars
 import pytest
@@ -68,7 +70,7 @@ def test_ranges_follow_names_that_change_their_order(tmp_path, machine, short):
     ]
     foreign.write_mcap(tmp_path / "a.mcap", entries)
     (stream,) = describe(tmp_path).streams.values()
-    assert stream.names == list(names[::-1])
+    assert list(stream.names) == list(names[::-1])
     np.testing.assert_array_equal(stream.fields["position"].low, short.q.min(axis=0)[::-1])
 
 
@@ -174,7 +176,13 @@ def test_command(tmp_path, machine, short):
     short.write(tmp_path / "logs" / "a", machine)
     result = run_stage("describe", "logs=logs", "output=mine.yaml", folder=tmp_path)
     assert result.returncode == 0, result.stderr
-    assert "replace every ???, then ingest with machine=mine" in result.stdout
+    order = "joints: swing, boom, arm, bucket; the values of commands follow this order"
+    assert (
+        order in result.stdout
+        and "# Order: the values of commands follow" in (tmp_path / "mine.yaml").read_text()
+    )
+    move = f"move it to {MACHINE_DIRECTORY / 'mine.yaml'}, then ingest with machine=mine"
+    assert f"replace every ???, check the guesses, {move}" in result.stdout
     assert filled_in((tmp_path / "mine.yaml").read_text()).name == "mine"
 
 
@@ -188,3 +196,55 @@ def test_a_draft_with_gaps_left_is_refused_in_one_line_and_a_file_is_not_overwri
     assert [joint["lower"] for joint in joints] == ["???", "???"]  # OmegaConf's sign of a missing value
     again = run_stage("describe", *words, folder=tmp_path)
     assert again.returncode == 2 and "is there already" in again.stderr
+
+
+def test_an_unreadable_part_of_a_split_bag_is_told(tmp_path, machine, short):
+    for number in range(2):
+        short.write(tmp_path / "parts", machine)
+        (part,) = (tmp_path / "parts").glob("*.mcap")
+        (tmp_path / "run").mkdir(exist_ok=True)
+        part.rename(tmp_path / "run" / f"run_{number}.mcap")
+        shutil.rmtree(tmp_path / "parts")
+    (tmp_path / "run/run_1.mcap").write_bytes(b"no MCAP")
+    (log,) = describe(tmp_path).logs
+    assert "; damage: run: the file is lost: run_1.mcap: not an MCAP file" in log
+
+
+@pytest.mark.parametrize(("interval_s", "rate_hz"), [(1 / 18.86, 20), (0.02, 20), (0.11, 10), (0.25, 5)])
+def test_the_rate_is_a_round_figure(tmp_path, interval_s, rate_hz):
+    states = [
+        (t, "/joint_states", foreign.joint_state(foreign.ROS2, t, ["a", "b"], [0.1, 0.2]))
+        for t in (10**9 + np.arange(9) * round(interval_s * 1e9)).tolist()
+    ]
+    foreign.write_mcap(tmp_path / "a.mcap", states)
+    draft = draft_machine(describe(tmp_path), "two")
+    assert f"\nrate_hz: {rate_hz}  # a guess" in draft and f"come at {1 / interval_s:.4g} Hz" in draft
+
+
+def test_work_and_memory_do_not_grow_with_names(tmp_path, machine, short):
+    """A message that names 20,000 joints, and a table of 1,000 columns."""
+    names = [f"j{number}" for number in range(20_000)]
+    states = [
+        (t, "/joint_states", foreign.joint_state(foreign.ROS2, t, order, np.zeros(len(names))))
+        for t, order in ((10**9, names), (2 * 10**9, names[::-1]))
+    ]
+    foreign.write_mcap(tmp_path / "a.mcap", states)
+    table = {"t": [0.0, 0.1]} | {f"{what}_x{number}": [0.0, 1.0] for number in range(500) for what in "qa"}
+    polars.DataFrame(table).write_parquet(tmp_path / "b.parquet")
+    begin = time.process_time()
+    contents = describe(tmp_path)
+    (states, table) = contents.streams.values()
+    assert table.n_messages == 2 and len(states.names) <= 64
+    assert "x499" in draft_machine(describe(tmp_path / "b.parquet"), "")
+    assert time.process_time() - begin < 5
+
+
+def test_frames_of_very_many_kinds_are_counted_together(tmp_path):
+    frames = [
+        can.Message(timestamp=number * 1e-3, arbitration_id=number % 1200, data=b"1", is_extended_id=True)
+        for number in range(6000)
+    ]
+    can_logs.write(tmp_path / "a.blf", frames)
+    streams = describe(tmp_path).streams.values()
+    assert len(streams) == 1001 and sum(stream.n_messages for stream in streams) == 6000
+    assert list(streams)[-1].name == "all others than the first 1000" and list(streams)[-1].n_messages == 1000
