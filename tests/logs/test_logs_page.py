@@ -16,7 +16,8 @@ from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.messages.command_sources import command_adapter
 from pipeline.logs.messages.conversion import discretise
 from pipeline.logs.messages.raw_log import NoteKind
-from pipeline.machine.specification import CommandSourceKind, MachineSpecification
+from pipeline.machine.log_sources import CommandSourceKind
+from pipeline.machine.specification import MachineSpecification
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import REPOSITORY, make_session
 from tests.logs.damage import CASES

@@ -17,14 +17,8 @@ from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.tuples import read_tuples
-from pipeline.machine.specification import (
-    CommandKind,
-    CommandSource,
-    CommandSourceKind,
-    JointSpecification,
-    JointStateSource,
-    MachineSpecification,
-)
+from pipeline.machine.log_sources import CommandSource, CommandSourceKind, JointStateSource
+from pipeline.machine.specification import CommandKind, JointSpecification, MachineSpecification
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import shared_folder
 

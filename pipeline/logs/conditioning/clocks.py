@@ -11,12 +11,8 @@ import numpy as np
 from pipeline.logs.conditioning.order_statistics import quantiles
 from pipeline.logs.messages.columns import SECTION_ROWS, Column, sections
 from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog
-from pipeline.machine.specification import (
-    ClockChoice,
-    CommandSource,
-    JointStateSource,
-    MachineSpecification,
-)
+from pipeline.machine.log_sources import ClockChoice, CommandSource, JointStateSource
+from pipeline.machine.specification import MachineSpecification
 
 HEADER_STAMP, LOG_TIME = "header stamp", "log time"
 AS_RECORDED = JointStateSource()

@@ -11,7 +11,8 @@ from pipeline.logs.messages.message_blocks import LoggedTopic, ReadingLedger
 from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.raw_log import ChannelSamples, Note, NoteKind
 from pipeline.logs.messages.topic_columns import TopicColumns
-from pipeline.machine.specification import ChannelSource, ClockChoice, MachineSpecification
+from pipeline.machine.log_sources import ChannelSource, ClockChoice
+from pipeline.machine.specification import MachineSpecification
 
 
 class ChannelAdapter:

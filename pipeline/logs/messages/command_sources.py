@@ -15,13 +15,8 @@ from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.topic_columns import Adapter
-from pipeline.machine.specification import (
-    ClockChoice,
-    CommandKind,
-    CommandSourceKind,
-    MachineSpecification,
-    per_joint,
-)
+from pipeline.machine.log_sources import ClockChoice, CommandSourceKind, per_joint
+from pipeline.machine.specification import CommandKind, MachineSpecification
 
 ROLE = "commands"
 ARRAY_TYPE = re.compile(r"std_msgs(/msg/|\.)\w+MultiArray")  # the latter in Protobuf

@@ -8,7 +8,8 @@ from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup, LayoutError
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.topic_columns import Adapter
-from pipeline.machine.specification import MachineSpecification, per_joint
+from pipeline.machine.log_sources import per_joint
+from pipeline.machine.specification import MachineSpecification
 
 ROLE = "joint states"
 ROS_TYPE = "sensor_msgs/msg/JointState"

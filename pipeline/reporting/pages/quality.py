@@ -9,7 +9,8 @@ from pipeline.logs.ingest import IngestSummary
 from pipeline.logs.quality import QualityReport
 from pipeline.logs.tuples import SUFFIX, thinned_positions
 from pipeline.machine.kinematics import Arm, load_arm
-from pipeline.machine.specification import ClockChoice, MachineSpecification
+from pipeline.machine.log_sources import ClockChoice
+from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.figures.clouds import MAXIMUM_POINTS, cloud_of
 from pipeline.reporting.figures.workspace import cloud_figure
 from pipeline.reporting.page import Figure, KeyFigure, Section, render_page

@@ -16,7 +16,7 @@ from pipeline.logs.ingest import ingest
 from pipeline.logs.messages.raw_log import ChannelSamples, RawLog
 from pipeline.logs.trajectories import make_trajectories
 from pipeline.logs.tuples import read_tuples, validation_part
-from pipeline.machine.specification import ChannelSource, ClockChoice
+from pipeline.machine.log_sources import ChannelSource, ClockChoice
 from pipeline.reporting.pages.quality import quality_page
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session

@@ -10,13 +10,8 @@ from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.trajectories import make_trajectories
-from pipeline.machine.specification import (
-    ClockChoice,
-    CommandSource,
-    CommandSourceKind,
-    JointStateSource,
-    MachineSpecification,
-)
+from pipeline.machine.log_sources import ClockChoice, CommandSource, CommandSourceKind, JointStateSource
+from pipeline.machine.specification import MachineSpecification
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session, make_session
 

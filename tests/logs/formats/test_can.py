@@ -22,7 +22,7 @@ from pipeline.logs.formats.log_entry import LogFormat
 from pipeline.logs.ingest import ingest
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.trajectories import make_trajectories
-from pipeline.machine.specification import CanSource, ChannelSource
+from pipeline.machine.log_sources import CanSource, ChannelSource
 from tests.logs import can_logs
 from tests.logs.conftest import make_session
 

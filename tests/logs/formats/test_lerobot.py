@@ -19,7 +19,7 @@ from pipeline.logs.formats.log_entry import LogFormat
 from pipeline.logs.ingest import ingest
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import read_tuples
-from pipeline.machine.specification import ChannelSource, LeRobotSource
+from pipeline.machine.log_sources import ChannelSource, LeRobotSource
 from tests.logs.conftest import make_session
 from tests.stages.command import run_stage
 

@@ -8,7 +8,8 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.messages.conversion import discretise
-from pipeline.machine.specification import CommandKind, CommandSource, CommandSourceKind
+from pipeline.machine.log_sources import CommandSource, CommandSourceKind
+from pipeline.machine.specification import CommandKind
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import load_machine, make_session
 

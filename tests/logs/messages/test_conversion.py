@@ -10,13 +10,8 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.messages.conversion import Conversion, discretise
-from pipeline.machine.specification import (
-    CommandKind,
-    CommandSource,
-    CommandSourceKind,
-    JointStateSource,
-    MachineSpecification,
-)
+from pipeline.machine.log_sources import CommandSource, CommandSourceKind, JointStateSource
+from pipeline.machine.specification import CommandKind, MachineSpecification
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session, make_session
 

@@ -19,7 +19,7 @@ from pipeline.logs.messages.message_definitions import DefinitionError
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.protobuf_messages import message_class_of
 from pipeline.logs.trajectories import load_trajectories
-from pipeline.machine.specification import CommandSource, CommandSourceKind, JointStateSource
+from pipeline.machine.log_sources import CommandSource, CommandSourceKind, JointStateSource
 from tests.logs import self_describing_bags as bags
 from tests.logs.conftest import make_session
 

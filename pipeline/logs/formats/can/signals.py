@@ -13,7 +13,8 @@ from cantools.database import Database, Message
 from cantools.database.errors import Error as CantoolsError
 
 from pipeline.errors import InputError, first_line
-from pipeline.machine.specification import MachineSpecification, can_database, per_joint
+from pipeline.machine.log_sources import per_joint
+from pipeline.machine.specification import MachineSpecification, can_database
 
 LISTED = 24
 

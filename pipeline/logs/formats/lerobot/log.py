@@ -20,7 +20,8 @@ from pipeline.logs.messages.raw_log import (
     first_damage,
     timed_by_one_clock,
 )
-from pipeline.machine.specification import MachineSpecification, per_joint
+from pipeline.machine.log_sources import per_joint
+from pipeline.machine.specification import MachineSpecification
 
 SAMPLES, COMMANDS = "samples", "commands"  # tables of the store
 STAMP = "stamp"  # a feature of what this project writes: ns since 1970
