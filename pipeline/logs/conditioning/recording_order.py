@@ -1,23 +1,26 @@
 """Put messages in order of time that stand in the file in another order, which all formats allow.
 
 Log time that steps back has one of two causes. Messages were stored in another order than they were recorded in, by
-several threads or from a cache. Or the recorder's clock was set back. The rule that tells them apart:
+several threads or from a cache. Or the recorder's clock was set back. Each step of the joint samples is judged, or of
+the commands if those ascend:
 
-- Sorted by time, reordered messages make one recording: every time is covered once, and no hole is left.
-- A clock that is set back covers a time twice. Where the stretches before and after its steps overlap, samples are
-  twice as dense as elsewhere.
-- Header stamps step back with the log times of reordered messages, but not with the recorder's clock alone.
-- No clock is set back every few samples.
-- A recorder has one clock. If the joint samples are reordered, the commands are, too.
+- At a step of the recorder's clock alone, header stamps do not step back with log time.
+- Sorted by time, reordered messages leave no hole. If the time that a step goes back over has one, the clock was set
+  back.
+- A clock that is set back covers the time that it goes back over twice. The samples in that time are counted. They
+  cover it once or twice if their number agrees with one of the two, and not with the other. What is expected comes from
+  the rate where no stretches between steps overlap; numbers agree within two standard deviations of independent
+  arrivals (√n). Steps that agree with both are judged together.
+- Where that does not decide, a log whose stretches cover its time more than twice on average was reordered.
 
-Reordered messages are sorted; a clock that was set back splits the log (`ordering`). What lies between is told, and
-taken for the clock, so that no command is put where it was not in force.
+A recorder has one clock: steps of other streams are the clock's where they go back over the same time (intersection
+above half of the union). The streams are sorted between the clock's steps, at which the log is split (`ordering`). What
+cannot be decided is told, and taken for the clock, so that no command is put where it was not in force.
 """
 
-import enum
 import itertools
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,24 +29,33 @@ from pipeline.logs.conditioning.encoder_rules import drop_isolated_stamps
 from pipeline.logs.conditioning.ordering import split_at_steps_back
 from pipeline.logs.conditioning.samples import Samples
 from pipeline.logs.messages.columns import SECTION_ROWS, Column, ColumnStore, sections
+from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
 from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog
 
-COVERED_ONCE, COVERED_TWICE = 1.25, 1.6  # density of samples where stretches overlap, relative to elsewhere
-HOLE = 8  # times the mean interval; longer ones are holes
-SHORTEST = 2.0 ** np.arange(-1, 63)  # the shortest interval of each power of two
-FEW_INTERVALS = 10
-FEW_SAMPLES = 20  # between steps, on average; no clock is set back so often
-MAXIMUM_STRETCHES = 1 << 16
-MAXIMUM_OVERLAPPING_SECTIONS = 64  # of the file's order, which are sorted at once
+MAXIMUM_STRETCHES = 1 << 16  # some megabytes
+MAXIMUM_SORTED_BYTES = (
+    1 << 27
+)  # at once; sorting holds three copies, within the 512 MiB that any log may take
+STANDARD_DEVIATIONS = 2
 
 
-class Order(enum.Enum):
-    """How a stream's log times stand in the file."""
+@dataclass(frozen=True)
+class Stretches:
+    """The stretches of a stream between steps back of its log time; isolated times are not counted.
 
-    ascending = "ascending"
-    reordered = "reordered"
-    clock_set_back = "clock set back"
-    unknown = "unknown"
+    Attributes:
+        first_row: Shape (k,), int64.
+        low: Earliest time, shape (k,), int64.
+        high: Latest time, shape (k,), int64.
+        back: Time after and before each step, shape (k - 1, 2), int64.
+        is_apart: At which steps header stamps do not step with log time, shape (k - 1,), bool.
+    """
+
+    first_row: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    back: np.ndarray
+    is_apart: np.ndarray
 
 
 def in_order_of_time(raw: RawLog, gap_ns: int, store: ColumnStore) -> tuple[RawLog, list[Note]]:
@@ -57,162 +69,211 @@ def in_order_of_time(raw: RawLog, gap_ns: int, store: ColumnStore) -> tuple[RawL
     Returns:
         The log, and what was done.
     """
-    joints = order_of(raw.joint_log_time_ns, raw.joint_stamp_ns, gap_ns)
-    commands = order_of(raw.command_log_time_ns, raw.command_stamp_ns, gap_ns)
-    if joints is Order.reordered and commands is not Order.ascending:
-        commands = Order.reordered
-    notes = []
-    if Order.unknown in (joints, commands) and joints is not Order.reordered:
+    joints = stretches(raw.joint_log_time_ns, raw.joint_stamp_ns, gap_ns)
+    commands = stretches(raw.command_log_time_ns, None, gap_ns)
+    if not (len(joints.back) or len(commands.back)):
+        return raw, []
+    leading, times = joints, raw.joint_log_time_ns
+    if not len(joints.back):
+        leading, times = commands, raw.command_log_time_ns
+    is_clock = steps_of_clock(times, leading, gap_ns)
+    if is_clock is None:
         text = (
             "log time steps back; whether messages are stored out of order or the clock was set back cannot be "
             "decided; taken for the clock"
         )
-        notes.append(Note(NoteKind.attention, text))
-    if joints in (Order.clock_set_back, Order.unknown):
-        commands = Order.ascending  # or rather of the same clock, at whose steps the log is split
-    for order, what, fields in (
-        (joints, "joint samples", ("joint_log_time_ns", "joint_stamp_ns", "q")),
-        (commands, "commands", ("command_log_time_ns", "command_stamp_ns", "command")),
-    ):
-        if order is not Order.reordered:
-            continue
-        columns = {name: getattr(raw, name) for name in fields if getattr(raw, name) is not None}
-        ordered: dict[str, Any] | None = _sorted(columns, store, f"{what.replace(' ', '_')}_in_order")
-        if ordered is None:
-            text = f"{what} are stored too far out of order of their log time to be sorted"
-            notes.append(Note(NoteKind.attention, text))
-            continue
-        if raw.joint_stamp_ns is raw.joint_log_time_ns and "q" in ordered:
-            ordered["joint_stamp_ns"] = ordered["joint_log_time_ns"]  # a table has one time only
-        raw = replace(raw, **ordered)
+        return raw, [Note(NoteKind.attention, text)]
+    if is_clock.all():
+        return raw, []
+    at, notes = leading.back[is_clock], []
+
+    def ordered(what: str, own: Stretches, is_own: np.ndarray, columns: dict[str, Column]) -> dict[str, Any]:
+        if is_own.all():  # or nothing steps back
+            return {}
+        bounds = own.first_row[1:][is_own]
+        found = _sorted(columns, bounds.tolist(), store, f"{what.replace(' ', '_')}_in_order")
         text = f"{what} are stored out of order of their log time; put in order"
-        notes.append(Note(NoteKind.changed, text, len(ordered[fields[0]])))
-    return raw, notes
+        if found is None:
+            text = f"{what} are stored too far out of order of their log time to be sorted"
+        kind = NoteKind.attention if found is None else NoteKind.changed
+        notes.append(Note(kind, text, len(next(iter(columns.values())))))
+        return found or {}
+
+    def go_back_over_these(own: Stretches) -> np.ndarray:
+        return np.array([_is_over(step, at).any() for step in own.back], bool)
+
+    def chosen(*names: str) -> dict[str, Column]:
+        return {name: getattr(raw, name) for name in names if getattr(raw, name) is not None}
+
+    of_joints = chosen("joint_log_time_ns", "joint_stamp_ns", "q")
+    found = ordered("joint samples", joints, go_back_over_these(joints), of_joints)
+    if raw.joint_stamp_ns is raw.joint_log_time_ns and found:
+        found["joint_stamp_ns"] = found["joint_log_time_ns"]  # a table has one time only
+    of_commands = chosen("command_log_time_ns", "command_stamp_ns", "command")
+    found |= ordered("commands", commands, go_back_over_these(commands), of_commands)
+    channels = dict(raw.channels)
+    for name, samples in raw.channels.items():
+        own = stretches(samples.time_ns, None, gap_ns)
+        values = {"time_ns": samples.time_ns, "value": samples.value}
+        values |= ordered(f"samples of channel {name}", own, go_back_over_these(own), values)
+        channels[name] = replace(samples, **values)
+    return replace(raw, **found, channels=channels), notes
 
 
-def order_of(log_time_ns: Column, stamp_ns: Column | None, gap_ns: int) -> Order:
-    """Decide how a stream's messages stand in the file, by the rule of this module.
+def stretches(log_time_ns: Column, stamp_ns: Column | None, gap_ns: int) -> Stretches:
+    """Return a stream's stretches; `MAXIMUM_STRETCHES` and one if there are more.
 
     Args:
         log_time_ns: shape (N,), int64.
         stamp_ns: Header stamps, shape (N,), int64; None without.
         gap_ns: Shorter steps back do not count.
     """
-    if not any((np.diff(part) < -gap_ns).any() for part in _with_next(log_time_ns)):
-        return Order.ascending
-    columns = (log_time_ns, log_time_ns if stamp_ns is None else stamp_ns)
-
-    def stretches() -> Iterable[Samples]:
-        samples = (Samples(time_ns, stamp[:, None]) for time_ns, stamp in sections(columns))
-        return split_at_steps_back(drop_isolated_stamps(samples, gap_ns, "", "", []), gap_ns)
-
     low: list[int] = []
     high: list[int] = []
-    last: tuple[int, int] | None = None
-    for piece in stretches():
-        time_ns, stamps = piece.time_ns, piece.value[:, 0]
-        if piece.era == len(low):
-            if (
-                last
-                and stamps[0]
-                and last[1]
-                and abs((stamps[0] - last[1]) - (time_ns[0] - last[0])) > gap_ns
-            ):
-                return Order.clock_set_back
-            low.append(int(time_ns.min()))
-            high.append(int(time_ns.max()))
-        low[-1], high[-1] = min(low[-1], int(time_ns.min())), max(high[-1], int(time_ns.max()))
-        last = int(time_ns[-1]), int(stamps[-1])
-        if len(low) > MAXIMUM_STRETCHES:
-            return Order.unknown
-    if len(low) == 1:
-        return Order.ascending  # but for isolated times
-    overlaps, has_hole = _overlaps(low, high, gap_ns)
-    if has_hole:
-        return Order.clock_set_back
-    if not len(overlaps) or len(log_time_ns) < FEW_SAMPLES * len(low):
-        return Order.reordered
-    density = _density(stretches, overlaps)
-    if density >= COVERED_TWICE:
-        return Order.clock_set_back
-    return Order.reordered if density <= COVERED_ONCE else Order.unknown
+    rows: list[int] = []
+    steps: list[tuple[int, int]] = []
+    apart: list[bool] = []
+    last = (0, 0)
+    if any((np.diff(part) < -gap_ns).any() for part in _with_next(log_time_ns)):
+        for piece in _pieces(log_time_ns, log_time_ns if stamp_ns is None else stamp_ns, gap_ns):
+            time_ns, (stamps, row) = piece.time_ns, piece.value.T
+            if piece.era == len(low):
+                if low:
+                    steps.append((int(time_ns[0]), last[0]))
+                    moved = (stamps[0] - last[1]) - (time_ns[0] - last[0])
+                    apart.append(bool(stamps[0] and last[1] and abs(moved) > gap_ns))
+                low.append(int(time_ns.min()))
+                high.append(int(time_ns.max()))
+                rows.append(int(row[0]))
+            low[-1], high[-1] = min(low[-1], int(time_ns.min())), max(high[-1], int(time_ns.max()))
+            last = int(time_ns[-1]), int(stamps[-1])
+            if len(low) > MAXIMUM_STRETCHES:
+                break
+    first_row, lowest, highest = (np.array(column, np.int64) for column in (rows, low, high))
+    back = np.array(steps, np.int64).reshape(-1, 2)
+    return Stretches(first_row, lowest, highest, back, np.array(apart, bool))
 
 
-def _with_next(column: Column) -> Iterable[np.ndarray]:
+def steps_of_clock(log_time_ns: Column, own: Stretches, gap_ns: int) -> np.ndarray | None:
+    """Return which steps back are the clock's, shape (k - 1,), bool; None if that cannot be decided.
+
+    Args:
+        log_time_ns: Shape (N,), int64.
+        own: The stretches of these.
+        gap_ns: Longer times without samples are holes.
+    """
+    if len(own.low) > MAXIMUM_STRETCHES:
+        return None
+    if not len(own.back):
+        return own.is_apart
+    holes = _holes(own, gap_ns)
+    hole = np.searchsorted(holes[:, 0], own.back[:, 0])  # the first one behind where the step leads to
+    is_clock = own.is_apart | (np.append(holes[:, 1], MAXIMUM_TIME_NS)[hole] <= own.back[:, 1])
+    n, per_ns, n_outside = _counts(log_time_ns, own, gap_ns)
+    length = np.diff(own.back)[:, 0]
+    is_once, is_twice = (_may_be(n, times * per_ns * length, n_outside) for times in (1, 2))
+    if (is_open := is_once & is_twice & ~is_clock).any():  # too few samples in each: all together
+        total, expected = n[is_open].sum(), per_ns * length[is_open].sum()
+        is_once[is_open] = _may_be(total, expected, n_outside)
+        is_twice[is_open] = _may_be(total, 2 * expected, n_outside)
+    is_double = is_twice & ~is_once
+    for step in own.back[is_double]:  # other steps may go back over a part of its time, too
+        common = np.minimum(own.back[:, 1], step[1]) - np.maximum(own.back[:, 0], step[0])
+        length = length + np.maximum(common, 0)
+    is_once |= _may_be(n, per_ns * length, n_outside) & ~is_double
+    is_clock |= is_double
+    total_ns = (own.high - own.low).sum()
+    is_shuffled = total_ns > 2 * (own.high.max() - own.low.min())
+    is_undecided = ~is_clock & (is_once == is_twice)
+    return None if is_undecided.any() and not is_shuffled else is_clock
+
+
+def _may_be(n: np.ndarray, expected: np.ndarray, n_outside: int) -> np.ndarray:
+    """Whether numbers of samples agree with expected ones, which are extrapolated from a number outside."""
+    deviation = np.sqrt(expected * (1 + expected / max(n_outside, 1)))
+    return np.abs(n - expected) <= STANDARD_DEVIATIONS * deviation
+
+
+def _is_over(back: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Whether steps go back over a time: the intersection is above half of the union; shapes (…, 2)."""
+    intersection = np.minimum(back[..., 1], other[..., 1]) - np.maximum(back[..., 0], other[..., 0])
+    union = np.maximum(back[..., 1], other[..., 1]) - np.minimum(back[..., 0], other[..., 0])
+    return 2 * intersection > union
+
+
+def _with_next(column: Column) -> Iterator[np.ndarray]:
     """Yield each section of a column with the first row of the next."""
     return (column[row : row + SECTION_ROWS + 1] for row in range(0, len(column), SECTION_ROWS))
 
 
-def _overlaps(low: Sequence[int], high: Sequence[int], gap_ns: int) -> tuple[np.ndarray, bool]:
-    """Return the times within two stretches or more, shape (n, 2), and whether a longer time is within none."""
-    ends = sorted([*((time, 0, 1) for time in low), *((time, 1, -1) for time in high)])
-    overlaps, has_hole, depth, since, until = [], False, 0, 0, ends[0][0]
-    for time, _, change in ends:
-        if depth == 0:
-            has_hole |= time - until > gap_ns
-        elif depth == 1 and change > 0:
-            since = time
-        elif depth == 2 and change < 0 and time > since:
-            overlaps.append((since, time))
-        depth += change
-        until = time
-    return np.array(overlaps, np.int64).reshape(-1, 2), has_hole
+def _pieces(log_time_ns: Column, stamp_ns: Column, gap_ns: int) -> Iterator[Samples]:
+    """Yield the stretches' samples; their values are header stamp and row."""
+    begin = 0
+
+    def samples() -> Iterator[Samples]:
+        nonlocal begin
+        for time_ns, stamp in sections((log_time_ns, stamp_ns)):
+            yield Samples(time_ns, np.stack([stamp, begin + np.arange(len(stamp))], axis=1))
+            begin += len(stamp)
+
+    return split_at_steps_back(drop_isolated_stamps(samples(), gap_ns, "", "", []), gap_ns)
 
 
-def _density(stretches: Callable[[], Iterable[Samples]], overlaps: np.ndarray) -> float:
-    """Return the density of samples in the overlaps, relative to that of single stretches."""
-    n_inside = 0
-    counts, totals = np.zeros(
-        (2, 2, 64)
-    )  # intervals outside of overlaps and all, by their power of two; their sums
-    for piece in stretches():
-        time_ns = np.sort(piece.time_ns)
-        overlap = np.searchsorted(overlaps[:, 0], time_ns, side="right") - 1
-        is_inside = (overlap >= 0) & (time_ns <= overlaps[overlap, 1])
-        n_inside += int(is_inside.sum())
-        interval = np.diff(time_ns)
-        power = np.frexp(interval.astype(np.float64))[1]
-        for row, true in enumerate((~is_inside[1:] & ~is_inside[:-1], np.ones(len(interval), bool))):
-            counts[row] += np.bincount(power[true], minlength=64)
-            totals[row] += np.bincount(power[true], interval[true], minlength=64)
-    row = 0 if counts[0].sum() >= FEW_INTERVALS else 1
-    interval_ns = _mean_interval(counts[row], totals[row])
-    return (n_inside - len(overlaps)) * interval_ns / float(np.diff(overlaps).sum())
+def _holes(own: Stretches, gap_ns: int) -> np.ndarray:
+    """Return the times longer than `gap_ns` that lie within none of the stretches, shape (n, 2)."""
+    order = np.argsort(own.low)
+    low, high = own.low[order], np.maximum.accumulate(own.high[order])
+    is_hole = low[1:] - high[:-1] > gap_ns
+    return np.stack([high[:-1][is_hole], low[1:][is_hole]], axis=1)
 
 
-def _mean_interval(count: np.ndarray, total: np.ndarray) -> float:
-    """Return the mean interval without holes, from counts and sums by power of two, each of shape (64,)."""
-    is_short = count > 0
-    while is_short.any():
-        mean = float(total[is_short].sum() / count[is_short].sum())
-        is_hole = is_short & (HOLE * mean < SHORTEST)
-        if not is_hole.any():
-            return mean
-        is_short &= ~is_hole
-    return np.inf
-
-
-def _sorted(columns: dict[str, Column], store: ColumnStore, table: str) -> dict[str, Column] | None:
-    """Sort columns by the first one, stably; None if too many sections would have to be held at once."""
-    time_ns = next(iter(columns.values()))
-    extents = sorted(
-        (int(part.min()), int(part.max()), number) for number, (part,) in enumerate(sections((time_ns,)))
+def _counts(log_time_ns: Column, own: Stretches, gap_ns: int) -> tuple[np.ndarray, float, int]:
+    """Return the samples in the time of each step, the samples per ns where no stretches overlap, and their number."""
+    bounds = np.unique(np.concatenate([own.low, own.high, own.back.ravel()]))
+    after, before = (np.searchsorted(bounds, times) for times in own.back.T)
+    n_begun, n_ended = (
+        np.bincount(np.searchsorted(bounds, times) + 1, minlength=len(bounds) + 1)
+        for times in (own.low, own.high)
     )
-    open_until: list[int] = []
-    for low, high, _ in extents:
-        open_until = [*(end for end in open_until if end >= low), high]
-        if len(open_until) > MAXIMUM_OVERLAPPING_SECTIONS:
-            return None
-    held: list[np.ndarray] = []
-    following = [low for low, _, _ in extents[1:]]
-    for (_, _, number), until in itertools.zip_longest(extents, following):
-        begin = number * SECTION_ROWS
-        part = [column[begin : begin + SECTION_ROWS] for column in columns.values()]
-        part.append(np.arange(begin, begin + len(part[0])))
-        held = [np.concatenate(pair) for pair in zip(held, part, strict=True)] if held else part
-        order = np.lexsort((held[-1], held[0]))
-        held = [rows[order] for rows in held]
-        n_settled = len(order) if until is None else int(np.searchsorted(held[0], until))
-        store.append(table, {name: rows[:n_settled] for name, rows in zip(columns, held, strict=False)})
-        held = [rows[n_settled:] for rows in held]
+    is_within = np.cumsum(n_begun - n_ended) > 1  # of the times up to each bound, from the one before
+    n_at, n_outside, total_ns = np.zeros(len(bounds) + 1, np.int64), 0, 0
+    for piece in _pieces(log_time_ns, log_time_ns, gap_ns):
+        time_ns = np.sort(piece.time_ns)
+        place = np.searchsorted(bounds, time_ns)
+        np.add.at(n_at, place, 1)
+        interval = np.diff(time_ns)
+        is_outside = ~is_within[place[1:]] & ~is_within[place[:-1]] & (interval <= gap_ns)
+        n_outside += int(is_outside.sum())
+        total_ns += int(interval[is_outside].sum())
+    n_until = np.cumsum(n_at)
+    return n_until[before] - n_until[after], n_outside / max(total_ns, 1), n_outside
+
+
+def _sorted(
+    columns: Mapping[str, Column], bounds: list[int], store: ColumnStore, table: str
+) -> dict[str, Column] | None:
+    """Sort columns by the first one, stably, between given rows; None if too much would have to be held at once."""
+    time_ns = next(iter(columns.values()))
+    row_bytes = sum(column[:1].nbytes for column in columns.values()) + np.dtype(np.int64).itemsize
+    for first, end in itertools.pairwise([0, *bounds, len(time_ns)]):
+        extents = sorted(
+            (int(part.min()), int(part.max()), first + number * SECTION_ROWS)
+            for number, (part,) in enumerate(sections((time_ns,), first, end))
+        )
+        open_until: list[int] = []
+        for low, high, _ in extents:
+            open_until = [*(until for until in open_until if until >= low), high]
+            if len(open_until) * SECTION_ROWS * row_bytes > MAXIMUM_SORTED_BYTES:
+                return None
+        held: list[np.ndarray] = []
+        following = [low for low, _, _ in extents[1:]]
+        for (_, _, begin), until in itertools.zip_longest(extents, following):
+            part = [column[begin : min(begin + SECTION_ROWS, end)] for column in columns.values()]
+            part.append(np.arange(begin, begin + len(part[0])))
+            held = [np.concatenate(pair) for pair in zip(held, part, strict=True)] if held else part
+            order = np.lexsort((held[-1], held[0]))
+            held = [rows[order] for rows in held]
+            n_settled = len(order) if until is None else int(np.searchsorted(held[0], until))
+            store.append(table, {name: rows[:n_settled] for name, rows in zip(columns, held, strict=False)})
+            held = [rows[n_settled:] for rows in held]
     return store.columns(table)

@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 
 from pipeline.errors import InputError
 from pipeline.logs.conditioning import recording_order
-from pipeline.logs.conditioning.recording_order import Order, in_order_of_time, order_of
+from pipeline.logs.conditioning.recording_order import in_order_of_time, steps_of_clock, stretches
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.messages.columns import MemoryStore
-from pipeline.logs.messages.raw_log import RawLog
+from pipeline.logs.messages.raw_log import ChannelSamples, RawLog
 from pipeline.logs.trajectories import make_trajectories
+from pipeline.machine.specification import ChannelSource
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
 
@@ -141,6 +142,38 @@ def test_clock_of_the_recorder_alone_is_no_other_order(raw, make):
         make(set_back(raw, 10.0, 3.0, with_stamps=False))
 
 
+@pytest.mark.parametrize("by_s", [1.0, 3.0, 3600.0])
+@pytest.mark.parametrize("swapped", [[(1, 2)], [(1, 2), (7, 8)], [(6, 8)]])
+def test_blocks_out_of_order_and_a_clock_that_is_set_back_are_parted(raw, make, by_s, swapped):
+    """The rows are those of the log whose clock is set back alone."""
+    chunks = np.arange(22)
+    for one, other in swapped:
+        chunks[[one, other]] = chunks[[other, one]]
+    numbered = replace(raw, q=np.tile(np.arange(len(raw.q))[:, None], (1, raw.q.shape[1])))
+    numbered = replace(numbered, command=np.arange(len(raw.command))[:, None])
+    shuffled = by_chunks(numbered, 2.0, lambda numbers: chunks[: len(numbers)])
+    stepped = set_back(raw, 10.0, by_s, with_stamps=True)
+    result = make(stored(stepped, shuffled.q[:, 0], shuffled.command[:, 0]))
+    assert_same_rows(result, make(stepped))
+    assert "joint samples are stored out of order" in texts(result) and "the log is split there" in texts(
+        result
+    )
+
+
+def test_channels_are_put_in_order_too(raw, machine, config, loop_tracker):
+    channels = [ChannelSource("oil", "/oil", "data", hold_s=0.5)]
+    described = replace(machine, channels=channels)
+    at = raw.joint_log_time_ns[::10] + 1
+    samples = ChannelSamples(at, np.arange(len(at), dtype=np.float64))
+    with_channel = replace(raw, channels={"oil": samples})
+    shuffled = by_chunks(with_channel, 2.0, lambda chunks: chunks ^ 1)
+    order = np.argsort(((at - raw.joint_log_time_ns[0]) // (2 * SECOND)) ^ 1, kind="stable")
+    shuffled = replace(shuffled, channels={"oil": ChannelSamples(at[order], samples.value[order])})
+    one, other = (make_trajectories(log, described, config, loop_tracker) for log in (with_channel, shuffled))
+    np.testing.assert_array_equal(one.trajectories[0].channels["oil"], other.trajectories[0].channels["oil"])
+    assert "samples of channel oil are stored out of order" in texts(other)
+
+
 def test_what_cannot_be_decided_is_told(raw, make):
     """Behind the step samples are missing: where stretches overlap they are neither as dense as in one nor in two."""
     stepped = set_back(raw, 10.0, 4.0, with_stamps=True)
@@ -154,9 +187,9 @@ def test_irregular_bursts_do_not_hide_a_clock_that_is_set_back(raw):
     """Samples arrive five at a time, so that most intervals are almost zero."""
     times = raw.joint_log_time_ns.copy()
     times = times[np.arange(len(times)) // 5 * 5] + np.arange(len(times)) % 5 * 1000
-    assert order_of(times, None, GAP) is Order.ascending
+    assert not len(stretches(times, None, GAP).back)
     times[500:] -= 5 * SECOND
-    assert order_of(times, None, GAP) is Order.clock_set_back
+    assert steps_of_clock(times, stretches(times, None, GAP), GAP).tolist() == [True]
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -180,7 +213,7 @@ def test_sorting_is_numpys_whatever_the_sections(raw, swaps, section):
 def test_too_far_out_of_order_to_be_sorted_in_bounded_memory(raw, monkeypatch):
     monkeypatch.setattr(recording_order, "SECTION_ROWS", 5)
     monkeypatch.setattr("pipeline.logs.messages.columns.SECTION_ROWS", 5)
-    monkeypatch.setattr(recording_order, "order_of", lambda *_: Order.reordered)
+    monkeypatch.setattr(recording_order, "MAXIMUM_SORTED_BYTES", 1 << 12)
     order = np.arange(len(raw.q)).reshape(5, -1).T.ravel()
     shuffled = stored(raw, order, np.arange(len(raw.command)))
     ordered, notes = in_order_of_time(shuffled, GAP, MemoryStore())
