@@ -79,7 +79,7 @@ def identify(
         True
 
     Args:
-        kind: mlp_dq, mlp_dqdot, kan_dq or kan_dqdot.
+        kind: mlp_dq, mlp_dqdot, kan_dq, kan_dqdot or nfir_dqdot.
         held_out: Folder of tuples to judge on; None: the validation rows.
 
     Raises:

@@ -29,7 +29,7 @@ def nominal_model(
         kind: What is identified, `mlp_dqdot` for example.
         nominal: Logs of the machine that the model describes.
         machine: The machine.
-        close_loop: Section `close_loop`; its `baseline` says how the network is trained.
+        close_loop: Section `close_loop`; its `baseline` says how one of the paper's kinds is trained.
         identify: Section `identify`.
 
     Raises:
@@ -42,7 +42,9 @@ def nominal_model(
         parts = Parameterization(parameterization), Target(target)
     except ValueError as error:
         raise InputError(
-            f"kind={kind}: not a model kind; use mlp_dq, mlp_dqdot, kan_dq or kan_dqdot"
+            f"kind={kind}: not a model kind; use mlp_dq, mlp_dqdot, kan_dq, kan_dqdot or nfir_dqdot"
         ) from error
-    result = fit(nominal, machine, *parts, close_loop.baseline, identify, close_loop.seed)
+    is_fir = parts[0] is Parameterization.nfir
+    training = identify.training_of(kind) if is_fir else close_loop.baseline
+    result = fit(nominal, machine, *parts, training, identify, close_loop.seed)
     return result.model, result.parameters

@@ -13,6 +13,29 @@ class Optimiser(enum.StrEnum):
 
 
 @dataclass
+class EnsembleConfig:
+    """Ensemble of which a kind `nfir` learns the mean.
+
+    Attributes:
+        members: Networks; the training rows are cut into as many parts, and each network leaves one out.
+        hidden: Units per hidden layer of each.
+        weight_decay: Of AdamW.
+    """
+
+    members: int
+    hidden: list[int]
+    weight_decay: float
+
+    def __post_init__(self) -> None:
+        if self.members < 2:
+            raise InputError(f"identify: ensemble.members is {self.members}; it must be at least 2")
+        if not self.weight_decay >= 0:
+            raise InputError(
+                f"identify: ensemble.weight_decay is {self.weight_decay}; it must not be negative"
+            )
+
+
+@dataclass
 class TrainingConfig:
     """One training run (paper, tables "Selected parameterizations" and "Search spaces").
 
@@ -23,6 +46,7 @@ class TrainingConfig:
         learning_rate: Learning rate of the optimiser.
         batch_size: Windows per update.
         maximum_epochs: Largest number of epochs, unless early stopping ends the training.
+        ensemble: Of a kind `nfir`; the paper's kinds have none.
     """
 
     hidden: list[int]
@@ -31,6 +55,7 @@ class TrainingConfig:
     learning_rate: float
     batch_size: int
     maximum_epochs: int
+    ensemble: EnsembleConfig | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.hidden, str):

@@ -62,6 +62,7 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
 
     def __init__(self, frozen: DynamicsModel, chain: Chain) -> None:
         self.frozen = frozen
+        self._free = frozen.without_own_stops()  # effects come before a stop
         self.chain = chain
         self.specification = frozen.specification
 
@@ -88,7 +89,7 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
         values, dt_s = parameters.effects, self.specification.dt_s
         state, reaching = self.chain.commands(values, history.chain, command)
         before = history.nominal
-        after = self.frozen.step(parameters.network, before, reaching)
+        after = self._free.step(parameters.network, before, reaching)
         is_dq = self.specification.target is Target.dq
         u = (after.q - before.q) / dt_s if is_dq else after.motion[..., -1, :]
         state, v = self.chain.velocity(values, state, u, Signals(command, before.q, history.time_s))
@@ -108,7 +109,9 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
             chain=state,
             time_s=history.time_s + dt_s,
         )
-        return moved if stops is None else self._stopped(values, moved, stops)
+        for each in (self.frozen.own_stops(before.q), stops):
+            moved = moved if each is None else self._stopped(values, moved, each)
+        return moved
 
     def _stopped(self, values: ChainValues, history: AugmentedHistory, stops: Stops) -> AugmentedHistory:
         """After the stops, which act on the true configuration, or on the drive, not on encoder readings."""

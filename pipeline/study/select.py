@@ -15,8 +15,9 @@ from pipeline.dynamics.search.trial_table import read_candidates
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_json
 from pipeline.machine.specification import MachineSpecification
-from pipeline.reporting.results.paper import KIND_NAMES
+from pipeline.reporting.results.paper import KIND_NAMES, SELECTED_MODELS
 from pipeline.reporting.tables.selection import (
+    PublishedModel,
     SelectedModels,
     published_training,
     record,
@@ -58,7 +59,11 @@ def select_kind(
     """
     rule, n_calls = search.selection, search.timed_calls
     path = searched / kind / "trials.csv"
-    candidates = read_candidates(path)
+    ensemble = search.spaces[parts(kind)[0]].ensemble
+    candidates = [
+        dataclasses.replace(candidate, training=dataclasses.replace(candidate.training, ensemble=ensemble))
+        for candidate in read_candidates(path)
+    ]
     if not candidates:
         raise InputError(f"{path}: no trial was completed; search with other hyper-parameters")
     times = {}
@@ -73,16 +78,11 @@ def select_kind(
         times[candidate.trial] = time_step(model, n_calls)
         measured.append(dataclasses.replace(candidate, inference_time_s=times[candidate.trial].median_s))
     winner = select(measured, rule)
-    published = unit_scale_model(machine, *parts(kind), published_training(kind), degree)
-    return SelectedModels(
-        kind,
-        winner,
-        explain(winner, measured, rule),
-        measured,
-        times,
-        count_parameters(published),
-        time_step(published, n_calls),
-    )
+    published = None
+    if kind in SELECTED_MODELS:
+        model = unit_scale_model(machine, *parts(kind), published_training(kind), degree)
+        published = PublishedModel(count_parameters(model), time_step(model, n_calls))
+    return SelectedModels(kind, winner, explain(winner, measured, rule), measured, times, published)
 
 
 def parts(kind: str) -> tuple[Parameterization, Target]:
@@ -107,7 +107,14 @@ def write_selection(
     for selection in selections:
         write_json(output / f"{selection.kind}.json", record(selection))
     snippet = "# For section `identify` of a profile, or the command line of the stage identify.\n"
-    selected = {selection.kind: dataclasses.asdict(selection.winner.training) for selection in selections}
+    selected = {
+        selection.kind: {
+            name: value
+            for name, value in dataclasses.asdict(selection.winner.training).items()
+            if value is not None
+        }
+        for selection in selections
+    }
     snippet += yaml.safe_dump({"selected": selected}, sort_keys=False, default_flow_style=None)
     (output / "selected.yaml").write_text(snippet, encoding="utf-8")
     return table.markdown()

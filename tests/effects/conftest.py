@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.kinds import build_model, read_specification
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import CommandEffect, Setting, Signals
@@ -124,21 +125,23 @@ def respond(effect, values, u, signals=None, step="apply") -> np.ndarray:
 def make_model(
     parameterization="mlp", target="dqdot", hidden=(4,), lags=LAGS, scale=(0.02, 0.003)
 ) -> DynamicsModel:
-    return DynamicsModel(
-        ModelSpecification(
-            parameterization=parameterization,
-            target=target,
-            hidden=list(hidden),
-            lags=lags,
-            legendre_degree=3,
-            joints=["lift", "slide"],
-            rate_hz=1 / DT_S,
-            position_lower=LOWER.tolist(),
-            position_upper=UPPER.tolist(),
-            velocity_limit=[0.7, 0.15],
-            residual_scale=list(scale),
-        )
-    )
+    content = {
+        "parameterization": parameterization,
+        "target": target,
+        "hidden": list(hidden),
+        "lags": lags,
+        "legendre_degree": 3,
+        "joints": ["lift", "slide"],
+        "rate_hz": 1 / DT_S,
+        "position_lower": LOWER.tolist(),
+        "position_upper": UPPER.tolist(),
+        "velocity_limit": [0.7, 0.15],
+        "residual_scale": list(scale),
+    }
+    if parameterization == "nfir":
+        stops = {"stop_lower": LOWER.tolist(), "stop_upper": [None, *UPPER.tolist()[1:]]}
+        content |= {"members": 2, "member_hidden": [3], "demand_beyond": [1]} | stops
+    return build_model(read_specification(content))
 
 
 def make_trajectory(q, qd, a, start_s=0.0) -> Trajectory:

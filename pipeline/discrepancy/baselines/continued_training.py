@@ -18,6 +18,7 @@ from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.training.epoch import compile_epoch, compile_evaluation
 from pipeline.dynamics.training.fit import TrainingState, after_epoch, initial_state
+from pipeline.dynamics.training.loss import prediction_loss
 from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW, stack_rows, window_starts
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
@@ -117,7 +118,8 @@ def continue_training(
     batch_size = min(settings.batch_size, len(starts))
     n_batches = min(settings.batches_per_epoch, len(starts) // batch_size)
     optimiser = _optimiser(settings, n_batches)
-    run_epoch = compile_epoch(model, optimiser, machine.error_scale, settings.horizon, batch_size, n_batches)
+    loss_of = prediction_loss(model, machine.error_scale)
+    run_epoch = compile_epoch(model, optimiser, loss_of, settings.horizon, batch_size, n_batches)
     evaluate = compile_evaluation(model, machine.error_scale, settings.evaluation_horizon)
     device_starts, device_selecting = jnp.asarray(starts), jnp.asarray(selecting)
     best, best_loss = parameters, float(evaluate(parameters, rows, device_selecting))

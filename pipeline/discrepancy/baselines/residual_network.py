@@ -18,6 +18,7 @@ import jax.scipy.linalg
 
 from pipeline.discrepancy.baselines.continued_training import BaselinesConfig, continue_training
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.kinds import build_model
 from pipeline.dynamics.model.network import Layer, Network, Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.logs.tuples import Trajectory
@@ -63,7 +64,7 @@ def model_with_residual(model: DynamicsModel, parameters: Parameters) -> Dynamic
     Returns:
         A model whose parameters are φ alone; `initialise` gives a φ at which it predicts as `model` does.
     """
-    corrected = DynamicsModel(model.specification)
+    corrected = build_model(model.specification)
     corrected.network = NetworkWithResidual(model.network, parameters)
     return corrected
 

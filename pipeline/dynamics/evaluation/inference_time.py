@@ -7,8 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification, Target
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.kinds import build_model
 from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.model.specify import Scales, specification_of
 from pipeline.dynamics.settings import TrainingConfig
 from pipeline.machine.specification import MachineSpecification
 
@@ -33,22 +35,8 @@ def unit_scale_model(
     legendre_degree: int,
 ) -> DynamicsModel:
     """A model of this size with unit scales: time and size do not depend on the data."""
-    ones = [1.0] * len(machine.joint_names)
-    return DynamicsModel(
-        ModelSpecification(
-            parameterization=parameterization,
-            target=target,
-            hidden=list(training.hidden),
-            lags=training.lags,
-            legendre_degree=legendre_degree,
-            joints=list(machine.joint_names),
-            rate_hz=machine.rate_hz,
-            position_lower=machine.lower.tolist(),
-            position_upper=machine.upper.tolist(),
-            velocity_limit=ones,
-            residual_scale=ones,
-        )
-    )
+    scales = Scales(np.ones(machine.n_joint), np.ones(machine.n_joint), machine.lower, machine.upper)
+    return build_model(specification_of(scales, machine, parameterization, target, training, legendre_degree))
 
 
 def count_parameters(model: DynamicsModel) -> int:

@@ -1,5 +1,10 @@
 """The learned dynamics model with its fast rollouts; `StepwiseModel` is the definition that they are equal to."""
 
+from collections.abc import Callable
+
+import jax
+
+from pipeline.dynamics.model.features import History
 from pipeline.dynamics.model.held_command import hold
 from pipeline.dynamics.model.held_rollout import HeldRollout
 from pipeline.dynamics.model.network import Parameterization, Parameters
@@ -17,6 +22,8 @@ class DynamicsModel(StepwiseModel):
     hold = hold
     roll_out = rollout
 
-    def held_rollout(self, parameters: Parameters, n_steps: int, stops: Stops | None = None) -> HeldRollout:
+    def held_rollout(
+        self, parameters: Parameters, n_steps: int, stops: Stops | None = None
+    ) -> Callable[[History, jax.Array], jax.Array]:
         """See `Dynamics.held_rollout`."""
         return HeldRollout(self, parameters, n_steps, stops)

@@ -104,7 +104,7 @@ class HeldRollout:
         motion = model.network.expand(model.normalise_motion(history.motion))
         commands = model.network.expand(history.commands)
         # At tick t the window holds measured motion from row t on, and measured commands from row t + 1 on.
-        windows = [_windows(rows, n_ticks) for rows in (motion, commands[1:])]
+        windows = [windows_of(rows, n_ticks) for rows in (motion, commands[1:])]
         padded = jnp.pad(windows[1], ((0, 0), (0, self._row)))  # its last row is the command of tick t
         return self._bias + windows[0] @ self._by_motion + padded @ self._by_commands
 
@@ -158,7 +158,7 @@ class HeldRollout:
         return pieces
 
 
-def _windows(rows: jax.Array, n_ticks: int) -> jax.Array:
+def windows_of(rows: jax.Array, n_ticks: int) -> jax.Array:
     """(n_ticks, rows · width): the rows from the t-th on, then zeros."""
     n_rows = rows.shape[0]
     padded = jnp.pad(rows, ((0, n_ticks), (0, 0)))

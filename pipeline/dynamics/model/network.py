@@ -1,4 +1,4 @@
-"""The two parameterizations of f_θ as pure functions: multilayer perceptron and Kolmogorov-Arnold network.
+"""The parameterizations of f_θ as pure functions: multilayer perceptron and Kolmogorov-Arnold network.
 
 Both are the same chain: a fixed expansion of each input, then a matrix and a bias. For the MLP the expansion
 is the identity before the first layer and SiLU before the others; for the KAN it is the Legendre basis of
@@ -21,6 +21,7 @@ class Parameterization(enum.StrEnum):
 
     mlp = "mlp"
     kan = "kan"
+    nfir = "nfir"  # nonlinear finite impulse response: `fir_model.py`
 
 
 class Layer(NamedTuple):

@@ -1,17 +1,36 @@
 """A model's specification from its configuration, the machine, and the training rows' scales."""
 
 from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
+from pipeline.dynamics.model.fir_specification import FirSpecification
 from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.model.shown_motion import Shown
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
-from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.specification import CommandKind, MachineSpecification
 
 LIMITS_APART = 0.1  # of a joint's range: by more, limits are those of another machine
+
+
+class Scales(NamedTuple):
+    """What of a specification follows from training rows, each (n_joint,).
+
+    Attributes:
+        velocity_limit: As of `ModelSpecification`.
+        residual_scale: As of `ModelSpecification`.
+        stop_lower: Of a kind `nfir`, infinite where there is none.
+        stop_upper: Of a kind `nfir`, infinite where there is none.
+    """
+
+    velocity_limit: np.ndarray
+    residual_scale: np.ndarray
+    stop_lower: np.ndarray
+    stop_upper: np.ndarray
 
 
 def specify(
@@ -22,21 +41,67 @@ def specify(
     training: TrainingConfig,
     identify: IdentifyConfig,
 ) -> ModelSpecification:
-    """The model's specification, with its scales taken from the training rows."""
-    return ModelSpecification(
-        parameterization=parameterization,
-        target=target,
-        hidden=list(training.hidden),
-        lags=training.lags,
-        legendre_degree=identify.legendre_degree,
-        joints=list(machine.joint_names),
-        rate_hz=machine.rate_hz,
-        position_lower=machine.lower.tolist(),
-        position_upper=machine.upper.tolist(),
-        velocity_limit=velocity_limits(
-            trajectories, machine.joint_names, identify.velocity_limit_quantile
-        ).tolist(),
-        residual_scale=residual_scales(trajectories, target).tolist(),
+    """The model's specification, with its scales taken from the training rows.
+
+    Raises:
+        InputError: A joint never moves, or the settings are not of this kind.
+    """
+    limits = velocity_limits(trajectories, machine.joint_names, identify.velocity_limit_quantile)
+    if parameterization is Parameterization.nfir:
+        shown = Shown.of(trajectories, machine.dt_s)
+        speed = shown.usual_speed()
+        scales = Scales(limits, speed, *shown.stops(machine.lower, machine.upper, speed))
+    else:
+        scales = Scales(limits, residual_scales(trajectories, target), machine.lower, machine.upper)
+    return specification_of(scales, machine, parameterization, target, training, identify.legendre_degree)
+
+
+def specification_of(
+    scales: Scales,
+    machine: MachineSpecification,
+    parameterization: Parameterization,
+    target: Target,
+    training: TrainingConfig,
+    legendre_degree: int,
+) -> ModelSpecification:
+    """The specification of a model with these scales.
+
+    Raises:
+        InputError: The settings are not of this kind.
+    """
+    ensemble = training.ensemble
+    if (parameterization is Parameterization.nfir) != (ensemble is not None):
+        raise InputError(
+            f"identify: {parameterization}_{target} has {'an' if ensemble else 'no'} ensemble; a kind nfir, and no "
+            "other, needs one"
+        )
+    common: dict[str, Any] = {
+        "parameterization": parameterization,
+        "target": target,
+        "hidden": list(training.hidden),
+        "lags": training.lags,
+        "legendre_degree": legendre_degree,
+        "joints": list(machine.joint_names),
+        "rate_hz": machine.rate_hz,
+        "position_lower": machine.lower.tolist(),
+        "position_upper": machine.upper.tolist(),
+        "velocity_limit": scales.velocity_limit.tolist(),
+        "residual_scale": scales.residual_scale.tolist(),
+    }
+    if ensemble is None:
+        return ModelSpecification(**common)
+    if training.horizon != 1:
+        raise InputError(
+            f"identify: horizon is {training.horizon}; a kind nfir is trained on single steps: 1"
+        )
+    is_switched = machine.command_kind is CommandKind.discrete
+    return FirSpecification(
+        **common,
+        members=ensemble.members,
+        member_hidden=list(ensemble.hidden),
+        demand_beyond=list(range(1, machine.n_joint - 1)) if is_switched else [],
+        stop_lower=[float(stop) if np.isfinite(stop) else None for stop in scales.stop_lower],
+        stop_upper=[float(stop) if np.isfinite(stop) else None for stop in scales.stop_upper],
     )
 
 

@@ -36,7 +36,7 @@ class StepwiseModel(Dynamics[Parameters, History]):
 
     def __init__(self, specification: ModelSpecification) -> None:
         self.specification = specification
-        self.network: Network = _network(specification)
+        self.network: Network = self._network()
 
     def initialise(self, key: jax.Array) -> Parameters:
         """Draw the parameters θ; `key` is consumed."""
@@ -106,8 +106,18 @@ class StepwiseModel(Dynamics[Parameters, History]):
     def _moved(
         self, q: jax.Array, newest: jax.Array, residual: jax.Array, stops: Stops | None
     ) -> tuple[jax.Array, jax.Array]:
-        q, newest = self.integrate(q, newest, residual)
-        return (q, newest) if stops is None else stops.act(self.specification.target, q, newest)
+        moved = self.integrate(q, newest, residual)
+        for each in (self.own_stops(q), stops):
+            moved = moved if each is None else each.act(self.specification.target, *moved)
+        return moved
+
+    def own_stops(self, q: jax.Array) -> Stops | None:
+        """End stops that are part of the model, for a step that begins in `q` (..., n_joint); None: it has none."""
+        return None
+
+    def without_own_stops(self) -> "StepwiseModel":
+        """The same model, whose steps end at no stops but those that they are given."""
+        return self
 
     def scale_residual(self, output: jax.Array) -> jax.Array:
         """Network output (..., n_joint) in units of position (dq) or velocity (dqdot)."""
@@ -120,9 +130,9 @@ class StepwiseModel(Dynamics[Parameters, History]):
         limit = np.asarray(self.specification.velocity_limit)
         return min_max(motion, -limit, limit)
 
-
-def _network(specification: ModelSpecification) -> Network:
-    n_in, n_out = specification.n_features, specification.n_joint
-    if specification.parameterization is Parameterization.mlp:
-        return MultilayerPerceptron(n_in, specification.hidden, n_out)
-    return KolmogorovArnoldNetwork(n_in, specification.hidden, n_out, specification.legendre_degree)
+    def _network(self) -> Network:
+        specification = self.specification
+        n_in, n_out = specification.n_features, specification.n_joint
+        if specification.parameterization is Parameterization.mlp:
+            return MultilayerPerceptron(n_in, specification.hidden, n_out)
+        return KolmogorovArnoldNetwork(n_in, specification.hidden, n_out, specification.legendre_degree)

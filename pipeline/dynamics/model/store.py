@@ -13,7 +13,8 @@ import jax
 import numpy as np
 from flax import serialization
 
-from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.kinds import build_model, read_specification
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.model.specify import check_machine
 from pipeline.errors import InputError
@@ -78,8 +79,8 @@ def load_model(directory: Path) -> tuple[DynamicsModel, Parameters]:
             f"{directory}/parameters.msgpack: not what meta.json describes (damaged?); identify again"
         )
     try:
-        model = DynamicsModel(ModelSpecification(**meta["specification"]))
-    except (KeyError, TypeError, ValueError) as error:
+        model = build_model(read_specification(meta["specification"]))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{directory}/meta.json: no valid model specification ({error}); identify again"
         ) from error

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from pipeline.dynamics.settings import TrainingConfig
+from pipeline.dynamics.settings import EnsembleConfig, TrainingConfig
 from pipeline.errors import InputError
 
 Value = TypeVar("Value", int, float)
@@ -31,6 +31,7 @@ class SearchSpace:
         layers: Number of hidden layers.
         units: Units of a hidden layer; chosen for each layer.
         maximum_epochs: The same for all trials.
+        ensemble: The same for all trials of a kind `nfir`; the paper's kinds have none.
     """
 
     lags: list[int]
@@ -40,6 +41,7 @@ class SearchSpace:
     layers: list[int]
     units: list[int]
     maximum_epochs: int
+    ensemble: EnsembleConfig | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.lags, str):
@@ -71,4 +73,5 @@ def propose(space: SearchSpace, choose: Choose) -> TrainingConfig:
         learning_rate=choose("learning_rate", space.learning_rate),
         batch_size=choose("batch_size", space.batch_size),
         maximum_epochs=space.maximum_epochs,
+        ensemble=space.ensemble,
     )

@@ -53,18 +53,19 @@ def write_trials(path: Path, rows: Sequence[TrialRow]) -> None:
     """Write the table in the order of the rows, atomically, as several workers may write it."""
     text = io.StringIO()
     fields = [field.name for field in dataclasses.fields(TrialRow) if field.name != "training"]
-    training = [field.name for field in dataclasses.fields(TrainingConfig)]
+    training = [field.name for field in dataclasses.fields(TrainingConfig) if field.name != "ensemble"]
     writer = csv.DictWriter(text, [*fields[:3], *training, *fields[3:]], lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        cells = {name: getattr(row, name) for name in fields} | dataclasses.asdict(row.training)
+        cells = {name: getattr(row, name) for name in fields}
+        cells |= {name: getattr(row.training, name) for name in training}
         cells |= {"hidden": _LAYERS.join(map(str, row.training.hidden)), "seconds": f"{row.seconds:.2f}"}
         writer.writerow(cells)
     write_whole(path, text.getvalue().encode())
 
 
 def read_candidates(path: Path) -> list[ModelCandidate]:
-    """The complete trials of a table; the first of those with equal hyper-parameters.
+    """The complete trials of a table, without ensembles; the first of those with equal hyper-parameters.
 
     Raises:
         InputError: if the file is missing or not a table of trials.

@@ -8,31 +8,38 @@ import numpy as np
 import optax
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.fir_model import MEMBERS
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.settings import IdentifyConfig, Optimiser, TrainingConfig
-from pipeline.dynamics.training.loss import open_loop_loss
+from pipeline.dynamics.training.loss import Loss, open_loop_loss
 from pipeline.dynamics.training.windows import TrainingRows, gather_windows
 
 
 def build_optimiser(
     training: TrainingConfig, identify: IdentifyConfig, n_batches: int
 ) -> optax.GradientTransformation:
-    """Adam, with the configured clipping and decay."""
+    """Adam, with the configured clipping and decay; an ensemble's rate and weights decay always."""
     rate: optax.ScalarOrSchedule = training.learning_rate
-    if identify.cosine_decay:
+    if identify.cosine_decay or training.ensemble is not None:
         rate = optax.cosine_decay_schedule(
             training.learning_rate, decay_steps=training.maximum_epochs * n_batches
         )
     steps = {Optimiser.adam: optax.adam}[identify.optimiser](rate)
+    if training.ensemble is not None:
+        steps = optax.adamw(rate, weight_decay=training.ensemble.weight_decay, mask=_members_only)
     if identify.gradient_clip is None:
         return steps
     return optax.chain(optax.clip_by_global_norm(identify.gradient_clip), steps)
 
 
+def _members_only(parameters: Parameters) -> dict[str, bool]:
+    return {name: name == MEMBERS for name in parameters}
+
+
 def compile_epoch(
     model: DynamicsModel,
     optimiser: optax.GradientTransformation,
-    error_scale: np.ndarray,
+    loss_of: Loss,
     horizon: int,
     batch_size: int,
     n_batches: int,
@@ -54,9 +61,7 @@ def compile_epoch(
         ) -> tuple[tuple[Parameters, optax.OptState], jax.Array]:
             parameters, optimiser_state = carry
             window = gather_windows(model, rows, batch, horizon)
-            loss, gradient = jax.value_and_grad(
-                lambda parameters: open_loop_loss(model, parameters, *window, jnp.asarray(error_scale))
-            )(parameters)
+            loss, gradient = jax.value_and_grad(loss_of)(parameters, window, batch)
             updates, optimiser_state = optimiser.update(gradient, optimiser_state, parameters)
             return (optax.apply_updates(parameters, updates), optimiser_state), loss
 

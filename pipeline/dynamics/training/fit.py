@@ -19,11 +19,15 @@ import numpy as np
 import optax
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.kinds import build_model
 from pipeline.dynamics.model.network import Parameterization, Parameters
 from pipeline.dynamics.model.specify import specify
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.dynamics.training.checkpoint import Checkpoints
+from pipeline.dynamics.training.ensemble_loss import ensemble_loss, part_bounds
 from pipeline.dynamics.training.epoch import build_optimiser, compile_epoch, compile_evaluation
+from pipeline.dynamics.training.loss import prediction_loss
 from pipeline.dynamics.training.windows import evaluation_starts, stack_rows, window_starts
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
@@ -105,7 +109,7 @@ def fit(
             f"identify: no trajectory has {training.lags + 1 + training.horizon + 1} training rows in a row, "
             f"which lags {training.lags} and horizon {training.horizon} need; record longer or lower them"
         )
-    model = DynamicsModel(specify(trajectories, machine, parameterization, target, training, identify))
+    model = build_model(specify(trajectories, machine, parameterization, target, training, identify))
     judged = evaluation_starts(
         trajectories, identify.evaluation_horizon, identify.evaluation_windows, identify.seed
     )
@@ -116,7 +120,10 @@ def fit(
         n_batches = min(n_batches, identify.batches_per_epoch)
     initial_key, order_key = jax.random.split(jax.random.key(seed))
     optimiser = build_optimiser(training, identify, n_batches)
-    run_epoch = compile_epoch(model, optimiser, machine.error_scale, training.horizon, batch_size, n_batches)
+    loss_of = prediction_loss(model, machine.error_scale)
+    if isinstance(model, FirModel):
+        loss_of = ensemble_loss(model, part_bounds(starts, model.specification.members))
+    run_epoch = compile_epoch(model, optimiser, loss_of, training.horizon, batch_size, n_batches)
     evaluate = compile_evaluation(model, machine.error_scale, identify.evaluation_horizon)
     state = initial_state(model.initialise(initial_key), optimiser, training.maximum_epochs)
     identity = (

@@ -1,11 +1,18 @@
 """The training loss (paper, Eq. dmodel_loss_function)."""
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.features import History
 from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.training.windows import Window
+
+Loss = Callable[[Parameters, Window, jax.Array], jax.Array]
+"""A scalar of the parameters, a batch of windows, and their start rows."""
 
 
 def open_loop_loss(
@@ -32,3 +39,10 @@ def open_loop_loss(
     """
     error = (model.roll_out(parameters, history, commands) - q) / error_scale.astype(q.dtype)
     return jnp.mean(jnp.sum(error**2, axis=-1))
+
+
+def prediction_loss(model: DynamicsModel, error_scale: np.ndarray) -> Loss:
+    """`open_loop_loss` of this model, whatever the start rows."""
+    return lambda parameters, window, starts: open_loop_loss(
+        model, parameters, *window, jnp.asarray(error_scale)
+    )

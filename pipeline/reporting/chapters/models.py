@@ -76,14 +76,14 @@ def selected_models_table(models: Sequence[ModelResult], origin: str) -> Table:
     """The paper's table of selected dynamics models, with ours beside it."""
     rows = []
     for model in models:
-        published = SELECTED_MODELS[model.kind]
+        published = SELECTED_MODELS.get(model.kind)
         rows.append(
             [
                 KIND_NAMES[model.kind],
                 f"{model.architecture}, k = {model.specification['lags']}",
                 f"{model.metrics['evaluation_loss']:.2e}",
-                f"{published[0]}, k = {published[1]}",
-                f"{published[5]:.2e}",
+                f"{published[0]}, k = {published[1]}" if published else "–",
+                f"{published[5]:.2e}" if published else "–",
             ]
         )
     columns = ["Prediction", "Ours", "L|eval at H = 80 [rad²]", "Paper", "its L|eval at H = 80 [rad²]"]

@@ -5,7 +5,7 @@ import dataclasses
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pipeline.dynamics.evaluation.inference_time import StepTime
 from pipeline.dynamics.search.selection import ModelCandidate, SelectionRule
@@ -28,6 +28,13 @@ _COLUMNS = [
 ]
 
 
+class PublishedModel(NamedTuple):
+    """The paper's model, as built and timed here."""
+
+    n_parameters: int
+    step_time: StepTime
+
+
 @dataclass(frozen=True)
 class SelectedModels:
     """Selection of one model kind.
@@ -38,8 +45,7 @@ class SelectedModels:
         reason: Why it is preferred to the trial with the smallest error.
         shortlist: The trials within the margin.
         times: Measured step times by trial.
-        published_n_parameters: Number of parameters of the paper's model, as built here.
-        published_time: Step time of the paper's model, measured here.
+        published: The paper's model of this kind; None: the paper has none.
     """
 
     kind: str
@@ -47,8 +53,7 @@ class SelectedModels:
     reason: str
     shortlist: list[ModelCandidate]
     times: dict[int, StepTime]
-    published_n_parameters: int
-    published_time: StepTime
+    published: PublishedModel | None
 
 
 def published_training(kind: str) -> TrainingConfig:
@@ -64,25 +69,15 @@ def selection_table(
     """The paper's table of selected models: a row of ours, then one of the published."""
     rows = []
     for selection in selections:
-        winner, published = selection.winner, published_training(selection.kind)
-        ours = _row(
-            selection.kind,
-            winner.training,
-            winner.evaluation_loss,
-            winner.n_parameters,
-            selection.times[winner.trial],
-        )
-        theirs = _row(
-            selection.kind,
-            published,
-            SELECTED_MODELS[selection.kind][5],
-            selection.published_n_parameters,
-            selection.published_time,
-        )
+        winner, kind = selection.winner, selection.kind
+        time = selection.times[winner.trial]
+        ours = _row(kind, winner.training, winner.evaluation_loss, winner.n_parameters, time)
         rows.append([ours[0], f"ours, trial {winner.trial}", *ours[1:], selection.reason])
-        rows.append([theirs[0], "paper", *theirs[1:], ""])
+        if selection.published is not None:
+            theirs = _row(kind, published_training(kind), SELECTED_MODELS[kind][5], *selection.published)
+            rows.append([theirs[0], "paper", *theirs[1:], ""])
     preferred = ", then ".join(criterion.value for criterion in rule.prefer)
-    n_calls = selections[0].published_time.n_calls
+    n_calls = next(iter(selections[0].times.values())).n_calls
     return Table(
         f"Selected parameterizations and training hyperparameters, profile {profile}",
         _COLUMNS,
