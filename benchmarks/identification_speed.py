@@ -40,6 +40,8 @@ import numpy as np
 LAGS, HORIZON, BATCH_SIZE, N_JOINT = 18, 16, 256, 4
 LEGENDRE_DEGREE, LEARNING_RATE = 4, 1e-3
 NETWORKS = {"mlp 512,128": ("mlp", [512, 128]), "mlp 64,64": ("mlp", [64, 64])}
+NFIR = {"nfir 64,64": ("nfir", [64, 64])}  # predictions alone; lags as in the profiles
+NFIR_LAGS = 23
 KAN = {"kan 32,32,16": ("kan", [32, 32, 16]), "kan 16,16": ("kan", [16, 16])}
 N_BATCHES = 20  # in the random rows; an epoch
 ROLLOUTS, ROLLOUT_STEPS = 4096, 80
@@ -54,7 +56,7 @@ def case_of(parameterization: str, hidden: list[int]) -> dict:
     return {
         "parameterization": parameterization,
         "hidden": hidden,
-        "lags": LAGS,
+        "lags": NFIR_LAGS if parameterization == "nfir" else LAGS,
         "horizon": HORIZON,
         "batch_size": BATCH_SIZE,
         "learning_rate": LEARNING_RATE,
@@ -76,23 +78,25 @@ def training_operations(parameterization: str, hidden: list[int]) -> float:
 
 
 def model_of(case: dict):
-    from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
+    from pipeline.dynamics.model.kinds import build_model, read_specification
 
-    return DynamicsModel(
-        ModelSpecification(
-            parameterization=case["parameterization"],
-            target="dqdot",
-            hidden=case["hidden"],
-            lags=LAGS,
-            legendre_degree=LEGENDRE_DEGREE,
-            joints=[f"joint_{number}" for number in range(N_JOINT)],
-            rate_hz=1.0 / case["dt_s"],
-            position_lower=case["lower"],
-            position_upper=case["upper"],
-            velocity_limit=case["velocity_limit"],
-            residual_scale=case["residual_scale"],
-        )
-    )
+    content = {
+        "parameterization": case["parameterization"],
+        "target": "dqdot",
+        "hidden": case["hidden"],
+        "lags": case["lags"],
+        "legendre_degree": LEGENDRE_DEGREE,
+        "joints": [f"joint_{number}" for number in range(N_JOINT)],
+        "rate_hz": 1.0 / case["dt_s"],
+        "position_lower": case["lower"],
+        "position_upper": case["upper"],
+        "velocity_limit": case["velocity_limit"],
+        "residual_scale": case["residual_scale"],
+    }
+    if case["parameterization"] == "nfir":
+        stops = {"stop_lower": case["lower"], "stop_upper": case["upper"]}
+        content |= {"members": 2, "member_hidden": [1], "demand_beyond": [1, 2]} | stops
+    return build_model(read_specification(content))
 
 
 def write_data(path: Path, case: dict) -> None:
@@ -143,7 +147,7 @@ def serve_training(case: dict, data_file: Path) -> None:
     import optax
 
     from pipeline.dynamics.training.epoch import compile_epoch
-    from pipeline.dynamics.training.loss import open_loop_loss
+    from pipeline.dynamics.training.loss import open_loop_loss, prediction_loss
     from pipeline.dynamics.training.windows import TrainingRows, gather_windows
 
     model = model_of(case)
@@ -159,7 +163,8 @@ def serve_training(case: dict, data_file: Path) -> None:
 
     loss, gradient = jax.value_and_grad(first_batch)(parameters)
     optimiser = optax.adam(LEARNING_RATE)
-    run = compile_epoch(model, optimiser, np.ones(N_JOINT), HORIZON, BATCH_SIZE, N_BATCHES)
+    loss_of = prediction_loss(model, np.ones(N_JOINT))
+    run = compile_epoch(model, optimiser, loss_of, HORIZON, BATCH_SIZE, N_BATCHES)
     state = optimiser.init(parameters)
     key = jax.random.key(1)
     serve(
@@ -181,8 +186,6 @@ def serve_rollouts(case: dict, data_file: Path) -> None:
     import jax
     import jax.numpy as jnp
 
-    from pipeline.dynamics.model.rollout import rollout
-
     model = model_of(case)
     parameters = model.initialise(jax.random.key(0))
     random = np.random.default_rng(0)
@@ -190,7 +193,7 @@ def serve_rollouts(case: dict, data_file: Path) -> None:
         jnp.asarray(random.uniform(case["lower"], case["upper"], (ROLLOUTS, N_JOINT)), jnp.float32)
     )
     commands = jnp.asarray(random.integers(-1, 2, (ROLLOUTS, ROLLOUT_STEPS, N_JOINT)), jnp.float32)
-    predict = jax.jit(lambda parameters, history: rollout(model, parameters, history, commands))
+    predict = jax.jit(lambda parameters, history: model.roll_out(parameters, history, commands))
     serve({}, rate_of(lambda: predict(parameters, history), ROLLOUTS))
 
 
@@ -319,7 +322,7 @@ def measure_training(name: str, arguments: argparse.Namespace, folder: Path) -> 
 
 
 def measure_predictions(name: str, arguments: argparse.Namespace, folder: Path) -> None:
-    case = case_of(*(NETWORKS | KAN)[name])
+    case = case_of(*(NETWORKS | KAN | NFIR)[name])
     servers = {what: ours(what, case, folder / "none") for what in ("rollouts", "steps")}
     take_turns(servers, arguments.seconds / 2, arguments.turn_seconds)
     rollouts, steps = (servers[what].rates for what in ("rollouts", "steps"))
@@ -383,7 +386,9 @@ def main() -> None:
     )
     parser.add_argument("--seconds", type=float, default=30.0, help="of measuring per network")
     parser.add_argument("--turn-seconds", type=float, default=0.5, help="of one process at a time")
-    parser.add_argument("--networks", nargs="*", default=[*NETWORKS, *KAN], choices=[*NETWORKS, *KAN])
+    parser.add_argument(
+        "--networks", nargs="*", default=[*NETWORKS, *KAN, *NFIR], choices=[*NETWORKS, *KAN, *NFIR]
+    )
     parser.add_argument("--only", nargs="*", default=["training", "predictions"], help="or nothing")
     parser.add_argument("--serve", nargs=3, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -399,7 +404,7 @@ def main() -> None:
     print(f"{arguments.threads} processors, {clock} time; load before: {os.getloadavg()[0]:.1f}")
     with tempfile.TemporaryDirectory() as folder:
         if "training" in arguments.only:
-            for name in arguments.networks:
+            for name in (name for name in arguments.networks if name not in NFIR):
                 measure_training(name, arguments, Path(folder))
         if "predictions" in arguments.only:
             print(
