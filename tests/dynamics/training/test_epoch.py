@@ -7,6 +7,7 @@ import optax
 import pytest
 
 from pipeline.dynamics.training.epoch import compile_epoch, compile_evaluation
+from pipeline.dynamics.training.loss import prediction_loss
 from pipeline.dynamics.training.windows import stack_rows
 from tests.dynamics.conftest import random_trajectory
 
@@ -15,7 +16,9 @@ from tests.dynamics.conftest import random_trajectory
 def epoch(one_model):
     """One epoch of four batches of eight windows, and its arguments."""
     optimiser = optax.sgd(0.0)
-    run = compile_epoch(one_model, optimiser, np.ones(2), horizon=3, batch_size=8, n_batches=4)
+    run = compile_epoch(
+        one_model, optimiser, prediction_loss(one_model, np.ones(2)), horizon=3, batch_size=8, n_batches=4
+    )
     parameters = one_model.initialise(jax.random.key(0))
     rows = stack_rows([random_trajectory(0, n_rows=60)])
     return run, (parameters, optimiser.init(parameters), rows, jnp.arange(10, 42), jax.random.key(1))
