@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration, load_section
+from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 
 if TYPE_CHECKING:
@@ -125,22 +126,33 @@ def train_policy(
     output: str | Path,
     seed: int = 0,
     profile: str = "default",
+    algorithm: str = "ppo",
 ) -> TrainedPolicy:
-    """Learn a reaching policy on a saved model with PPO, and write its folder.
+    """Learn a reaching policy on a saved model, and write its folder.
 
     Example:
         >>> trained = train_policy(machine, "model", "policy")
         >>> Path("policy/policy.msgpack").exists()
         True
 
+    Args:
+        algorithm: ppo, or apg, the gradient through the model.
+
     Raises:
         InputError: The model cannot be read, the machine has no arm or workspace, or the training diverged.
     """
-    from pipeline.control.ppo import PPOConfig
+    from pipeline.control import ppo
+    from pipeline.control.apg import training as apg
+    from pipeline.control.apg.config import APGConfig
     from pipeline.control.train_policy import train_policy as train_on
 
-    ppo = load_section("ppo", PPOConfig, profile)
-    trained = train_on(Path(model), _reaching(machine, profile), ppo, seed)
+    place, reaching = Path(model), _reaching(machine, profile)
+    if algorithm == "ppo":
+        trained = train_on(place, reaching, ppo.train, load_section("ppo", ppo.PPOConfig, profile), seed)
+    elif algorithm == "apg":
+        trained = train_on(place, reaching, apg.train, load_section("apg", APGConfig, profile), seed)
+    else:
+        raise InputError(f"algorithm {algorithm} is not known; use ppo or apg")
     trained.save(Path(output))
     return trained
 

@@ -25,7 +25,7 @@ class Checkpoint:
 
     Attributes:
         steps: steps trained so far.
-        state: all arrays of Brax's training and of its episodes (`training_state`); None before the first step.
+        state: all arrays of the training and of its episodes, in their order; None before the first step.
         curve: learning curve so far.
         kept: the policy kept as the training's result, with its steps; None before that point.
     """
@@ -103,3 +103,19 @@ def load_checkpoint(directory: Path, training: str) -> Checkpoint | None:
         ],
         kept=None if kept is None else (policy_from_content(kept["policy"]), kept["steps"]),
     )
+
+
+def restored_like(template: Any, leaves: list[np.ndarray]) -> Any:
+    """The arrays of a checkpoint in the structure that the training has now.
+
+    Raises:
+        InputError: they are not of that structure.
+    """
+    expected, structure = jax.tree.flatten(template)
+    kinds = [(np.shape(leaf), np.asarray(leaf).dtype) for leaf in expected]
+    if kinds != [(leaf.shape, leaf.dtype) for leaf in leaves]:
+        raise InputError(
+            "the checkpoint holds another state than the training has here (versions or devices differ); "
+            "delete the folder of checkpoints to train anew"
+        )
+    return jax.tree.unflatten(structure, [jax.numpy.asarray(leaf) for leaf in leaves])

@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,11 @@ import pipeline.machine.quiet_mjx  # noqa: F401 # isort: skip (before Brax)
 from brax.training.agents.ppo import networks as ppo_networks
 from brax.training.agents.ppo import train as ppo
 
-from pipeline.control.checkpoint import Checkpoint, identity, load_checkpoint, save_checkpoint
+from pipeline.control.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from pipeline.control.curve import CurvePoint
 from pipeline.control.evaluate import policy_evaluation
 from pipeline.control.policy import Policy, policy_from_brax
+from pipeline.control.training import TrainingResult, training_identity
 from pipeline.control.training_state import Epochs
 from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
 from pipeline.dynamics.model.network import Parameterization
@@ -134,21 +135,6 @@ class PPOConfig:
         return replace(self, model_kinds={}, **changed)
 
 
-@dataclass(frozen=True)
-class TrainingResult:
-    """What a training gives.
-
-    Attributes:
-        policy: that of the first point of the curve at or after `evaluated_at_steps`.
-        policy_steps: steps that it was trained for.
-        curve: from the untrained policy on.
-    """
-
-    policy: Policy
-    policy_steps: int
-    curve: list[CurvePoint]
-
-
 class LinearDecay:
     """Learning rate that falls linearly with Adam's count of updates.
 
@@ -199,7 +185,7 @@ def train(
     """
     evaluate = policy_evaluation(environment.task, environment.action_repeats, environment.episode_ticks)
     episodes = episodes.first(config.curve_episodes)
-    training = _identity(environment, config, seed, episodes)
+    training = training_identity(environment, config, seed, episodes)
     resumed = None
     if checkpoint_directory is not None:
         resumed = load_checkpoint(checkpoint_directory, training)
@@ -227,21 +213,6 @@ def train(
             _run_brax(environment, config, seed, record)
     assert kept is not None  # evaluated_at_steps <= training_steps <= steps of the last point
     return TrainingResult(kept[0], kept[1], curve)
-
-
-def _identity(environment: ReachingEnvironment, config: PPOConfig, seed: int, episodes: Episodes) -> str:
-    task = environment.task
-    return identity(
-        asdict(config),
-        seed,
-        asdict(task.machine),
-        asdict(task.dynamics.specification),
-        task.parameters,
-        asdict(task.reward),
-        environment.poses,
-        (environment.action_repeats, environment.episode_ticks),
-        episodes,
-    )
 
 
 def _network_factory(config: PPOConfig) -> Callable[..., ppo_networks.PPONetworks]:

@@ -1,18 +1,35 @@
-"""A reaching policy is learned on an identified model with PPO, and saved with what it was learned from."""
+"""A reaching policy is learned on an identified model, and saved with what it was learned from."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, Self, TypeVar
 
 from pipeline.control.curve import CurvePoint, write_curve
 from pipeline.control.policy import Policy, save_policy
-from pipeline.control.ppo import PPOConfig, train
+from pipeline.control.training import TrainingResult
+from pipeline.dynamics.model.specification import ModelSpecification
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.files.atomic import write_json
 from pipeline.reaching.environment import ReachingEnvironment
-from pipeline.reaching.episodes import learning_poses
+from pipeline.reaching.episodes import Episodes, learning_poses
 from pipeline.reaching.settings import ReachingSettings
+
+
+class TrainingConfig(Protocol):
+    """Section of a profile for one method: `ppo` or `apg`."""
+
+    training_steps: int
+    curve_episodes: int
+
+    def for_model(self, specification: ModelSpecification) -> Self:
+        """The hyper-parameters for a model of this kind."""
+
+
+S = TypeVar("S", bound=TrainingConfig)
+Train = Callable[
+    [ReachingEnvironment, S, int, Episodes, Callable[[CurvePoint], None], Path | None], TrainingResult
+]
 
 
 @dataclass(frozen=True)
@@ -40,7 +57,8 @@ class TrainedPolicy:
 def train_policy(
     model: Path,
     reaching: ReachingSettings,
-    ppo: PPOConfig,
+    train: Train[S],
+    config: S,
     seed: int,
     progress: Callable[[CurvePoint, int], None] = lambda point, steps: None,
     checkpoints: Path | None = None,
@@ -50,14 +68,15 @@ def train_policy(
     Args:
         model: Folder of the model.
         reaching: The task, and the episodes that it is learned on.
-        ppo: Section `ppo` of a profile.
+        train: `pipeline.control.ppo.train` or `pipeline.control.apg.training.train`.
+        config: Its section of a profile.
         seed: Of the targets and of the training.
         progress: Called with each point of the learning curve and the number of steps of the training in total.
         checkpoints: Folder from which a killed training goes on; None: it does not.
     """
     machine, episodes = reaching.machine, reaching.episodes
     dynamics, parameters = load_dynamics(model)
-    settings = ppo.for_model(dynamics.specification)
+    settings = config.for_model(dynamics.specification)
     environment = ReachingEnvironment(
         reaching.task(dynamics, parameters),
         learning_poses(machine, reaching.arm, episodes, seed),

@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from pipeline.errors import InputError
+from pipeline.control.checkpoint import restored_like
 
 EPOCH = "training_epoch"  # what Brax calls the function that it compiles
 
@@ -44,7 +44,7 @@ class Epochs:
                 return result
             self._n_left -= 1
             if self._n_left == 0:
-                self._latest = _like((training_state, environment_state), self._restored or [])
+                self._latest = restored_like((training_state, environment_state), self._restored or [])
                 training_state, environment_state = self._latest
             return training_state, environment_state, {}
 
@@ -69,19 +69,3 @@ class Epochs:
         finally:
             jax.pmap = compiling
         assert n_found == 1, "Brax's PPO has changed: it no longer compiles its epoch by jax.pmap"
-
-
-def _like(template: Any, leaves: list[np.ndarray]) -> Any:
-    """The saved arrays in the structure that Brax has now.
-
-    Raises:
-        InputError: they are not of that structure.
-    """
-    expected, structure = jax.tree.flatten(template)
-    kinds = [(np.shape(leaf), np.asarray(leaf).dtype) for leaf in expected]
-    if kinds != [(leaf.shape, leaf.dtype) for leaf in leaves]:
-        raise InputError(
-            "ppo: the checkpoint holds another state than Brax has here (versions or devices differ); "
-            "delete the folder of checkpoints to train anew"
-        )
-    return jax.tree.unflatten(structure, [jax.numpy.asarray(leaf) for leaf in leaves])

@@ -50,3 +50,19 @@ def below_lower_plane(workspace: WorkspaceSpecification, position: jax.Array) ->
         Boolean array, shape (...). Every true entry is also outside W+, so OOZ never exceeds OOW.
     """
     return position[..., 2] < workspace.z_min_m
+
+
+def depths(workspace: WorkspaceSpecification, position: jax.Array, yaw: jax.Array) -> tuple[jax.Array, ...]:
+    """How far poses lie inside each face of W+, m, each of shape (...); negative outside.
+
+    Arguments as of `contains`. The radius is that along the arm's plane, so an arm folded back lies outside. The depth
+    inside the two faces of constant yaw is taken along the circle.
+    """
+    radius = position[..., 0] * jnp.cos(yaw) + position[..., 1] * jnp.sin(yaw)
+    return (
+        radius - workspace.radius_min_m,
+        workspace.radius_max_m - radius,
+        radius * (workspace.yaw_max_rad - jnp.abs(yaw)),
+        position[..., 2] - workspace.z_min_m,
+        workspace.z_max_m - position[..., 2],
+    )

@@ -62,7 +62,7 @@ class FreshEpisodes(Wrapper):
 
         keys = jax.vmap(jax.random.split)(state.info["key"])
         fresh = jax.vmap(self.env.new_episode)(keys[:, 0])
-        episode = jax.tree.map(lambda new, old: _where(done, new, old), fresh, state.pipeline_state)
+        episode = jax.tree.map(lambda new, old: where_over(done, new, old), fresh, state.pipeline_state)
 
         time_out = done.astype(jnp.float32)
         info = {
@@ -104,5 +104,6 @@ def fresh_episodes(staggered: bool) -> Callable[..., FreshEpisodes]:
     return wrap
 
 
-def _where(done: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
-    return jnp.where(done.reshape(done.shape + (1,) * (new.ndim - 1)), new, old)
+def where_over(over: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
+    """`new` (n, ...) for the episodes that are `over` (n,), `old` for the others."""
+    return jnp.where(over.reshape(over.shape + (1,) * (new.ndim - 1)), new, old)

@@ -14,6 +14,7 @@ from pipeline.control import ppo
 from pipeline.control.checkpoint import load_checkpoint
 from pipeline.control.curve import write_curve
 from pipeline.control.ppo import LinearDecay, ModelKindOverrides, PPOConfig, train
+from pipeline.control.training import training_identity
 from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.errors import InputError
@@ -76,7 +77,7 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(
     assert result.curve == trained[0].curve  # to the last bit, after the kill as before it
     jax.tree.map(np.testing.assert_array_equal, result.policy, trained[0].policy)
     states = [
-        load_checkpoint(folder, ppo._identity(environment, small, 7, episodes)).state
+        load_checkpoint(folder, training_identity(environment, small, 7, episodes)).state
         for folder in (tmp_path, trained[2])
     ]
     jax.tree.map(np.testing.assert_array_equal, *states)  # networks, Adam's moments, episodes under way
@@ -118,7 +119,7 @@ def test_every_episode_that_ppo_learns_from_has_a_target_of_its_own(
 
 @pytest.mark.long
 def test_a_checkpoint_of_another_training_is_not_taken(trained, environment, small, episodes):
-    other = ppo._identity(environment, dataclasses.replace(small, discount=0.9), 7, episodes)
+    other = training_identity(environment, dataclasses.replace(small, discount=0.9), 7, episodes)
     assert load_checkpoint(trained[2], other) is None
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from pipeline.configuration.load import load_section
 from pipeline.control import reward_ablation
-from pipeline.control.ppo import TrainingResult
 from pipeline.control.reward_ablation import (
     Ablation,
     AblationCell,
@@ -18,6 +17,7 @@ from pipeline.control.reward_ablation import (
     load_cell,
     save_cell,
 )
+from pipeline.control.training import TrainingResult
 from pipeline.errors import InputError
 from pipeline.reaching.reward import RewardTerm
 from pipeline.reaching.settings import ReachingSettings

@@ -19,6 +19,7 @@ FRAME = {
     "pipeline.configuration.paths",
     "pipeline.configuration.reaching",
     "pipeline.configuration.stage",
+    "pipeline.configuration.training",
     "pipeline.configuration.number_checks",
     "pipeline.configuration.pages",
     "pipeline.files.checkpoint_cleanup",
