@@ -1,10 +1,11 @@
 """Machines and sections of profiles from `conf/`, checked as every stage checks them, for use from Python too."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
+from omegaconf import Container, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.configuration.number_checks import check_numbers
@@ -37,7 +38,7 @@ def load_machine(name: str) -> MachineSpecification:
     if not path.exists():
         known = ", ".join(sorted(file.stem for file in MACHINE_DIRECTORY.glob("*.yaml")))
         raise InputError(f"{path}: no such machine; use one of {known}, or describe it there")
-    return _typed(MachineSpecification, OmegaConf.load(path), path)
+    return _typed(MachineSpecification, _content(path), path)
 
 
 def load_section(section: str, schema: type, profile: str = "paper") -> Any:
@@ -50,10 +51,20 @@ def load_section(section: str, schema: type, profile: str = "paper") -> Any:
     if not (folder / f"{profile}.yaml").exists():
         known = ", ".join(sorted(file.stem for file in folder.glob("*.yaml")))
         raise InputError(f"profile {profile} is not known; use one of {known}")
-    contents = [OmegaConf.load(folder / f"{name}.yaml") for name in dict.fromkeys(("paper", profile))]
+    contents = [_content(folder / f"{name}.yaml") for name in dict.fromkeys(("paper", profile))]
     merged = OmegaConf.merge(*(OmegaConf.select(content, section) or {} for content in contents))
     check_numbers(OmegaConf.to_container(merged), section)
     return _typed(schema, merged, folder / f"{profile}.yaml")
+
+
+def _content(path: Path) -> Container:
+    """What a file holds, not to be changed. A file as it was is not parsed again, which takes some 40 ms."""
+    return _parsed(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=32)
+def _parsed(path: Path, modified_ns: int) -> Container:
+    return OmegaConf.load(path)
 
 
 def _typed(schema: type, content: Any, place: Path) -> Any:
