@@ -18,7 +18,8 @@ def run_stage(stage: str, *overrides: str, folder: Path) -> subprocess.Completed
     With `tracking=none`, unless the overrides say otherwise.
     """
     is_tracked = any(override.startswith("tracking=") for override in overrides)
-    arguments = [f"{stage}.py", *overrides, *([] if is_tracked else ["tracking=none"])]
+    mode = [] if "-m" in overrides else ["--run"]  # Hydra would compose all once more to find out
+    arguments = [f"{stage}.py", *mode, *overrides, *([] if is_tracked else ["tracking=none"])]
     main = importlib.import_module(f"pipeline.stages.{stage}").main
     said, errors = io.StringIO(), io.StringIO()
     with (
