@@ -78,12 +78,12 @@ check: env ## check style, layers and types, and run the tests beside what chang
 	bash -c '$(STYLE)' & $(BIN)/python -m tests.beside $(SINCE); tests=$$?; wait $$! && exit $$tests
 
 .PHONY: test
-test: env ## check style, layers and types, and run the tests but the long ones (some 11 minutes on two cores)
-	nice -n 5 bash -c '$(STYLE)' & $(PYTEST) -m "not long"; tests=$$?; wait $$! && exit $$tests
+test: env ## run the tests but the long ones (some 8 minutes on two cores)
+	$(PYTEST) -m "not long"
 
 .PHONY: test-all
-test-all: env ## run the long tests: whole stages and searches, live ROS graphs, PostgreSQL, MLflow's server, Chromium
-	$(PYTEST) -m long
+test-all: env ## check style, layers and types, and run the long tests: stages, searches, ROS graphs, PostgreSQL, Chromium
+	nice -n 5 bash -c '$(STYLE)' & $(PYTEST) -m long; tests=$$?; wait $$! && exit $$tests
 
 .PHONY: coverage
 coverage: env ## run all tests and report which lines of the library they run

@@ -11,6 +11,7 @@ import yaml
 from benchmarks import kill_repro
 
 
+@pytest.mark.long
 def test_a_command_is_killed_as_often_as_asked_and_then_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

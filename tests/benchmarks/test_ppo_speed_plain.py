@@ -2,10 +2,12 @@
 
 import jax
 import numpy as np
+import pytest
 
 from benchmarks.ppo_speed import check_equal, environments_of, operations
 
 
+@pytest.mark.long
 def test_the_plain_environment_is_the_same_task():
     before = jax.config.read("jax_disable_most_optimizations")
     jax.config.update("jax_disable_most_optimizations", True)

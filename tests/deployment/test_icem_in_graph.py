@@ -82,6 +82,7 @@ def undelayed(parts: GraphParts):
     return trial_traces(run_episodes(parts, no_delays(), EPISODES), bobcat(), arm())
 
 
+@pytest.mark.long
 def test_planning_in_a_graph_without_delays_is_planning_in_brax(parts, config, undelayed) -> None:
     """Command for command: the buffers hold what the model's own history holds, and plans move on alike."""
     evaluate = controller_evaluation(icem_controller(parts.task, config, REPEATS), parts.task, REPEATS, TICKS)
@@ -93,6 +94,7 @@ def test_planning_in_a_graph_without_delays_is_planning_in_brax(parts, config, u
         np.testing.assert_array_equal(undelayed.command[n, waited:], brax.command[n, : TICKS - waited])
 
 
+@pytest.mark.long
 def test_episodes_side_by_side_are_what_they_are_alone(parts, undelayed) -> None:
     together = trial_traces(run_episodes(parts, no_delays(), EPISODES, threads=2), bobcat(), arm())
     np.testing.assert_array_equal(together.q, undelayed.q)

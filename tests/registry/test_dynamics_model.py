@@ -127,6 +127,7 @@ def test_loads_in_a_fresh_environment(published, asked, tmp_path):
     np.testing.assert_allclose(predicted, expected(published, trajectory), rtol=0, atol=1e-6)
 
 
+@pytest.mark.long
 def test_before_and_after_stand_side_by_side(empty_store, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(empty_store, tmp_path / "mlflow.db")

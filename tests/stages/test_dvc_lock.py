@@ -45,6 +45,7 @@ def repro(folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([DVC, "repro"], cwd=folder, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("left", ["", "schema: '2.0'\nstages:\n  count:\n    cm"], ids=["nothing", "a part"])
 def test_a_torn_lock_file_stops_dvc_and_is_mended(project: Path, left: str) -> None:
     (project / "dvc.lock").write_text(left)
@@ -70,6 +71,7 @@ def test_without_a_commit_of_it_the_run_cache_knows(project: Path) -> None:
     assert (project / "one").read_text() == "1\n"
 
 
+@pytest.mark.long
 def test_a_torn_list_of_users_stops_dvc_and_is_removed(project: Path) -> None:
     (project / ".dvc/tmp/rwlock").write_text('{"read": {')
     (project / "one").unlink()

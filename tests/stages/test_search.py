@@ -317,6 +317,7 @@ def small_search(trajectories: list[Trajectory], **changes: Any) -> SearchedKind
     return SearchedKind(machine, make_identify(**changes), search, *kind, trajectories)
 
 
+@pytest.mark.long
 def test_a_pruned_training_closes_and_a_retry_would_go_on_from_it(tmp_path: Path) -> None:
     log = [lag_trajectory(0, n_rows=300, n_validation=80)]
     trainer = Trainer(small_search(log), tmp_path / "checkpoints")

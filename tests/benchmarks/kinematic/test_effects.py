@@ -24,6 +24,7 @@ from tests.benchmarks.kinematic.scripted_machine import (
 )
 
 
+@pytest.mark.long
 def test_an_effect_sets_in_at_its_moment():
     effect = drawn_effect("gain", where=lambda e: value(e, "direction") == 0)
     joint = JOINTS.index(effect.joints[0])

@@ -80,6 +80,7 @@ def test_the_environment_steps_it(tasks, poses):
     assert_equal(new, network, atol=1e-4)
 
 
+@pytest.mark.long
 def test_the_planner_plans_on_it(tasks, bobcat, small_icem):
     start, goal = random_configurations(bobcat, jax.random.key(2), 2)
     commands = jnp.sign(jax.random.normal(jax.random.key(3), (6, 5, 4)))
@@ -95,6 +96,7 @@ def test_the_planner_plans_on_it(tasks, bobcat, small_icem):
     assert_equal(new, network, atol=1e-3)
 
 
+@pytest.mark.long
 def test_the_graph_drives_it_and_decides_on_it(tasks, bobcat, small_icem):
     start = (np.asarray(bobcat.lower + bobcat.upper) / 2).astype(np.float32)
 

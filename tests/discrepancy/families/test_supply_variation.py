@@ -106,6 +106,7 @@ def test_what_is_off_alike_at_starts_is_no_supply(lasting_s) -> None:
     assert not is_plausible(FAMILY, candidates)
 
 
+@pytest.mark.long
 def test_a_slow_supply_beats_changes_that_joints_do_not_have_in_common() -> None:
     """Of 17 s in ten minutes: some thirty independent values, whose correlation no count of placebos reaches."""
     for seed in range(3):
@@ -116,6 +117,7 @@ def test_a_slow_supply_beats_changes_that_joints_do_not_have_in_common() -> None
     assert min(apart) > 1e-3
 
 
+@pytest.mark.long
 def test_placebos_of_a_supply_that_sets_in_are_shifted_within_the_rows_after_it() -> None:
     """Shifted over the whole logs, most would be nothing at all there, and whatever is there would beat them."""
     late = []

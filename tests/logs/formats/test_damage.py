@@ -86,7 +86,9 @@ def run_elsewhere(tmp_path_factory):
                 folder.chmod(0o755)  # or nobody but root could remove it
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, marks=pytest.mark.long if c.where in ELSEWHERE else []) for c in CASES], ids=str
+)
 def test_damage(case, tmp_path, run_elsewhere):
     if case.where in ELSEWHERE:
         damaged, outcome, folder = run_elsewhere(case)

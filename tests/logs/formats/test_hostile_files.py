@@ -159,6 +159,7 @@ def outcome_of(build, folder: Path) -> Outcome:
     return outcome
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_file_takes_seconds_and_is_read(name, tmp_path):
     outcome = outcome_of(HOSTILE[name], tmp_path)
