@@ -65,7 +65,7 @@ class FirModel(DynamicsModel):
         first, *others, by_q = self._split(self.network.layers(parameters))
         kernels = self._held_kernels(first, n_steps)
         held_before = history.commands[..., ::-n_steps, :][..., : kernels.shape[1] - 1, :]
-        held = self.network.rows(jnp.concatenate([command[..., None, :], held_before], axis=-2))
+        held = self.member.rows(jnp.concatenate([command[..., None, :], held_before], axis=-2))
         by_commands = jnp.concatenate(list(kernels.reshape(n_steps, -1, kernels.shape[-1])), axis=-1)
         driven = jnp.split(_flat(held) @ by_commands, n_steps, axis=-1)
         q, newest, visited, appended = history.q, history.motion[..., -1, :], [], []
@@ -109,13 +109,13 @@ class FirModel(DynamicsModel):
         kernels = self._held_kernels(first, n_steps)[:, ::-1]  # oldest first
         n_held, width = kernels.shape[1], kernels.shape[-1]
         by_held = jnp.concatenate(list(kernels.reshape(n_steps, -1, width)), axis=-1)
-        row = self.network.row
+        row = self.member.row
 
         def roll_out(history: History, commands: jax.Array) -> jax.Array:
             n, n_entries, _ = commands.shape
-            measured = windows_of(self.network.rows(history.commands[1:]), n_entries * n_steps)
+            measured = windows_of(self.member.rows(history.commands[1:]), n_entries * n_steps)
             shared = first.bias + jnp.pad(measured, ((0, 0), (0, row))) @ first.kernel
-            entries = jnp.pad(self.network.rows(commands), ((0, 0), (n_held - 1, 0), (0, 0)))
+            entries = jnp.pad(self.member.rows(commands), ((0, 0), (n_held - 1, 0), (0, 0)))
 
             def entry(carry: tuple, at: tuple) -> tuple[tuple, jax.Array]:
                 (q, newest), visited = carry, []
@@ -136,7 +136,7 @@ class FirModel(DynamicsModel):
 
     def inputs(self, commands: jax.Array, q: jax.Array) -> jax.Array:
         """What the networks see of commands a_{t-k} … a_t, (..., k+1, n_joint), and q_t (..., n_joint)."""
-        return jnp.concatenate([_flat(self.network.rows(commands)), self.normalise_position(q)], axis=-1)
+        return jnp.concatenate([_flat(self.member.rows(commands)), self.normalise_position(q)], axis=-1)
 
     def integrate(self, q: jax.Array, newest: jax.Array, residual: jax.Array) -> tuple[jax.Array, jax.Array]:
         """The network's output is the velocity itself; the newest one does not matter."""
@@ -179,15 +179,15 @@ class FirModel(DynamicsModel):
         n_rows, width = self.specification.lags + 1, len(first.bias)
         by_row = first.kernel.reshape(n_rows, -1)
         kernels = by_held_commands(by_row, np.arange(n_rows)[::-1], n_steps)
-        return kernels.reshape(*kernels.shape[:2], self.network.row, width)
+        return kernels.reshape(*kernels.shape[:2], self.member.row, width)
 
     def _rolled_out(
         self, layers: list[Layer], history: History, commands: jax.Array, stops: Stops | None
     ) -> jax.Array:
         first, *others, by_q = self._split(layers)
-        row = self.network.row
+        row = self.member.row
         # The window of step j holds commands j … j+k of this buffer; the oldest command is in no window any more.
-        known = _flat(self.network.rows(jnp.concatenate([history.commands[..., 1:, :], commands], axis=-2)))
+        known = _flat(self.member.rows(jnp.concatenate([history.commands[..., 1:, :], commands], axis=-2)))
 
         def advance(carry: tuple, index: jax.Array) -> tuple[tuple, jax.Array]:
             q, newest = carry

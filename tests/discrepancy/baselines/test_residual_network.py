@@ -13,6 +13,8 @@ from pipeline.dynamics.model.rollout import rollout
 from tests.discrepancy.slower_machine import MACHINE, TRAINED_KINDS, make_settings, nominal, slower
 from tests.dynamics import reference
 from tests.dynamics.conftest import KINDS, lag_trajectory, move_biases, random_trajectory
+from tests.effects.conftest import make_model
+from tests.effects.conftest import random_trajectory as effects_log
 
 T = 7
 
@@ -87,3 +89,15 @@ def test_without_improvement_on_the_selection_rows_it_is_the_model_exactly():
     log, starts = slower(6, 300), np.arange(40, 200, 7)
     frozen, kept = (one.predict(log, starts, 80) for one in (LearnedPredictor(model, parameters), predictor))
     np.testing.assert_array_equal(kept, frozen)
+
+
+def test_it_starts_as_an_nfir_model_itself():
+    model = make_model("nfir")
+    parameters = model.initialise(jax.random.key(0))
+    corrected = model_with_residual(model, parameters)
+    drawn = corrected.initialise(jax.random.key(1))
+    log, starts = effects_log(1), np.array([10, 40])
+    frozen, started = (
+        LearnedPredictor(*pair).predict(log, starts, 20) for pair in ((model, parameters), (corrected, drawn))
+    )
+    np.testing.assert_allclose(started, frozen, rtol=0, atol=1e-6)
