@@ -1,13 +1,20 @@
 """Files that are made to take minutes or gigabytes, and end in seconds; what is readable in them is read."""
 
+import sqlite3
 import struct
+import time
 from collections.abc import Iterable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 import zstandard
 from mcap.writer import CompressionType, Writer
 
+from pipeline.errors import InputError
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.sqlite3.connection import read_only
 from tests.logs import foreign_bags as foreign
 from tests.logs.damage.case import DamageCase, Damaged, Where
 from tests.logs.damage_outcome import Outcome, outcomes
@@ -168,3 +175,68 @@ def test_hostile_file_takes_seconds_and_is_read(name, tmp_path):
     assert outcome.status == 0 and outcome.lines, outcome.lines
     assert len(outcome.lines) < 30
     assert outcome.recovered >= whole_log("MCAP").n_messages
+
+
+CAN_COLUMNS = "(ts, arbitration_id, extended, remote, error, dlc, data)"
+ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
+TOPICS = "CREATE TABLE topics (id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+MESSAGES = "CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+TOPIC = "INSERT INTO topics VALUES (1, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr')"
+DATABASES = {
+    "CAN: a view without end": (
+        "a.db",
+        [
+            f"CREATE TABLE frames {CAN_COLUMNS}",
+            f"CREATE VIEW messages AS {ENDLESS} SELECT i * 1.0 AS ts, 5 AS arbitration_id, 0 AS extended, "
+            "0 AS remote, 0 AS error, 8 AS dlc, x'00' AS data FROM n WHERE i < 0",
+        ],
+        "has no table messages",
+    ),
+    "CAN: a row of 200 MB": (
+        "a.db",
+        [
+            f"CREATE TABLE messages {CAN_COLUMNS}",
+            "INSERT INTO messages VALUES (1, 5, 0, 0, 0, 8, zeroblob(2e8))",
+        ],
+        "SQLite cannot read on",
+    ),
+    "a message of 200 MB": (
+        "a.db3",
+        [TOPICS, TOPIC, MESSAGES, "INSERT INTO messages VALUES (1, 1, 5, zeroblob(2e8))"],
+        "none of the 1 messages of /joint_states can be used",
+    ),
+    "a column that is computed": (
+        "a.db3",
+        [TOPICS, TOPIC, MESSAGES.replace("data BLOB", "data BLOB AS (zeroblob(200000000))")],
+        "not a ROS 2 bag",
+    ),
+    "row numbers of its own": (
+        "a.db3",
+        [
+            TOPICS,
+            TOPIC,
+            MESSAGES.replace("id INTEGER PRIMARY KEY", "rowid TEXT"),
+            "INSERT INTO messages VALUES ('x', 1, 5, x'00')",
+        ],
+        "not a ROS 2 bag",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DATABASES)
+def test_hostile_databases_get_one_line(name, tmp_path, machine):
+    file_name, statements, said = DATABASES[name]
+    with closing(sqlite3.connect(tmp_path / file_name)) as connection, connection:
+        for statement in statements:
+            connection.execute(statement)
+    before = time.process_time()
+    with pytest.raises(InputError, match=said):
+        read_log(find_logs(tmp_path)[0], machine)
+    assert time.process_time() - before < 2
+
+
+def test_statements_are_bounded_by_the_files_size(tmp_path):
+    (tmp_path / "a.db").touch()
+    endless = f"{ENDLESS} SELECT count(*) FROM n"
+    with read_only((tmp_path / "a.db").as_uri(), 0, 1 << 16) as connection, pytest.raises(sqlite3.Error):
+        connection.execute(endless).fetchone()

@@ -16,6 +16,7 @@ from pipeline.logs.formats.can.blf_objects import readable_pieces
 from pipeline.logs.formats.can.signals import warnings_handled
 from pipeline.logs.formats.can.text_lines import TextLines
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
+from pipeline.logs.formats.sqlite3.connection import plain_tables, read_only
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, ReadingLedger
 
 FAULTS = (ValueError, IndexError, KeyError, TypeError, OverflowError, NotImplementedError, AttributeError)
@@ -29,6 +30,7 @@ TEXT_READERS: dict[str, tuple[type[TextIOMessageReader], dict, str]] = {
 # An ASC line with the data of a frame that `python-can` would pass over, as it does with comments and other events.
 ASC_DATA = re.compile(r"\s[dr]\s+[\da-f]+(\s+[\da-f]{2})+(\s|$)", re.IGNORECASE)
 ASC_FRAME = re.compile(r"\s*\d+\.\d+\s+(\d+\s+(\w+\s+(Tx|Rx)|ErrorFrame)|CANFD)", re.ASCII | re.IGNORECASE)
+MAXIMUM_ROW_BYTES = 1 << 16  # a CAN FD frame has 64
 SQLITE_QUERY = "SELECT ts, arbitration_id, extended, remote, error, dlc, data FROM messages"
 MICROSECOND_NS = 1_000
 MICROSECONDS = 1_000_000  # per second
@@ -112,10 +114,11 @@ def _of_blf(opened: OpenedFile) -> Iterator[can.Message]:
 
 def _of_sqlite(opened: OpenedFile) -> Iterator[can.Message]:
     """The database of `python-can`, whose own reader would open it for writing."""
+    address = f"{opened.path.absolute().as_uri()}?mode=ro&immutable=1"
     try:
-        with closing(
-            sqlite3.connect(f"{opened.path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
-        ) as connection:
+        with read_only(address, opened.size, MAXIMUM_ROW_BYTES) as connection:
+            if "messages" not in plain_tables(connection):
+                raise InputError(f"{opened.path}: has no table messages of CAN frames; restore or remove it")
             for ts, identifier, extended, remote, error, dlc, data in connection.execute(SQLITE_QUERY):
                 if (
                     not isinstance(data, bytes)

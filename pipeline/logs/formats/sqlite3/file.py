@@ -8,7 +8,7 @@ import shutil
 import sqlite3
 import tempfile
 from collections.abc import Collection, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES
 from pipeline.logs.formats.message_compression import decompressed_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
+from pipeline.logs.formats.sqlite3.connection import plain_tables, read_only
 from pipeline.logs.formats.sqlite3.pages import PageRows, UnusualError, rows_in_pages, truncated_rows
 from pipeline.logs.formats.sqlite3.row_count import RowCount
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger, by_topic
@@ -31,11 +32,14 @@ ATTEMPTS_PAST_DAMAGE = 24
 BEFORE_ALL_ROWS = -1 << 62
 NO_TIME = -1
 FAULTS = (sqlite3.Error, UnicodeDecodeError)  # the latter if SQLite's own message quotes damaged text
+MAXIMUM_MESSAGE_BYTES = (
+    1 << 26
+)  # of a wanted topic: joint states and commands are far shorter, and copied thrice
 # For other topics only the length is read, which spares SQLite the message's further pages.
 QUERY = """
     SELECT rowid, topic_id, timestamp, CASE
         WHEN typeof(data) <> 'blob' THEN NULL
-        WHEN topic_id IN ({wanted}) THEN data
+        WHEN topic_id IN ({wanted}) AND length(data) <= {most} THEN data
         ELSE length(data) END
     FROM messages WHERE rowid > ? AND rowid NOT IN ({cut}) ORDER BY rowid LIMIT ?"""
 WITHOUT_LIMIT = -1
@@ -80,20 +84,14 @@ def _database(opened: OpenedFile) -> Iterator[tuple[sqlite3.Connection, bool]]:
             address = copy.as_uri()
         else:
             address = f"{path.resolve().as_uri()}?immutable=1"
-        with closing(sqlite3.connect(address, uri=True)) as connection:
-            connection.text_factory = lambda text: text.decode(errors="replace")
-            connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAXIMUM_CHUNK_BYTES)
-            connection.execute("PRAGMA trusted_schema = OFF")
-            connection.execute("PRAGMA cell_size_check = ON")
-            # Without it, SQLite refuses a truncated file, which has fewer pages than its header says.
-            connection.execute("PRAGMA writable_schema = ON")
+        with read_only(address, opened.size, MAXIMUM_CHUNK_BYTES) as connection:
             yield connection, bool(left)
 
 
 def _topics(connection: sqlite3.Connection, path: Path) -> dict[int, LoggedTopic]:
-    tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    tables = plain_tables(connection)
     if not {"topics", "messages"} <= tables:
-        found = ", ".join(sorted(map(str, tables))) or "none"
+        found = ", ".join(sorted(tables)) or "none"
         raise InputError(
             f"{path}: an SQLite file, but not a ROS 2 bag (tables: {found}); remove it, or restore it if it was one"
         )
@@ -168,6 +166,7 @@ class _Messages:
         """Yield rows in the order of recording; continue after damaged pages."""
         query = QUERY.format(
             wanted=_listed(self.wanted),
+            most=MAXIMUM_MESSAGE_BYTES,
             cut=_listed(truncated_rows(self.opened.file, self.opened.size)),
         )
         batch: list[Row] = []
