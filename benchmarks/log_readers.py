@@ -1,6 +1,7 @@
 """What this project's readers of MCAP files and ROS 1 bags gain over the formats' libraries, read in blocks.
 
-    python -m benchmarks.log_readers mcap         # some 100 MB; user time in seconds, three times each (also: bag)
+    python -m benchmarks.log_readers            # some 100 MB each; user time in seconds, three times each
+    python -m benchmarks.log_readers mcap       # or bag: of one format alone
 
 Both ways end in the same blocks of undecoded messages. `walk` is this project's reader without the chunks' indexes.
 """
@@ -63,9 +64,8 @@ def user_s(read: Callable[[], Iterator[MessageBlock]]) -> tuple[float, int]:
     return resource.getrusage(resource.RUSAGE_SELF).ru_utime - before, n_messages
 
 
-def main() -> None:
+def compare(kind: str) -> None:
     """Write a file, read it in every way and print the times."""
-    kind = sys.argv[1]
     module, library, store = {
         "mcap": (mcap_file, mcap_library, foreign.ROS2),
         "bag": (rosbag1_file, rosbags_library, foreign.ROS1),
@@ -93,4 +93,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    for name in sys.argv[1:] or ("mcap", "bag"):
+        compare(name)

@@ -87,7 +87,8 @@ def _lines(draft: Draft, name: str) -> Iterator[str]:
     yield "# Drafted from logs: replace every ???, check the rest, and set the machine's own limits."
     yield f"name: {_quoted(name) if name else UNKNOWN}  # the file's name without .yaml"
     rate = min(ROUND_RATES_HZ, key=lambda one: abs(math.log(one / (draft.rate_hz or DEFAULT_RATE_HZ))))
-    yield f"# Joint samples come at {draft.rate_hz:.4g} Hz. Rows are interpolated to the rate that stands here."
+    seen = f"come at {draft.rate_hz:.4g} Hz" if draft.rate_hz else "come at a rate that could not be measured"
+    yield f"# Joint samples {seen}. Rows are interpolated to the rate that stands here."
     yield f"rate_hz: {rate:g}  # a guess: set the rate at which the machine is controlled, a round figure"
     yield from _command_kind(draft.command_fields)
     yield f"# Order: {draft.order}."
@@ -194,9 +195,11 @@ def _of_table(stream: Stream) -> Draft:
     if command != UNKNOWN:
         draft.command_fields = [stream.fields[command.replace("{joint}", joint)] for joint in joints]
     unit = (stream.fields[time].unit if time is not None else "") or "s"
+    is_text = time is not None and stream.fields[time].type_name == TEXT
+    unread = "  # holds text, and dates in text are not read: save times as numbers" if is_text else ""
     draft.positions = [
         "columns:  # {joint} stands for the joint's name",
-        f"  time: {_quoted(time) if time is not None else UNKNOWN}",
+        f"  time: {_quoted(time) if time is not None else UNKNOWN}{unread}",
         f"  time_unit: {unit}",
         f"  position: {_quoted(position)}",
         f"  command: {_quoted(command)}",

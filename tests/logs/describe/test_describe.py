@@ -249,3 +249,10 @@ def test_frames_of_very_many_kinds_are_counted_together(tmp_path):
     streams = describe(tmp_path).streams.values()
     assert len(streams) == 1001 and sum(stream.n_messages for stream in streams) == 6000
     assert list(streams)[-1].name == "all others than the first 1000" and list(streams)[-1].n_messages == 1000
+
+
+def test_times_in_text_are_named(tmp_path):
+    (tmp_path / "a.csv").write_text("t,q_a,u_a\n2023-11-14 22:13:20,0.1,0\n2023-11-14 22:13:21,0.2,1\n")
+    draft = draft_machine(describe(tmp_path), "")
+    assert "  time: t  # holds text, and dates in text are not read" in draft
+    assert "# Joint samples come at a rate that could not be measured." in draft
