@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.errors import InputError
-from pipeline.files.atomic import PARTIAL_SUFFIX
+from pipeline.files.atomic import PARTIAL_SUFFIX, write_json
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
@@ -74,8 +74,8 @@ def write_lerobot(
     writer.close()
     _write_episodes(partial, episodes)
     _write_tasks(partial / "meta" / "tasks.parquet", task)
-    _write_json(partial / "meta" / "stats.json", _all_statistics(episodes))
-    _write_json(partial / "meta" / "info.json", _information(machine, fps, len(episodes), n_frames))
+    write_json(partial / "meta" / "stats.json", _all_statistics(episodes))
+    write_json(partial / "meta" / "info.json", _information(machine, fps, len(episodes), n_frames))
     partial.rename(path)
     return len(episodes)
 
@@ -177,27 +177,10 @@ def _write_episodes(folder: Path, episodes: list[dict[str, Any]]) -> None:
 def _write_tasks(path: Path, task: str) -> None:
     """The table of tasks, whose pandas index is the task's words."""
     index = "__index_level_0__"
-    pandas = {
-        "index_columns": [index],
-        "column_indexes": [],
-        "columns": [
-            {
-                "name": "task_index",
-                "field_name": "task_index",
-                "pandas_type": "int64",
-                "numpy_type": "int64",
-                "metadata": None,
-            },
-            {
-                "name": None,
-                "field_name": index,
-                "pandas_type": "unicode",
-                "numpy_type": "object",
-                "metadata": None,
-            },
-        ],
-        "pandas_version": "2.2.0",
-    }
+    keys = ("name", "field_name", "pandas_type", "numpy_type", "metadata")
+    columns = [("task_index", "task_index", "int64", "int64", None), (None, index, "unicode", "object", None)]
+    pandas: dict[str, Any] = {"index_columns": [index], "column_indexes": [], "pandas_version": "2.2.0"}
+    pandas["columns"] = [dict(zip(keys, column, strict=True)) for column in columns]
     table = pa.table({"task_index": pa.array([0], pa.int64()), index: pa.array([task])})
     pq.write_table(table.replace_schema_metadata({"pandas": json.dumps(pandas)}), path)
 
@@ -218,7 +201,3 @@ def _information(machine: MachineSpecification, fps: float, n_episodes: int, n_f
         "video_path": None,
         "features": _features(machine),
     }
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    path.write_text(json.dumps(content, indent=4, ensure_ascii=False) + "\n", encoding="utf-8")

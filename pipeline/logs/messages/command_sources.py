@@ -4,13 +4,15 @@ Each source is an adapter that yields the column `command`, shape (n, n_joint), 
 """
 
 import re
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.logs.messages.conversion import ConvertedColumn, command_conversion
 from pipeline.logs.messages.field_paths import elements, number_at, stamp_paths, stamps_ns
-from pipeline.logs.messages.joint_states import joint_fields, joint_values, select_joints
+from pipeline.logs.messages.joint_states import by_name, joint_fields
 from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.mismatch import MismatchError
@@ -19,6 +21,7 @@ from pipeline.machine.log_sources import ClockChoice, CommandSourceKind, per_joi
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
 ROLE = "commands"
+FIELDS = ("position", "velocity", "effort")  # of joint states
 ARRAY_TYPE = re.compile(r"std_msgs(/msg/|\.)\w+MultiArray")  # the latter in Protobuf
 
 
@@ -49,15 +52,16 @@ def _source_adapter(machine: MachineSpecification) -> Adapter:
                 )
             return JoyCommands(list(source.axes), np.array(source.signs, dtype=np.float64))
         case CommandSourceKind.joint_state:
-            if source.field_name not in JointStateCommands.FIELDS:
-                fields = ", ".join(JointStateCommands.FIELDS)
-                raise InputError(f"{place}.field_name is `{source.field_name}`; use one of {fields}")
-            return JointStateCommands(machine.joint_names, source.field_name)
+            if source.field_name not in FIELDS:
+                raise InputError(
+                    f"{place}.field_name is `{source.field_name}`; use one of {', '.join(FIELDS)}"
+                )
+            return NamedCommands(machine.joint_names, partial(joint_fields, field_name=source.field_name))
         case CommandSourceKind.named:
             for key, path in (("names", source.names), ("values", source.values)):
                 if not path:
                     raise InputError(f"{place}.{key} is missing; name the field, such as joint_names")
-            return NamedCommands(machine.joint_names, source.names, source.values)
+            return NamedCommands(machine.joint_names, lambda _: (source.names, source.values))
         case CommandSourceKind.field_path:
             return FieldPathCommands(
                 per_joint(source.field_paths, machine.joint_names, f"{place}.field_paths")
@@ -130,39 +134,21 @@ class JoyCommands:
         return {"command": axes[:, self.axes].astype(np.float64) * self.signs}
 
 
-class JointStateCommands:
-    """`sensor_msgs/JointState`: commands by joint name in one of its fields."""
-
-    role = ROLE
-    FIELDS = ("position", "velocity", "effort")
-
-    def __init__(self, joint_names: tuple[str, ...], field_name: str) -> None:
-        self.joint_names = joint_names
-        self.field_name = field_name
-
-    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
-        """Names and the field."""
-        return joint_fields(topic, self.field_name)
-
-    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
-        """Pick the machine's joints by name."""
-        return {"command": joint_values(group, self.field_name, self.joint_names)}
-
-
 class NamedCommands:
-    """Any message that names its joints: commands by joint name, from two lists or from a list of messages."""
+    """Any message that names its joints, as `JointState`: commands by name, from two lists or a list of messages."""
 
     role = ROLE
 
-    def __init__(self, joint_names: tuple[str, ...], names: str, values: str) -> None:
+    def __init__(
+        self, joint_names: tuple[str, ...], names_and_values: Callable[[LoggedTopic], tuple[str, str]]
+    ) -> None:
         self.joint_names = joint_names
-        self.names = names
-        self.values = values
-        self.paths: list[tuple[str, ...]] = []  # of names and of values, in the messages of the last topic
+        self.names_and_values = names_and_values  # paths in the messages of a topic
+        self.paths: list[tuple[str, ...]] = []  # of those in the last block
 
     def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """Names and values."""
-        self.paths = [elements(path, topic.encoding) for path in (self.names, self.values)]
+        self.paths = [elements(path, topic.encoding) for path in self.names_and_values(topic)]
         return tuple(path for paths in self.paths for path in paths)
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
@@ -170,11 +156,8 @@ class NamedCommands:
         of_names, of_values = self.paths
         names = tuple(name for path in of_names for name in group.strings.get(path, ()))
         parts = [group.numbers[path] for path in of_values if path in group.numbers]
-        n_values = sum(part.shape[1] for part in parts)
-        columns = select_joints(names, self.joint_names)
-        if n_values != len(names):
-            raise MismatchError(f"their field `{self.values}` holds {n_values} values for {len(names)} names")
-        return {"command": np.concatenate(parts, axis=1)[:, columns].astype(np.float64)}
+        values = np.concatenate(parts, axis=1) if parts else np.zeros((len(group.index), 0))
+        return {"command": by_name(names, values, self.joint_names, of_values[0])}
 
 
 class FieldPathCommands:

@@ -46,26 +46,13 @@ def joint_fields(topic: LoggedTopic, field_name: str) -> tuple[str, str]:
     raise MismatchError(f"they are {topic.type_name or 'of no named type'}, not {ROS_TYPE}")
 
 
-def joint_values(group: FieldGroup, field_name: str, joint_names: tuple[str, ...]) -> np.ndarray:
-    """Return a field of the machine's joints, picked by name, shape (n, n_joint), float64.
+def by_name(
+    names: tuple[str, ...], values: np.ndarray, joint_names: tuple[str, ...], field_name: str
+) -> np.ndarray:
+    """Return the values of the machine's joints, picked by the names of all, shape (n, n_joint), float64.
 
     Raises:
-        MismatchError: A joint is missing, or there are more or fewer values than names.
-    """
-    is_foxglove = FOXGLOVE_NAMES in group.strings
-    names = group.text(FOXGLOVE_NAMES if is_foxglove else "name")
-    values = group.sequence(f"joints[].{field_name}" if is_foxglove else field_name)
-    columns = select_joints(names, joint_names)
-    if values.shape[1] != len(names):
-        raise MismatchError(f"their field {field_name} holds {values.shape[1]} values for {len(names)} names")
-    return values[:, columns].astype(np.float64)
-
-
-def select_joints(names: tuple[str, ...], joint_names: tuple[str, ...]) -> list[int]:
-    """Return the position of each machine joint in a message's names.
-
-    Raises:
-        MismatchError: A joint is missing or listed twice.
+        MismatchError: A joint is missing or listed twice, or there are more or fewer values than names.
     """
     missing = [joint for joint in joint_names if joint not in names]
     if missing:
@@ -75,7 +62,11 @@ def select_joints(names: tuple[str, ...], joint_names: tuple[str, ...]) -> list[
     repeated = [joint for joint in joint_names if names.count(joint) > 1]
     if repeated:
         raise MismatchError(f"joint {', '.join(repeated)} stands there more than once: {', '.join(names)}")
-    return [names.index(joint) for joint in joint_names]
+    if values.shape[1] != len(names):
+        raise MismatchError(
+            f"their field `{field_name}` holds {values.shape[1]} values for {len(names)} names"
+        )
+    return values[:, [names.index(joint) for joint in joint_names]].astype(np.float64)
 
 
 class JointStateAdapter:
@@ -85,14 +76,18 @@ class JointStateAdapter:
 
     def __init__(self, joint_names: tuple[str, ...]) -> None:
         self.joint_names = joint_names
+        self.paths = ("", "")  # of names and positions, in the last block
 
     def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
         """Stamp, names and positions."""
-        return (*stamp_paths(), *joint_fields(topic, "position"))
+        self.paths = joint_fields(topic, "position")
+        return (*stamp_paths(), *self.paths)
 
     def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
         """Pick the machine's joints by name."""
-        return {"stamp_ns": _stamps_if_any(group), "q": joint_values(group, "position", self.joint_names)}
+        names, positions = self.paths
+        q = by_name(group.text(names), group.sequence(positions), self.joint_names, positions)
+        return {"stamp_ns": _stamps_if_any(group), "q": q}
 
 
 class FieldPathJointStates:

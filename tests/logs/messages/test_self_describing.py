@@ -219,7 +219,7 @@ def test_only_wanted_fields_are_laid_out():
 @pytest.mark.parametrize("encoding", bags.KINDS)
 @pytest.mark.parametrize(("names", "values"), [("joints[].name", "joints[].position"), ("name[]", "value[]")])
 def test_commands_by_name(encoding, names, values):
-    source = NamedCommands(("a", "b"), names, values)
+    source = NamedCommands(("a", "b"), lambda _: (names, values))
     if names == "name[]":
         kind, definition = protobuf_of([("name", bags.STRING, "", True), ("value", bags.DOUBLE, "", True)])
         one = (
