@@ -2,8 +2,11 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from benchmarks.closed_loop import simulator
 from benchmarks.closed_loop.machines import Variant
+from benchmarks.machine_draws.hydraulic import draw_hydraulic
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant import effects
 from pipeline.plant.effects import PlantEffect
@@ -11,7 +14,7 @@ from pipeline.plant.machines.simulated import simulated_machine
 from pipeline.plant.machines.variants import draw_variant
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.recording.operator import draw_style
-from pipeline.plant.recording.session import SessionLog, record_session
+from pipeline.plant.recording.session import SessionLog, record_session, session_plant
 
 LARGEST_SIZE = {
     "gain": 1.7,  # three quarters of the metering area gone
@@ -51,6 +54,10 @@ class HydraulicPlant(simulator.Simulator):
         """See `Simulator`."""
         return draw_variant(simulated_machine(specification.name), seed)
 
+    def drawn_machine(self, specification: MachineSpecification, seed: int) -> Parameters:
+        """See `Simulator`."""
+        return draw_hydraulic(simulated_machine(specification.name), seed)
+
     def draw_effect(self, kind: str, seed: int, variant: Variant, size: float) -> PlantEffect:
         """See `Simulator`."""
         return effects.draw(kind, seed, variant.parameters, size)
@@ -75,3 +82,25 @@ class HydraulicPlant(simulator.Simulator):
             start_time_ns=start_time_ns,
             changes=changes,
         )
+
+    def replay(
+        self,
+        specification: MachineSpecification,
+        machine: Parameters,
+        log: SessionLog,
+        session_seed: int,
+        starts: Sequence[int],
+        horizon: int,
+        seed: int,
+    ) -> np.ndarray:
+        """See `Simulator`."""
+        plant = session_plant(specification, machine, session_seed)
+        seeds = np.random.SeedSequence(seed).generate_state(len(starts)).tolist()
+        displacements, present = [], 0
+        for start, twin_seed in zip(starts, seeds, strict=True):
+            plant.run(log.commands[present:start])
+            present = start
+            twin = plant.twin(twin_seed)
+            begin_rad = twin.state.link_angle_rad.copy()
+            displacements.append(twin.run(log.commands[start : start + horizon]).angle_rad - begin_rad)
+        return np.array(displacements)

@@ -3,12 +3,16 @@
 from collections.abc import Sequence
 from zlib import crc32
 
+import numpy as np
+
 from benchmarks.closed_loop import simulator
 from benchmarks.closed_loop.kinematic import effects
 from benchmarks.closed_loop.kinematic.effects import Effect
 from benchmarks.closed_loop.kinematic.machine import Machine, draw_machine
+from benchmarks.closed_loop.kinematic.replay import replay
 from benchmarks.closed_loop.kinematic.session import record_session
 from benchmarks.closed_loop.machines import Variant
+from benchmarks.machine_draws.kinematic import draw_kinematic
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.recording.session import SessionLog
 
@@ -27,6 +31,10 @@ class KinematicJoints(simulator.Simulator):
         """See `Simulator`."""
         return draw_machine(specification, number, seed)
 
+    def drawn_machine(self, specification: MachineSpecification, seed: int) -> Machine:
+        """See `Simulator`."""
+        return draw_kinematic(specification, seed)
+
     def draw_effect(self, kind: str, seed: int, variant: Variant, size: float) -> Effect:
         """See `Simulator`."""
         return effects.draw(kind, seed, variant, size)
@@ -43,3 +51,16 @@ class KinematicJoints(simulator.Simulator):
     ) -> SessionLog:
         """See `Simulator`."""
         return record_session(specification, machine, style_seed, minutes, seed, start_time_ns, changes)
+
+    def replay(
+        self,
+        specification: MachineSpecification,
+        machine: Machine,
+        log: SessionLog,
+        session_seed: int,
+        starts: Sequence[int],
+        horizon: int,
+        seed: int,
+    ) -> np.ndarray:
+        """See `Simulator`."""
+        return replay(specification, machine, log, starts, horizon, seed)

@@ -1,4 +1,8 @@
-"""The machines of the benchmark: variants of a simulated machine, each with an operator and nominal sessions."""
+"""The machines of the benchmark, each with an operator and nominal sessions.
+
+Numbers below `N_VARIANT` are variants of one build: what differs between machines that leave the same works. From there
+on every number is a machine of the class whose constants are all drawn (`benchmarks.machine_draws`).
+"""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -9,7 +13,7 @@ import numpy as np
 from benchmarks.closed_loop.sessions import machine
 from benchmarks.closed_loop.simulator import Machine, Simulator
 
-N_VARIANT = 8
+N_VARIANT = 8  # of one build
 DESIGN = 5_2024  # seeds everything that belongs to variants; cases have seeds of their own
 NOMINAL_MINUTES = (12.0, 12.0)
 YARDSTICK_MINUTES = (12.0, 12.0, 12.0)  # sessions that no log shows: what the sound machine's 4 s error is
@@ -22,7 +26,7 @@ class Variant:
 
     Attributes:
         simulator: What it lives in.
-        number: 0 … `N_VARIANT` - 1.
+        number: 0 or more.
         parameters: Its sound state.
         style_seed: Of the operator who recorded its nominal sessions.
         session_seeds: Of its nominal sessions.
@@ -49,12 +53,15 @@ def variant_name(simulator: Simulator, number: int) -> str:
 
 @cache
 def variant(simulator: Simulator, number: int) -> Variant:
-    """The variant of that number; always the same."""
+    """The machine of that number; always the same."""
     n_nominal = len(NOMINAL_MINUTES)
     n_seed = 2 + n_nominal + len(YARDSTICK_MINUTES)
     machine_seed, style_seed, *sessions = (
         np.random.SeedSequence([DESIGN, number, *simulator.entropy]).generate_state(n_seed).tolist()
     )
-    parameters = simulator.sound_machine(machine(), number, machine_seed)
+    if number < N_VARIANT:
+        parameters = simulator.sound_machine(machine(), number, machine_seed)
+    else:
+        parameters = simulator.drawn_machine(machine(), machine_seed)
     nominal, yardstick = tuple(sessions[:n_nominal]), tuple(sessions[n_nominal:])
     return Variant(simulator, number, parameters, style_seed, nominal, yardstick)

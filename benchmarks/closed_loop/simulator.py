@@ -4,6 +4,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.recording.session import SessionLog
 
@@ -102,6 +104,15 @@ class Simulator(ABC):
         """
 
     @abstractmethod
+    def drawn_machine(self, specification: MachineSpecification, seed: int) -> Machine:
+        """A machine of the class, sound, of which every constant is drawn.
+
+        Args:
+            specification: Names, limits, rate, workspace.
+            seed: Of all constants.
+        """
+
+    @abstractmethod
     def draw_effect(self, kind: str, seed: int, variant: "Variant", size: float) -> Effect:
         """An effect.
 
@@ -133,4 +144,30 @@ class Simulator(ABC):
             minutes: Duration.
             seed: Of the session's chances.
             start_time_ns: Absolute time of the start.
+        """
+
+    @abstractmethod
+    def replay(
+        self,
+        specification: MachineSpecification,
+        machine: Machine,
+        log: SessionLog,
+        session_seed: int,
+        starts: Sequence[int],
+        horizon: int,
+        seed: int,
+    ) -> np.ndarray:
+        """Let stretches of a session happen again: the same state and commands, other chances.
+
+        Args:
+            specification: Names, limits, rate, workspace.
+            machine: That was recorded.
+            log: The session.
+            session_seed: That it was recorded with.
+            starts: Control periods with which the stretches begin, ascending.
+            horizon: Control periods of each.
+            seed: Of the new chances.
+
+        Returns:
+            (n_starts, horizon, n_joint) true displacements from each stretch's start, rad.
         """

@@ -5,6 +5,7 @@ form with the learned models: from discrete commands it integrates pilot stage, 
 rigid-body load, friction, stops and oil temperature, and publishes encoder readings.
 """
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -174,16 +175,17 @@ class Plant:
             raise InputError(
                 f"dead times {parameters.pilot.dead_time_s.tolist()} s exceed the plant's memory"
             )
+        self._begin(seed)
+
+    def _begin(self, seed: int) -> None:
+        """Set the clock to zero and draw chances; the slow processes begin in their stationary distribution."""
+        self._n_period = 0
+        self._n_row = 0
         streams = np.random.SeedSequence(seed).spawn(5)
         self._disturbance, self._silt, self._arrival, phase = (np.random.default_rng(s) for s in streams[:4])
         self._encoders = EncoderChannel(self.n_joint, streams[4])
-        self._n_period = 0
-        self._n_row = 0
-        numerics = parameters.numerics
-        self._phase = int(
-            phase.integers(max(round(parameters.pilot.controller_cycle_s / numerics.substep_s), 1))
-        )
-        # the slow processes begin in their stationary distribution
+        cycle_s, substep_s = self.parameters.pilot.controller_cycle_s, self.parameters.numerics.substep_s
+        self._phase = int(phase.integers(max(round(cycle_s / substep_s), 1)))
         self.state.disturbance[:] = phase.standard_normal(self.n_joint + 2)
 
     @property
@@ -200,6 +202,14 @@ class Plant:
     def time_s(self) -> float:
         """Time since the start, s."""
         return self._n_period * self.parameters.numerics.control_period_s
+
+    def twin(self, seed: int) -> "Plant":
+        """Another plant in the same state at time zero, whose chances are drawn by another seed."""
+        twin = copy.copy(self)
+        twin._state_record = self._state_record.copy()
+        twin._scratch_record = self._scratch_record.copy()
+        twin._begin(seed)
+        return twin
 
     def change(self, parameters: Parameters) -> None:
         """Replace the parameters; the state is kept."""

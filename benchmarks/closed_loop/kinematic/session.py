@@ -58,8 +58,9 @@ def drive(
     seed: np.random.SeedSequence,
     start_time_ns: int = 0,
     changes: Sequence[tuple[float, Machine]] = (),
+    start_rad: np.ndarray | None = None,
 ) -> SessionLog:
-    """The same with anybody at the sticks."""
+    """The same with anybody at the sticks, from `start_rad`, (n,), or a drawn configuration."""
     period_s = specification.dt_s
     n_substep = round(period_s / SUBSTEP_S)
     if abs(n_substep * SUBSTEP_S - period_s) > 1e-9:
@@ -75,7 +76,7 @@ def drive(
     quantities = machine.quantities
     state_record = pack(
         resting_state(
-            _start_position(start, quantities.motion),
+            _start_position(start, quantities.motion) if start_rad is None else start_rad,
             process.standard_normal(N_SHARED + n),
         )
     )

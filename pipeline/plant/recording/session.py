@@ -109,9 +109,8 @@ def record_session(
             f"conf/machine/{machine.name}.yaml: rate_hz is {machine.rate_hz}; the plant takes commands every "
             f"{parameters.numerics.control_period_s} s"
         )
-    plant_seed, operator_seed, start_seed = np.random.SeedSequence(seed).generate_state(3)
-    operator = ScriptedOperator(machine, style, int(operator_seed))
-    plant = Plant(parameters, int(plant_seed), start_configuration(machine, int(start_seed)))
+    operator = ScriptedOperator(machine, style, int(_seeds(seed)[1]))
+    plant = session_plant(machine, parameters, seed)
     measured = plant.state.link_angle_rad.copy()
     true_channels = [true_values(plant)]
     n_step = round(minutes * 60.0 / machine.dt_s)
@@ -144,6 +143,17 @@ def record_session(
             for name, channel in measured_channels.items()
         },
     )
+
+
+def session_plant(machine: MachineSpecification, parameters: Parameters, seed: int) -> Plant:
+    """The plant of `record_session` with that seed, at the session's start."""
+    plant_seed, _, start_seed = _seeds(seed)
+    return Plant(parameters, int(plant_seed), start_configuration(machine, int(start_seed)))
+
+
+def _seeds(seed: int) -> np.ndarray:
+    """Of a session's plant, operator and start."""
+    return np.random.SeedSequence(seed).generate_state(3)
 
 
 def start_configuration(machine: MachineSpecification, seed: int) -> np.ndarray:

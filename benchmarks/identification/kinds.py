@@ -1,0 +1,95 @@
+"""The kinds of models that are compared: each is fitted to trajectories and then predicts."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.identification.gaussian_process import fit_gaussian_process
+from benchmarks.identification.ridge import fit_ridge
+from pipeline.configuration.load import load_section
+from pipeline.dynamics.evaluation.errors import Predictor
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.model.predictor import LearnedPredictor
+from pipeline.dynamics.references.all_references import ArxConfig
+from pipeline.dynamics.references.arx import fit_arx
+from pipeline.dynamics.references.grey_box import GreyBoxConfig, fit_grey_box
+from pipeline.dynamics.references.narx import NarxConfig, fit_narx
+from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.dynamics.training.fit import fit
+from pipeline.logs.tuples import Trajectory
+from pipeline.machine.specification import MachineSpecification
+
+PROFILE = "default"
+
+Fit = Callable[[Sequence[Trajectory], MachineSpecification, int], Predictor]
+"""(trajectories with their split, machine, seed) -> predictor."""
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """A reference whose joints end where `LearnedPredictor`'s do: at the limits, or as far as they were seen."""
+
+    inner: Predictor
+    machine: MachineSpecification
+
+    @property
+    def rows_before(self) -> int:
+        """See `Predictor`."""
+        return self.inner.rows_before
+
+    def predict(self, trajectory: Trajectory, starts: np.ndarray, horizon: int) -> np.ndarray:
+        """See `Predictor`."""
+        q = trajectory.q[starts]
+        lower = np.minimum(self.machine.lower, np.fmin.accumulate(trajectory.q)[starts])
+        upper = np.maximum(self.machine.upper, np.fmax.accumulate(trajectory.q)[starts])
+        free = self.inner.predict(trajectory, starts, horizon)
+        steps = np.diff(free, axis=1, prepend=q[:, None])
+        for step in range(horizon):
+            free[:, step] = q = np.clip(q + steps[:, step], lower, upper)
+        return free
+
+
+def _network(parameterization: Parameterization, target: Target) -> Fit:
+    def fit_network(learning: Sequence[Trajectory], machine: MachineSpecification, seed: int) -> Predictor:
+        settings = load_section("identify", IdentifyConfig, PROFILE)
+        training = settings.training_of(f"{parameterization.value}_{target.value}")
+        found = fit(learning, machine, parameterization, target, training, settings, seed)
+        return LearnedPredictor(found.model, found.parameters)
+
+    return fit_network
+
+
+def _arx(learning: Sequence[Trajectory], machine: MachineSpecification, seed: int) -> Predictor:
+    arx = load_section("judge.arx", ArxConfig, PROFILE)
+    return Stopped(fit_arx(learning, Target.dqdot, arx.lags, machine.dt_s, arx.ridge), machine)
+
+
+def _ridge(learning: Sequence[Trajectory], machine: MachineSpecification, seed: int) -> Predictor:
+    return Stopped(fit_ridge(learning, machine, seed), machine)
+
+
+def _narx(learning: Sequence[Trajectory], machine: MachineSpecification, seed: int) -> Predictor:
+    return Stopped(fit_narx(learning, load_section("judge.narx", NarxConfig, PROFILE), machine.dt_s), machine)
+
+
+def _grey_box(learning: Sequence[Trajectory], machine: MachineSpecification, seed: int) -> Predictor:
+    grey_box = load_section("judge.grey_box", GreyBoxConfig, PROFILE)
+    return Stopped(fit_grey_box(learning, grey_box, machine.dt_s), machine)
+
+
+NETWORKS: dict[str, Fit] = {
+    f"{parameterization.value}_{target.value}": _network(parameterization, target)
+    for parameterization in (Parameterization.mlp, Parameterization.kan)
+    for target in Target
+}
+REFERENCES: dict[str, Fit] = {"ridge": _ridge, "arx": _arx, "narx": _narx, "grey_box": _grey_box}
+GAUSSIAN_PROCESS = "gaussian_process"
+
+
+def all_kinds(gp_python: str | None) -> dict[str, Fit]:
+    """By name; the Gaussian process where there is a Python that has GPJax."""
+    if gp_python is None:
+        return NETWORKS | REFERENCES
+    return NETWORKS | REFERENCES | {GAUSSIAN_PROCESS: fit_gaussian_process(gp_python)}
