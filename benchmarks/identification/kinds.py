@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.identification.gaussian_process import fit_gaussian_process
@@ -10,8 +12,11 @@ from benchmarks.identification.ridge import fit_ridge
 from pipeline.configuration.load import load_section
 from pipeline.dynamics.evaluation.errors import Predictor
 from pipeline.dynamics.model.dynamics_model import Target
-from pipeline.dynamics.model.network import Parameterization
+from pipeline.dynamics.model.features import History
+from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.network import Parameterization, Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
+from pipeline.dynamics.model.stops import Stops
 from pipeline.dynamics.references.all_references import ArxConfig
 from pipeline.dynamics.references.arx import fit_arx
 from pipeline.dynamics.references.grey_box import GreyBoxConfig, fit_grey_box
@@ -51,11 +56,36 @@ class Stopped:
         return free
 
 
-def _network(parameterization: Parameterization, target: Target) -> Fit:
+class MembersSpread:
+    """A model whose "prediction" is how far the members of an ensemble differ; for `LearnedPredictor`."""
+
+    def __init__(self, model: FirModel) -> None:
+        self._model = model
+        self.specification, self.history_from_rows = model.specification, model.history_from_rows
+
+    def roll_out(
+        self, parameters: Parameters, history: History, commands: jax.Array, stops: Stops | None
+    ) -> jax.Array:
+        """Standard deviation over members, (..., H, n_joint), rad or m."""
+        return jnp.std(self._model.members_roll_out(parameters, history, commands, stops), axis=0, ddof=1)
+
+
+class EnsemblePredictor(LearnedPredictor):
+    """A learned predictor that says how sure it is."""
+
+    def __init__(self, model: FirModel, parameters: Parameters) -> None:
+        super().__init__(model, parameters)
+        self.spread = LearnedPredictor(MembersSpread(model), parameters).predict  # type: ignore[arg-type, type-var]
+
+
+def _network(kind: str) -> Fit:
     def fit_network(learning: Sequence[Trajectory], machine: MachineSpecification, seed: int) -> Predictor:
         settings = load_section("identify", IdentifyConfig, PROFILE)
-        training = settings.training_of(f"{parameterization.value}_{target.value}")
-        found = fit(learning, machine, parameterization, target, training, settings, seed)
+        parameterization, _, target = kind.partition("_")
+        parts = Parameterization(parameterization), Target(target)
+        found = fit(learning, machine, *parts, settings.training_of(kind), settings, seed)
+        if isinstance(found.model, FirModel):
+            return EnsemblePredictor(found.model, found.parameters)
         return LearnedPredictor(found.model, found.parameters)
 
     return fit_network
@@ -80,9 +110,7 @@ def _grey_box(learning: Sequence[Trajectory], machine: MachineSpecification, see
 
 
 NETWORKS: dict[str, Fit] = {
-    f"{parameterization.value}_{target.value}": _network(parameterization, target)
-    for parameterization in (Parameterization.mlp, Parameterization.kan)
-    for target in Target
+    kind: _network(kind) for kind in load_section("identify", IdentifyConfig, PROFILE).selected
 }
 REFERENCES: dict[str, Fit] = {"ridge": _ridge, "arx": _arx, "narx": _narx, "grey_box": _grey_box}
 GAUSSIAN_PROCESS = "gaussian_process"
