@@ -49,7 +49,13 @@ def fitted(
         seconds += predictor.processor_s
     try:
         found = Row(
-            name, minutes, seed, kind, errors(predictor, held_out), coverage(predictor, learning, held_out), seconds
+            name,
+            minutes,
+            seed,
+            kind,
+            errors(predictor, held_out),
+            coverage(predictor, learning, held_out),
+            seconds,
         )
     finally:
         if isinstance(predictor, GaussianProcess):

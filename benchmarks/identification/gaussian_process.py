@@ -74,7 +74,7 @@ class GaussianProcess:
         self._process.stdin.flush()
         line = self._process.stdout.readline()
         if not line:
-            raise InputError(f"{self._process.args[0]} ended; its message stands above; does it have GPJax?")  # type: ignore[index]
+            raise InputError(f"{self._process.args[0]} ended; its message stands above; does it have GPJax?")
         answer: dict = json.loads(line)
         return answer
 

@@ -20,7 +20,7 @@ import paramax
 
 jax.config.update("jax_enable_x64", True)
 
-MARGINAL_ROWS, ITERATIONS, LEARNING_RATE = 800, 120, 0.05
+MARGINAL_ROWS, ITERATIONS, LEARNING_RATE = 600, 80, 0.1
 INDUCING = 1000
 CHUNK = 128  # windows at once
 JITTER = 1e-6
@@ -32,7 +32,9 @@ def fitted_kernel(x, y):
     kernel = gpjax.kernels.SumKernel(
         kernels=[
             gpjax.kernels.Linear(n_dims=n_input, variance=0.1),
-            gpjax.kernels.RBF(n_dims=n_input, lengthscale=jnp.full(n_input, np.sqrt(n_input) / 2.0), variance=0.5),
+            gpjax.kernels.RBF(
+                n_dims=n_input, lengthscale=jnp.full(n_input, np.sqrt(n_input) / 2.0), variance=0.5
+            ),
         ]
     )
     prior = gpjax.gps.Prior(mean_function=gpjax.mean_functions.Zero(), kernel=kernel)
@@ -66,11 +68,13 @@ class JointProcess:
         self.weights = jnp.linalg.solve(noise * k_zz + k_zx @ k_zx.T, k_zx @ y)[:, 0]
 
     def gram(self, a, b):
+        """Covariances of inputs (N, d) and (M, d), of the speed over its root mean square; (N, M)."""
         u, v = a / self.length, b / self.length
         distance = jnp.sum(u**2, 1)[:, None] + jnp.sum(v**2, 1)[None] - 2.0 * u @ v.T
         return self.linear * a @ b.T + self.variance * jnp.exp(-0.5 * distance)
 
     def speed(self, x):
+        """Expected speed for inputs (N, d), rad/s or m/s; (N,)."""
         return self.scale * self.gram(x, self.z) @ self.weights
 
 

@@ -75,7 +75,7 @@ class EnsemblePredictor(LearnedPredictor):
 
     def __init__(self, model: FirModel, parameters: Parameters) -> None:
         super().__init__(model, parameters)
-        self.spread = LearnedPredictor(MembersSpread(model), parameters).predict  # type: ignore[arg-type, type-var]
+        self.spread = LearnedPredictor(MembersSpread(model), parameters).predict
 
 
 def _network(kind: str) -> Fit:

@@ -51,7 +51,9 @@ def read(path: Path) -> dict[tuple[str, float, int, str], Row]:
         except (ValueError, TypeError) as error:
             if number == len(lines) and not line.endswith("\n"):
                 break
-            raise InputError(f"{path}, line {number}: not a row of a ledger ({error}); remove the line") from error
+            raise InputError(
+                f"{path}, line {number}: not a row of a ledger ({error}); remove the line"
+            ) from error
         rows[row.key] = row
     return rows
 

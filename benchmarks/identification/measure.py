@@ -78,7 +78,9 @@ def coverage(
     }
 
 
-def _errors_and_spreads(predictor: Predictor, trajectories: Sequence[Trajectory]) -> tuple[np.ndarray, np.ndarray]:
+def _errors_and_spreads(
+    predictor: Predictor, trajectories: Sequence[Trajectory]
+) -> tuple[np.ndarray, np.ndarray]:
     """(n_windows, len(COVERED_STEPS), n_joint) of all windows of the longest of these horizons."""
     assert isinstance(predictor, Uncertain)
     steps, horizon = np.array(COVERED_STEPS) - 1, max(COVERED_STEPS)

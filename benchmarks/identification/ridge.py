@@ -76,9 +76,7 @@ def features(window: np.ndarray, place: np.ndarray, joint: int) -> np.ndarray:
     return products.reshape(len(window), -1)
 
 
-def fit_ridge(
-    learning: Sequence[Trajectory], machine: MachineSpecification, seed: int
-) -> RidgePredictor:
+def fit_ridge(learning: Sequence[Trajectory], machine: MachineSpecification, seed: int) -> RidgePredictor:
     """Fit to the training rows.
 
     Raises:
@@ -116,7 +114,10 @@ def _rows(
     windows, places, speeds = [], [], []
     for trajectory in trajectories:
         rows = np.arange(LAGS - 1, len(trajectory) - 1)
-        rows = rows[(trajectory.is_validation[rows] == is_validation) & (trajectory.is_validation[rows + 1] == is_validation)]
+        rows = rows[
+            (trajectory.is_validation[rows] == is_validation)
+            & (trajectory.is_validation[rows + 1] == is_validation)
+        ]
         windows.append(trajectory.a[rows[:, None] + np.arange(1 - LAGS, 1)])
         places.append(_place(trajectory.q[rows], machine))
         speeds.append((trajectory.q[rows + 1] - trajectory.q[rows]) / machine.dt_s)

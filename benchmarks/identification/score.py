@@ -77,7 +77,11 @@ def interval(ratios: Collection[float]) -> tuple[float, float, float]:
 
 def error_table(results: Results, minutes: float) -> str:
     """Per machine the error of 80 steps, mean over joints and seeds with the standard deviation over seeds."""
-    machines = [m for m in results.machines() if any(row.minutes == minutes for row in results.rows if row.machine == m)]
+    machines = [
+        m
+        for m in results.machines()
+        if any(row.minutes == minutes for row in results.rows if row.machine == m)
+    ]
     head = ["model", *(f"{m}, 80 steps" for m in machines), "1 step", "1000 steps", "training, s"]
     lines = [_floor_line(results, machines, len(head))]
     for kind in results.kinds():
@@ -96,7 +100,12 @@ def error_table(results: Results, minutes: float) -> str:
 
 def goal_table(results: Results, minutes: float = 24.0) -> str:
     """The goals of the new kind, machine by machine."""
-    head = ["machine", "over MLP Δq̇, ≤ 0.70", "excess variance over floor, ≤ 25 %", "half the minutes over MLP Δq̇, ≤ 1"]
+    head = [
+        "machine",
+        "over MLP Δq̇, ≤ 0.70",
+        "excess variance over floor, ≤ 25 %",
+        "half the minutes over MLP Δq̇, ≤ 1",
+    ]
     head += ["covered at 1 s, 85 to 95 %", "width, mrad", "covered at 4 s", "width, mrad"]
     lines = []
     for machine in results.machines():
@@ -148,7 +157,9 @@ def error_over_minutes(results: Results) -> bytes:
             axes.plot(minutes, middle, marker="o", markersize=3.0, label=kind, **style)
             least, most = [min(ratios) for _, ratios in drawn], [max(ratios) for _, ratios in drawn]
             if len(drawn) > 1:
-                axes.fill_between(minutes, least, most, color=style["color"], alpha=BAND_OPACITY, linewidth=0.0)
+                axes.fill_between(
+                    minutes, least, most, color=style["color"], alpha=BAND_OPACITY, linewidth=0.0
+                )
             else:
                 axes.vlines(minutes, least, most, color=style["color"], alpha=3.0 * BAND_OPACITY)
         axes.set_xscale("log")
@@ -187,7 +198,11 @@ def _floor_line(results: Results, machines: Sequence[str], n_column: int) -> lis
     floors = [results.error(machine, FLOOR) for machine in machines]
     if not any(floor is not None for floor in floors):
         return []
-    line = ["floor (replays)", *("" if floor is None else f"{MILLI * floor.mean():.1f}" for floor in floors), ""]
+    line = [
+        "floor (replays)",
+        *("" if floor is None else f"{MILLI * floor.mean():.1f}" for floor in floors),
+        "",
+    ]
     line.append(_over_machines(results, machines, FLOOR, 0.0, "1000"))
     return line + [""] * (n_column - len(line))
 
@@ -200,9 +215,7 @@ def _mean_and_spread(rows: Sequence[Row]) -> str:
     return f"{np.mean(means):.1f}{spread}"
 
 
-def _over_machines(
-    results: Results, machines: Sequence[str], kind: str, minutes: float, horizon: str
-) -> str:
+def _over_machines(results: Results, machines: Sequence[str], kind: str, minutes: float, horizon: str) -> str:
     errors = [results.error(machine, kind, minutes, horizon) for machine in machines]
     known = [MILLI * float(error.mean()) for error in errors if error is not None]
     return f"{np.mean(known):.2f}" if known and horizon == "1" else f"{np.mean(known):.0f}" if known else ""

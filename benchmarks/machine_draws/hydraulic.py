@@ -46,7 +46,10 @@ ONE: dict[str, dict[str, tuple[float, float]]] = {
         "pump_flow_m3_s": (19.0 * LITRE_PER_MINUTE, 23.0 * LITRE_PER_MINUTE),
         "pump_leakage_m3": (3.0e-14, 1.2e-13),  # volumetric efficiency 0.90 to 0.97 at 100 bar warm
         "relief_pressure_Pa": (165.0 * BAR, 195.0 * BAR),
-        "relief_gain_m3_s_Pa": (21.0 * LITRE_PER_MINUTE / (18.0 * BAR), 21.0 * LITRE_PER_MINUTE / (8.0 * BAR)),
+        "relief_gain_m3_s_Pa": (
+            21.0 * LITRE_PER_MINUTE / (18.0 * BAR),
+            21.0 * LITRE_PER_MINUTE / (8.0 * BAR),
+        ),
         "volume_m3": (0.4e-3, 1.0e-3),
         "hose_modulus_Pa": (1.2e9, 3.0e9),
         "return_pressure_Pa": (2.0 * BAR, 4.0 * BAR),
@@ -184,7 +187,9 @@ def _is_of_the_class(drawn: Parameters) -> bool:
         lambda joint: rise_time(drawn, joint, -1),
         lambda joint: rise_time(drawn, joint, 1),
     ]
-    return all(_within(np.array(measure(joint)), RISE_S) for joint in range(len(speeds)) for measure in measures)
+    return all(
+        _within(np.array(measure(joint)), RISE_S) for joint in range(len(speeds)) for measure in measures
+    )
 
 
 def _within(values: np.ndarray, bounds: tuple[float, float]) -> bool:

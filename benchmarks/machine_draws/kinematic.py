@@ -33,7 +33,9 @@ def draw_kinematic(specification: MachineSpecification, seed: int) -> Machine:
     random = np.random.default_rng(seed_of_rest)
     machine = draw_machine(specification, 0, build_seed)
     n = specification.n_joint
-    middle = random.uniform(SPEED_RAD_S[0] / (1 - SPEED_TOLERANCE), SPEED_RAD_S[1] / (1 + SPEED_TOLERANCE), (n, 1))
+    middle = random.uniform(
+        SPEED_RAD_S[0] / (1 - SPEED_TOLERANCE), SPEED_RAD_S[1] / (1 + SPEED_TOLERANCE), (n, 1)
+    )
     machine = machine.change(
         "speed",
         full_speed_rad_s=middle * random.uniform(1.0 - SPEED_TOLERANCE, 1.0 + SPEED_TOLERANCE, (n, 2)),

@@ -1,6 +1,7 @@
 """Stretches of a kinematic machine's session happen again, with other chances."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -34,14 +35,28 @@ def replay(
     seed: int,
 ) -> np.ndarray:
     """See `Simulator.replay`. Its sound machines remember nothing for longer than `LEAD_S`."""
-    displacements = []
     lead = round(LEAD_S / specification.dt_s)
-    for start, stream in zip(starts, np.random.SeedSequence(seed).spawn(len(starts)), strict=True):
+    motion = machine.quantities.motion
+    displacements = []
+    for start, chances in zip(starts, np.random.SeedSequence(seed).generate_state(len(starts)), strict=True):
         begin = max(start - lead, 1)  # row k of the true positions is the end of period k
-        commands = log.commands[begin : start + horizon]
-        minutes = len(commands) * specification.dt_s / 60.0
-        start_rad = log.true_positions[begin - 1]
-        again = drive(specification, machine, Script(commands), minutes, stream, start_rad=start_rad)
-        path_rad = np.concatenate([start_rad[None], again.true_positions])[start - begin :]
+        begin_rad, wanted_rad = log.true_positions[begin - 1], log.true_positions[start - 1]
+        done = partial(_done_again, specification, machine, log.commands[begin : start + horizon], chances)
+        missed_rad = wanted_rad - done(begin_rad)[start - begin]  # it began at rest, and has other chances
+        path_rad = done(np.clip(begin_rad + missed_rad, motion.lower_rad, motion.upper_rad))[start - begin :]
         displacements.append(path_rad[1:] - path_rad[0])
     return np.array(displacements)
+
+
+def _done_again(
+    specification: MachineSpecification,
+    machine: Machine,
+    commands: np.ndarray,
+    seed: int,
+    start_rad: np.ndarray,
+) -> np.ndarray:
+    """Positions (len(commands) + 1, n), rad, from `start_rad`, where the machine rests, on."""
+    minutes = len(commands) * specification.dt_s / 60.0
+    stream = np.random.SeedSequence(seed)
+    again = drive(specification, machine, Script(commands), minutes, stream, start_rad=start_rad)
+    return np.concatenate([start_rad[None], again.true_positions])
