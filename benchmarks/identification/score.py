@@ -13,10 +13,11 @@ from scipy import stats
 
 from benchmarks.identification.ledger import Row
 from benchmarks.identification.measure import COVERED_STEPS
+from pipeline.configuration.load import load_machine
 from pipeline.files.atomic import write_whole
 from pipeline.reporting.figures.style import REGION, StyledFigure, series_style, to_png
 
-FLOOR = "floor"
+FLOOR, OF_LOG = "floor", "/"
 HORIZON = "80"
 NEW, TODAY = "nfir_dqdot", "mlp_dqdot"
 CONFIDENCE = 0.95
@@ -138,6 +139,22 @@ def reference_table(results: Results, minutes: float = 24.0) -> str:
     return _markdown([f"{NEW} over", "mean ratio", "95 % interval", "machines"], lines)
 
 
+def held_out_table(results: Results, name: str) -> str:
+    """Each log of a folder held out in turn: by joint the error of 80 steps, mean over logs, and 1 step beside it."""
+    machine = load_machine(name)
+    head = [f"{joint}, m{unit}" for joint, unit in zip(machine.joint_names, machine.units, strict=True)]
+    head = ["model", *head, "logs", "training, s"]
+    lines = []
+    for kind in results.kinds():
+        rows = [row for row in results.rows if row.kind == kind]
+        by_horizon = [
+            MILLI * np.mean([row.errors[horizon] for row in rows], axis=0) for horizon in (HORIZON, "1")
+        ]
+        cells = [f"{after:.2f} ({next_one:.3f})" for after, next_one in zip(*by_horizon, strict=True)]
+        lines.append([kind, *cells, f"{len(rows)}", f"{np.mean([row.training_s for row in rows]):.0f}"])
+    return _markdown(head, lines)
+
+
 def error_over_minutes(results: Results) -> bytes:
     """One line per model, geometric mean over machines of the error over the floor; a band from least to largest."""
     machines = [m for m in results.machines() if results.error(m, FLOOR) is not None]
@@ -177,9 +194,13 @@ def error_over_minutes(results: Results) -> bytes:
 
 def write_score(rows: Iterable[Row], markdown: Path | None, plot: Path | None) -> None:
     """Print the tables, and write them and the plot where asked for."""
-    results = Results(list(rows))
+    known = list(rows)
+    results = Results([row for row in known if OF_LOG not in row.machine])
     parts = [goal_table(results), reference_table(results)]
     parts += [f"{minutes:g} minutes:\n\n{error_table(results, minutes)}" for minutes in results.minutes()]
+    for name in dict.fromkeys(row.machine.partition(OF_LOG)[0] for row in known if OF_LOG in row.machine):
+        of_logs = Results([row for row in known if row.machine.startswith(name + OF_LOG)])
+        parts.append(f"{name}, 80 steps (1 step):\n\n{held_out_table(of_logs, name)}")
     text = "\n\n".join(parts) + "\n"
     print(text)
     if markdown is not None:

@@ -206,12 +206,20 @@ def test_the_score_holds_the_goals_against_the_new_kind(tmp_path, capsys):
         row("plant_9", "nfir_dqdot", 0.012, coverage=band),
         row("plant_9", "nfir_dqdot", 0.0205, minutes=12.0),
         row("plant_9", "arx", 0.024),
+        row("rc_excavator/a", "arx", 0.003, minutes=16.0),
+        row("rc_excavator/b", "arx", 0.005, minutes=17.0),
     ]
     line = goal_table(Results(rows)).splitlines()[2]
     assert line == "| plant_9 | 0.60 | **44%** | **1.02** | 86% to 94% | 20 | 86% to 94% | 20 |"
     assert "| mlp_dqdot | 20.0 ± 1.4 |" in error_table(Results(rows), 24.0)
     write_score(rows, tmp_path / "table.md", tmp_path / "plot.png")
-    assert capsys.readouterr().out == (tmp_path / "table.md").read_text() + "\n"
+    table = (tmp_path / "table.md").read_text()
+    assert "| arx | 4.00 (1.000) | 4.00 (1.000) | 4.00 (1.000) | 4.00 (1.000) | 2 | 0 |" in table
+    assert (
+        "| model | swing, mrad | boom, mm | arm, mm | bucket, mm | logs |" in table
+        and "16 minutes" not in table
+    )
+    assert capsys.readouterr().out == table + "\n"
     assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
 
 
