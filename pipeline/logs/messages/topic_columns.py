@@ -5,12 +5,14 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.errors import InputError
+from pipeline.errors import InputError, counted
 from pipeline.logs.messages.columns import Column, ColumnStore
 from pipeline.logs.messages.encodings import decode
+from pipeline.logs.messages.field_paths import SELF_DESCRIBING
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import DefinitionError
 from pipeline.logs.messages.message_layout import FieldGroup, LayoutError, TooManyFieldsError
+from pipeline.logs.messages.message_trees import UNPARSED
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.raw_log import Note, NoteKind, first_damage
 
@@ -75,7 +77,8 @@ class TopicColumns:
             self.reasons[str(reason)] += len(block.start)
             return
         if len(malformed):
-            self.reasons["they do not fit their definition"] += len(malformed)
+            is_tree = block.topic.encoding in SELF_DESCRIBING
+            self.reasons[UNPARSED if is_tree else "they do not fit their definition"] += len(malformed)
         parts, order = [], []
         for group in groups:
             try:
@@ -110,8 +113,8 @@ class TopicColumns:
         if self.is_empty:
             raise InputError(self._why_nothing(ledger))
         for reason, count in self.reasons.items():
-            text = f"{count} messages of {self.topic_name} ({self.adapter.role}) left out: {reason}"
-            ledger.notes.append(Note(NoteKind.left_out, text, count))
+            which = f"{counted(count, 'message')} of {self.topic_name} ({self.adapter.role})"
+            ledger.notes.append(Note(NoteKind.left_out, f"{which} left out: {reason}", count))
         return self.store.columns(self.table)
 
     def _why_nothing(self, ledger: ReadingLedger) -> str:
@@ -119,7 +122,8 @@ class TopicColumns:
         damage = first_damage(ledger.notes)
         if self.reasons:
             reason, count = self.reasons.most_common(1)[0]
-            return f"{place}: none of the {count} messages of {self.topic_name} can be used: {reason}{damage}"
+            which = f"{counted(count, 'message')} of {self.topic_name}"
+            return f"{place}: none of the {which} can be used: {reason}{damage}"
         seen = "; ".join(
             f"{name} ({', '.join(topic.type_name for topic in topics)}, {ledger.counts[name]} messages)"
             for name, topics in sorted(ledger.topics.items())

@@ -39,7 +39,7 @@ def flip_in_a_message(folder: Path, log: WholeLog) -> Damaged:
         b"position" if b"{" in log.content[log.ends[0] - 90 : log.ends[0]] else b"swing", log.ends[number]
     )
     path = log.write(folder / "a", flipped(log.content, at, bit=2))
-    return Damaged(path, log.n_messages - 1, (r"1 messages of /joint_states .* left out",))
+    return Damaged(path, log.n_messages - 1, (r"1 message of /joint_states .* left out",))
 
 
 @case("bit flip in a frame", *CAN_TEXT)

@@ -203,7 +203,7 @@ DATABASES = {
     "a message of 200 MB": (
         "a.db3",
         [TOPICS, TOPIC, MESSAGES, "INSERT INTO messages VALUES (1, 1, 5, zeroblob(2e8))"],
-        "none of the 1 messages of /joint_states can be used",
+        "none of the 1 message of /joint_states can be used",
     ),
     "a column that is computed": (
         "a.db3",
