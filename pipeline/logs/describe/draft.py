@@ -78,7 +78,7 @@ def _drafted(contents: Contents) -> Draft:
     if topics or not streams:
         return _of_topics(topics)
     if TABLE in of_type:
-        return _of_table(max(of_type[TABLE], key=_n_messages))
+        return _of_table(max(of_type[TABLE], key=lambda stream: stream.n_messages))
     kind = next(kind for kind in others if kind in of_type)
     return _of_signals(of_type[kind], others[kind])
 
@@ -306,7 +306,3 @@ def _topic_lines(section: str, topic: str, first: str, others: list[str]) -> lis
 def _quoted(text: str) -> str:
     """A text as YAML takes it."""
     return text if text == UNKNOWN or PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=False)
-
-
-def _n_messages(stream: Stream) -> int:
-    return stream.n_messages

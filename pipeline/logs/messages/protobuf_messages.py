@@ -5,7 +5,8 @@ The schema of a channel is a serialised `FileDescriptorSet`.
 
 import functools
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from graphlib import TopologicalSorter
 from typing import Any
 
 import numpy as np
@@ -82,20 +83,11 @@ def _leave_only(names: Collection[str], message: DescriptorProto) -> None:
         _leave_only(names, nested)
 
 
-def _in_order_of_dependence(files: FileDescriptorSet) -> list[FileDescriptorProto]:
-    """The files, each behind those that it imports."""
+def _in_order_of_dependence(files: FileDescriptorSet) -> Iterator[FileDescriptorProto]:
+    """The files, each behind those that it imports. Raises `CycleError`, a `ValueError`."""
     by_name = {file.name: file for file in files.file}
-    ordered: dict[str, FileDescriptorProto] = {}
-    waiting, begun = list(reversed(by_name)), set()
-    while waiting:
-        name = waiting[-1]
-        missing = [other for other in by_name[name].dependency if other in by_name and other not in ordered]
-        if missing and name not in begun:
-            begun.add(name)
-            waiting += missing
-        else:
-            ordered.setdefault(waiting.pop(), by_name[name])
-    return list(ordered.values())
+    order = TopologicalSorter({name: file.dependency for name, file in by_name.items()}).static_order()
+    return (by_name[name] for name in order if name in by_name)
 
 
 def protobuf_child(value: Any, step: Step) -> Any:
