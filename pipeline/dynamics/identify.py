@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.dynamics.evaluation.predictive_band import Coverage, PredictiveBand
 from pipeline.dynamics.judgement import OpenLoopPrediction, check_unseen, judge, long_prediction
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.fir_model import FirModel
 from pipeline.dynamics.model.network import Parameterization, Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.model.store import save_model
@@ -17,6 +19,8 @@ from pipeline.dynamics.training.data_split import VALIDATION, DataSplit
 from pipeline.dynamics.training.fit import Progress, fit
 from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW
 from pipeline.machine.specification import MachineSpecification
+
+BAND_STEPS = (20, 80)  # ahead, where the 90 % band is judged: 1 s and 4 s at 20 Hz
 
 
 @dataclass(frozen=True)
@@ -89,11 +93,25 @@ def identify(
         "trajectories": [trajectory.name for trajectory in rows.learning],
         "machine": machine.name,
     }
+    metrics = result.metrics | judge({"model": predictor, "arx": arx}, rows.judged, machine)
+    if isinstance(result.model, FirModel) and rows.judged_on != VALIDATION:
+        band = PredictiveBand(result.model, result.parameters, rows.learning)
+        metrics |= _band_metrics(band.coverage(rows.judged), machine)
     return Identified(
         result.model,
         result.parameters,
         result.curves,
-        result.metrics | judge({"model": predictor, "arx": arx}, rows.judged, machine),
+        metrics,
         lineage,
         long_prediction(predictor, rows.judged, FIRST_JUDGED_ROW, settings.long_prediction_steps),
     )
+
+
+def _band_metrics(coverage: Coverage, machine: MachineSpecification) -> dict[str, Any]:
+    """By steps ahead and joint: the share within the 90 % band, and its mean width."""
+    metrics: dict[str, Any] = {}
+    for steps in BAND_STEPS:
+        for name, values in coverage._asdict().items():
+            joints = zip(machine.joint_names, values[steps - 1].tolist(), strict=True)
+            metrics[f"band_{name}_after_{steps}_steps"] = dict(joints)
+    return metrics

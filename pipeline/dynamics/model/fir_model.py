@@ -8,6 +8,7 @@ roll out. The spread of the ensemble's members is the model's uncertainty.
 """
 
 import copy
+import dataclasses
 from collections.abc import Callable
 
 import jax
@@ -36,6 +37,12 @@ class FirModel(DynamicsModel):
         super().__init__(specification)
         self.member = self._of(specification.member_hidden)
         self._has_own_stops = True
+
+    def members(self, parameters: Parameters) -> tuple["FirModel", list[Parameters]]:
+        """Each member as a model of its own: one model, and its parameters per member."""
+        alone = FirModel(dataclasses.replace(self.specification, hidden=self.specification.member_hidden))
+        n_members = self.specification.members
+        return alone, [jax.tree.map(lambda of, at=at: of[at], parameters[MEMBERS]) for at in range(n_members)]
 
     def initialise(self, key: jax.Array) -> Parameters:
         """Draw the parameters of f and of all members; `key` is consumed."""

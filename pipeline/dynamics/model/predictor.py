@@ -40,6 +40,12 @@ class LearnedPredictor:
 
     def predict(self, trajectory: Trajectory, starts: np.ndarray, horizon: int) -> np.ndarray:
         """See `errors.Predictor.predict`."""
+        return self.predict_with(self._parameters, trajectory, starts, horizon)
+
+    def predict_with(
+        self, parameters: P, trajectory: Trajectory, starts: np.ndarray, horizon: int
+    ) -> np.ndarray:
+        """`predict` with other parameters, on the same compilation."""
         predictions = np.empty((len(starts), horizon, trajectory.q.shape[1]))
         lowest, highest = np.fmin.accumulate(trajectory.q), np.fmax.accumulate(trajectory.q)
         for first in range(0, len(starts), CHUNK):
@@ -49,7 +55,7 @@ class LearnedPredictor:
             of_rows = (trajectory.q[rows], trajectory.qd[rows], trajectory.a[rows])
             arrays = (*of_rows, trajectory.a[future], lowest[chunk], highest[chunk])
             padded = [jnp.asarray(_padded(array), jnp.float32) for array in arrays]
-            predicted = self._rollout(self._parameters, *padded)
+            predicted = self._rollout(parameters, *padded)
             predictions[first : first + CHUNK] = np.asarray(predicted)[: len(chunk)]
         return predictions
 
