@@ -107,7 +107,7 @@ class ChannelSource:
         name: The tuples have it as column `x_<name>`.
         topic: Of bags; the frame of CAN logs.
         field: Path of the number in the topic's messages ("data", "fluid_pressure", "cells[2].voltage"); the signal.
-        column: Of tables.
+        column: Of tables; of LeRobot datasets `FEATURE.NAME` or `FEATURE[3]`.
         unit: As in the log; values are not converted.
         clock: `log_time` or `header_stamp`.
         hold_s: How long a value holds where no further one is received.
