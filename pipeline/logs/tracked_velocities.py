@@ -1,6 +1,7 @@
 """The loop tracker over whole trajectories, compiled (definition in `loop_tracker.py`).
 
-A short trajectory is done in the interpreter before the compiler, Numba, would be imported, which takes a second.
+The first samples of a process are done in the interpreter: importing the compiler, Numba, takes as long as
+`WORTH_COMPILING` of them, so that no run takes more than twice as long as the better way would.
 """
 
 import functools
@@ -11,7 +12,13 @@ import numpy as np
 
 from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state
 
-WORTH_COMPILING = 200_000  # samples of all joints, at some microsecond each
+WORTH_COMPILING = 200_000  # samples of all joints, at some microseconds each
+
+
+class _Interpreted:
+    """How many samples of all joints this process has done in the interpreter."""
+
+    n_samples = 0
 
 
 def track(q: np.ndarray, dt_s: float, config: LoopTrackerConfig) -> np.ndarray:
@@ -41,7 +48,8 @@ def continue_tracking(
     velocity = np.empty(q.shape)
     arrays: tuple[Any, ...] = (q_estimate, integral, np.ascontiguousarray(q, np.float64), velocity)
     numbers = (dt_s, config.proportional_gain, config.integral_gain)
-    if q.size < WORTH_COMPILING:
+    if _Interpreted.n_samples + q.size < WORTH_COMPILING:
+        _Interpreted.n_samples += q.size
         # A view's items are Python's numbers, which are faster than NumPy's.
         views: tuple[Any, ...] = tuple(memoryview(array) for array in arrays)
         interpreted: Callable[..., None] = _track
