@@ -87,6 +87,10 @@ class CommandSource:
         _check_offset("commands", self.clock_offset_s)
         if self.clock == ClockChoice.automatic:
             raise InputError("commands.clock is automatic; use header_stamp or log_time")
+        if self.threshold is not None and not 0 <= self.threshold < math.inf:
+            raise InputError(
+                f"commands.threshold is {self.threshold}; it must be a number that is not negative"
+            )
 
 
 @dataclass

@@ -1,6 +1,7 @@
 """Read CSV and Parquet logs with the machine's column map."""
 
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -51,6 +52,8 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
     n_rows = n_unused = n_timed = n_long = 0
     example = ""  # of a time that is not understood
     damage: list[str] = []
+    n_strange: Counter[str] = Counter()  # by the channel's column: cells that are no number, and empty ones
+    n_missing: Counter[str] = Counter()
     try:
         wanted = (columns.time, *positions, *commands)
         for frame in _batches(path, entry.format, wanted, place, damage, tuple(channels.values())):
@@ -72,6 +75,9 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
             for name, column in channels.items():
                 if column in frame.columns:
                     value = _numbers(frame, [column])[:, 0]
+                    is_missing = frame[column].is_null().to_numpy()
+                    n_missing[column] += int(is_missing.sum())
+                    n_strange[column] += int((~is_missing & ~np.isfinite(value)).sum())
                     chosen = has_time & np.isfinite(value)
                     store.append(channel_table(name), {"time_ns": time_ns[chosen], "value": value[chosen]})
                     used |= chosen
@@ -102,6 +108,11 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
     if n_unused:
         text = f"{path.name}: {n_unused} rows left out: they hold no time, or neither positions nor commands"
         notes.append(Note(NoteKind.left_out, text, n_unused))
+    for count, what, is_usual in ((n_strange, "not numbers", False), (n_missing, "empty", True)):
+        for column, n in count.items():
+            if n:
+                text = f"{path.name}: cells of the channel's column {column} are {what}: {n}"
+                notes.append(Note(NoteKind.left_out, text, n, is_usual))
     found_channels = stored_channels(store, channels)
     counts = {path.name: n_rows}
     return timed_by_one_clock(entry.name, entry.path, sampled, commanded, counts, notes, found_channels)

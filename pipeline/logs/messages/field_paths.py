@@ -13,6 +13,8 @@ MAXIMUM_ELEMENTS = 64  # of a list of messages, one per joint
 STEP = re.compile(r"(?:^|\.)([^.\[\]]+)|\[(\d*)\]")
 SECONDS_AND_NANOSECONDS = (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos"), ("secs", "nsecs"))
 
+MAXIMUM_TIME_S = 1 << 32  # seconds and nanoseconds are unsigned 32-bit integers, or shorter
+NO_TIME = np.iinfo(np.int64).min
 SELF_DESCRIBING = ("json", "protobuf")  # encodings whose decoders know `[]`
 
 Step = str | int
@@ -61,7 +63,7 @@ def stamp_paths(place: str = "") -> tuple[str, ...]:
 
 
 def stamps_ns(group: FieldGroup, place: str = "") -> np.ndarray:
-    """Return the time stamps of decoded messages, shape (n,), int64.
+    """Return the time stamps of decoded messages, shape (n,), int64; `NO_TIME` where they hold none.
 
     Args:
         place: Path of the stamp; empty: `header.stamp` or `timestamp`.
@@ -72,8 +74,11 @@ def stamps_ns(group: FieldGroup, place: str = "") -> np.ndarray:
     for path in _places(place):
         for seconds, nanoseconds in SECONDS_AND_NANOSECONDS:
             if f"{path}.{seconds}" in group.numbers and f"{path}.{nanoseconds}" in group.numbers:
-                whole = group.number(f"{path}.{seconds}").astype(np.int64)
-                return whole * NANOSECONDS + group.number(f"{path}.{nanoseconds}").astype(np.int64)
+                parts = [group.number(f"{path}.{name}") for name in (seconds, nanoseconds)]
+                # Numbers of JSON are floats: NaN for text, and of any size.
+                is_time = np.all([np.abs(part) <= MAXIMUM_TIME_S for part in parts], axis=0)
+                whole, rest = (np.where(is_time, part, 0).astype(np.int64) for part in parts)
+                return np.where(is_time, whole * NANOSECONDS + rest, NO_TIME)
     raise LayoutError(f"they have no time stamp `{'` or `'.join(_places(place))}`")
 
 

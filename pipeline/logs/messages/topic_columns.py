@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.errors import InputError, counted
 from pipeline.logs.messages.columns import Column, ColumnStore
 from pipeline.logs.messages.encodings import decode
-from pipeline.logs.messages.field_paths import SELF_DESCRIBING
+from pipeline.logs.messages.field_paths import NO_TIME, SELF_DESCRIBING
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import DefinitionError
 from pipeline.logs.messages.message_layout import FieldGroup, LayoutError, TooManyFieldsError
@@ -86,8 +86,13 @@ class TopicColumns:
             except (MismatchError, LayoutError) as reason:
                 self.reasons[str(reason)] += len(group.index)
                 continue
-            parts.append({"log_time_ns": block.log_time_ns[group.index], **columns})
-            order.append(group.index)
+            index = group.index
+            if "stamp_ns" in columns and not (is_time := columns["stamp_ns"] != NO_TIME).all():
+                self.reasons["their time stamp is not a time"] += int((~is_time).sum())
+                index, columns = index[is_time], {name: rows[is_time] for name, rows in columns.items()}
+            if len(index):
+                parts.append({"log_time_ns": block.log_time_ns[index], **columns})
+                order.append(index)
         if parts:
             columns = parts[0]
             if len(parts) > 1:

@@ -1,6 +1,7 @@
 """Tables as other tools write them: times of every kind, text encodings, ragged rows; against the written numbers."""
 
 import datetime
+from dataclasses import replace
 
 import numpy as np
 import polars
@@ -10,6 +11,7 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.ingest import ingest
+from pipeline.machine.log_sources import ChannelSource, CommandSource
 from tests.logs.whole_logs import write_table
 
 UTC = datetime.UTC
@@ -145,3 +147,23 @@ def test_a_table_that_begins_at_zero_has_a_time(table, tmp_path, machine, config
     table.with_columns(polars.col("t") - polars.col("t").first()).write_csv(tmp_path / "logs" / "a.csv")
     (report,) = ingest(machine, tmp_path / "logs", tmp_path / "out", config, loop_tracker).reports
     assert report.notes == [] and report.line == f"{report.name}: {report.metrics['n_rows']} rows, 12 s"
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_cells_of_channels_that_are_no_numbers_are_told(table, tmp_path, machine, suffix):
+    cells = ["warm", None, *(str(float(row)) for row in range(len(table) - 2))]
+    with_oil = table.with_columns(polars.Series("oil", cells))
+    (tmp_path / "logs").mkdir()
+    getattr(with_oil, f"write_{suffix}")(tmp_path / "logs" / f"a.{suffix}")
+    described = replace(machine, channels=[ChannelSource("oil", column="oil")])
+    raw = read_log(find_logs(tmp_path / "logs")[0], described)
+    np.testing.assert_array_equal(raw.channels["oil"].value, np.arange(len(table) - 2))
+    told = {note.text: note.is_usual for note in raw.notes}
+    prefix = f"a.{suffix}: cells of the channel's column oil are"
+    assert told == {f"{prefix} not numbers: 1": False, f"{prefix} empty: 1": True}
+
+
+@pytest.mark.parametrize("threshold", [float("nan"), float("inf"), -0.5])
+def test_thresholds_are_numbers(threshold):
+    with pytest.raises(InputError, match=r"commands\.threshold is .*; it must be a number"):
+        CommandSource(threshold=threshold)

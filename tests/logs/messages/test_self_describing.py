@@ -3,6 +3,7 @@
 import json
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,15 +12,18 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto,
 from pipeline.logs.describe.field_types import field_types
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.messages.channel_sources import ChannelAdapter
+from pipeline.logs.messages.columns import MemoryStore
 from pipeline.logs.messages.command_sources import NamedCommands
 from pipeline.logs.messages.encodings import decode
 from pipeline.logs.messages.field_paths import EVERY, number_at, stamps_ns, steps_of
-from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock
+from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import DefinitionError
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.protobuf_messages import message_class_of
+from pipeline.logs.messages.topic_columns import TopicColumns
 from pipeline.logs.trajectories import load_trajectories
-from pipeline.machine.log_sources import CommandSource, CommandSourceKind, JointStateSource
+from pipeline.machine.log_sources import ChannelSource, CommandSource, CommandSourceKind, JointStateSource
 from tests.logs import self_describing_bags as bags
 from tests.logs.conftest import make_session
 
@@ -72,6 +76,25 @@ def test_exactly_the_tuples_of_cdr(tmp_path, machine, by_path, short, config, lo
         (found,) = load_trajectories(tmp_path / kind, described, config, loop_tracker)
         for name in ("stamp_ns", "q", "qd", "a", "t_s"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize("sec", ['"2026-11-28T04:57:19Z"', "null", "NaN", "1e300", "-1e12", "Infinity"])
+def test_time_stamps_that_are_no_times_cost_their_messages(sec):
+    stamp = b'{"timestamp": {"sec": %s, "nanosec": 5}, "x": %d}'
+    messages = [stamp % (b"7", 1), stamp % (sec.encode(), 2), stamp % (b"4000000000", 3)]
+    source, store, ledger = (
+        ChannelSource("x", "/t", "x", clock="header_stamp"),
+        MemoryStore(),
+        ReadingLedger(Path("a")),
+    )
+    collector = TopicColumns("/t", ChannelAdapter(source), store)
+    collector.add(block_of("json", *messages))
+    columns = collector.finish(ledger)
+    np.testing.assert_array_equal(columns["value"], [1, 3])
+    np.testing.assert_array_equal(columns["stamp_ns"], [7_000_000_005, 4_000_000_000_000_000_005])
+    (note,) = ledger.notes
+    reason = "they have no time stamp" if sec.startswith('"') else "their time stamp is not a time"
+    assert note.text.startswith(f"1 message of /t (channel x) left out: {reason}")
 
 
 def test_messages_of_several_shapes_keep_their_order():
