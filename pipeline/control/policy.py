@@ -134,7 +134,7 @@ def load_policy(directory: Path) -> tuple[Policy, dict[str, Any]]:
         meta = json.loads((directory / META_FILE).read_text())
         content = serialization.msgpack_restore((directory / POLICY_FILE).read_bytes())
     except FileNotFoundError as error:
-        raise InputError(f"{error.filename}: no such file; name a folder that `ppo` wrote") from None
+        raise InputError(f"{error.filename}: no such file; name a folder that `ppo` or `apg` wrote") from None
     except ValueError as error:
         raise InputError(f"{directory}: not readable as a policy ({error}); train it again") from None
     if not isinstance(meta, dict):

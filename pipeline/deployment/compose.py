@@ -74,7 +74,7 @@ class GraphSettings:
         """
         if (self.policy is None) == (self.variant is None):
             raise InputError(
-                "name one controller: policy=FOLDER that `ppo` wrote, or "
+                "name one controller: policy=FOLDER that `ppo` or `apg` wrote, or "
                 f"variant={'|'.join(RewardVariant)} to plan with iCEM"
             )
         return ControllerKind.icem if self.policy is None else ControllerKind.ppo

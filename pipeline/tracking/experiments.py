@@ -20,7 +20,7 @@ QUESTIONS = (
     Question(
         "controllers",
         "Which controller reaches its targets best, and what does it cost?",
-        ("ppo", "evaluate_brax", "evaluate_icem", "reward_ablation", "pictures"),
+        ("ppo", "apg", "evaluate_brax", "evaluate_icem", "reward_ablation", "pictures"),
     ),
     Question(
         "changed machine",

@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.reaching.episodes import Episodes, save_episodes
 from pipeline.reaching.metrics import Traces, reaching_metrics, success_rate_matrix
+from pipeline.reporting.results.controllers import TRAINED, split_name
 
 N_EPISODES, N_TICKS = 12, 40
 
@@ -31,11 +32,12 @@ def random_traces(seed: int, scale: float = 1.0) -> Traces:
 
 
 def write_controller(artifacts: Path, name: str, seed: int, traces: Traces, meta: dict[str, int]) -> None:
-    """What the evaluation of a controller writes, and the training of a policy (`ppo_...`)."""
+    """What the evaluation of a controller writes, and the training of a policy."""
     folder = artifacts / "evaluate_brax" / name / f"seed_{seed}"
     folder.mkdir(parents=True)
     metrics = reaching_metrics(traces).as_dict()
-    planning = {} if name.startswith("ppo_") else {"planning": meta}
+    algorithm, kind = split_name(name)
+    planning = {} if algorithm in TRAINED else {"planning": meta}
     (folder / "metrics.json").write_text(json.dumps(metrics | planning))
     np.savetxt(folder / "success_rates.csv", success_rate_matrix(traces), delimiter=",")
     np.savez(folder / "traces.npz", **traces._asdict())
@@ -43,8 +45,8 @@ def write_controller(artifacts: Path, name: str, seed: int, traces: Traces, meta
     save_episodes(
         folder / "episodes.npz", Episodes(starts, starts + np.array([0.1, 0.5, -1.5, -0.5], np.float32))
     )
-    if name.startswith("ppo_"):
-        training = artifacts / "ppo" / name.removeprefix("ppo_") / f"seed_{seed}"
+    if algorithm in TRAINED:
+        training = artifacts / algorithm / kind / f"seed_{seed}"
         training.mkdir(parents=True)
         (training / "meta.json").write_text(json.dumps(meta))
         rows = [{"steps": 1000 * point, **metrics} for point in range(3)]

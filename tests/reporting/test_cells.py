@@ -41,6 +41,8 @@ def test_without_planners_nothing_is_asked_of_them(tmp_path: Path) -> None:
         assert controllers_of(read_controller_cells(written(tmp_path, cells | variants))) == {
             "ppo_mlp_dqdot": [0, 1],
             "ppo_kan_dqdot": [0, 1],
+            "apg_mlp_dqdot": [0, 1],
+            "apg_kan_dqdot": [0, 1],
         }
 
 

@@ -15,7 +15,7 @@ from pipeline.reporting.chapters.deployment import (
     deployment_section,
     deployment_tables,
 )
-from pipeline.reporting.results.controllers import controllers_of, read_controllers, split_name
+from pipeline.reporting.results.controllers import TRAINED, read_controllers, split_name
 from pipeline.reporting.results.deployments import Where, files_of, read_deployments
 from pipeline.reporting.results.paper import SIM2REAL, SIM2SIM, SIMULATED
 from pipeline.reporting.tables.deployment import transfers
@@ -23,7 +23,6 @@ from tests.reporting.made_up import N_EPISODES, random_traces, write_controller
 
 N_TARGETS, N_PLANNED = 5, 4
 PPO, ICEM = "ppo_mlp_dqdot", "icem_double_dagger_mlp_dqdot"
-CELLS = {"models": ["mlp"], "targets": ["dqdot"], "seeds": [0, 1]}
 
 
 def first(traces: Traces, n: int) -> Traces:
@@ -67,7 +66,7 @@ def made_up(tmp_path_factory):
         write_controller(artifacts, PPO, seed, random_traces(seed), {"steps": 1})
     write_deployment(artifacts, PPO, traces[Where.graph], traces[Where.plant])
     write_deployment(artifacts, ICEM, first(random_traces(5), N_PLANNED), None)
-    controllers = read_controllers(artifacts, controllers_of(CELLS))
+    controllers = read_controllers(artifacts, {PPO: [0, 1]})
     return read_deployments(artifacts, controllers), traces
 
 
@@ -183,8 +182,8 @@ def test_what_is_deployed_is_named_after_its_model_and_is_among_those_that_are_m
     for name, deployed in parameters["deployed"].items():
         algorithm, kind = split_name(name)
         assert deployed["model"] == kind and kind in made
-        policy = f"artifacts/ppo/{kind}/seed_{parameters['seeds'][0]}"
-        if algorithm == "ppo":
+        policy = f"artifacts/{algorithm}/{kind}/seed_{parameters['seeds'][0]}"
+        if algorithm in TRAINED:
             assert (deployed["controller"], deployed["from"]) == (f"policy={policy}", policy)
         else:
             assert deployed["controller"] == f"variant={algorithm}" in map("variant={}".format, RewardVariant)

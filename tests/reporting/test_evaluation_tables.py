@@ -32,10 +32,14 @@ def test_planners_are_those_of_their_own_models_and_targets():
     cells = CELLS | {"models": ["mlp", "kan"], "targets": ["dq", "dqdot"]}
     assert controllers_of(cells) == {
         "icem_dagger_mlp_dqdot": [0],
-        **{f"ppo_{kind}": [*SEEDS] for kind in ("mlp_dq", "mlp_dqdot", "kan_dq", "kan_dqdot")},
+        **{
+            f"{algorithm}_{kind}": [*SEEDS]
+            for algorithm in ("ppo", "apg")
+            for kind in ("mlp_dq", "mlp_dqdot", "kan_dq", "kan_dqdot")
+        },
     }
     planless = {"models": ["kan"], "targets": ["dq"], "seeds": [1]}
-    assert controllers_of(planless) == {"ppo_kan_dq": [1]}
+    assert controllers_of(planless) == {"ppo_kan_dq": [1], "apg_kan_dq": [1]}
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +55,7 @@ def made_up(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def controllers(made_up):
-    return read_controllers(made_up[0], controllers_of(CELLS))
+    return read_controllers(made_up[0], {"ppo_mlp_dqdot": SEEDS, "icem_dagger_mlp_dqdot": [0]})
 
 
 def recomputed(traces) -> list[float]:

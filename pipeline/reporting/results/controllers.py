@@ -1,7 +1,7 @@
 """Reader of evaluated controllers: `artifacts/evaluate_brax/<algorithm>_<model kind>/seed_<n>`."""
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,9 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.reporting.results.files import read_json, require_file
-from pipeline.reporting.results.paper import ALGORITHM_NAMES, BRAX_EVALUATION, KIND_NAMES
+from pipeline.reporting.results.paper import ALGORITHM_NAMES, KIND_NAMES
 
-TRAINED = "ppo"  # the algorithm that is trained, in artifacts/ppo; the others plan
+TRAINED = ("ppo", "apg")  # algorithms that are trained, each in its folder of artifacts; the others plan
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,22 @@ def split_name(name: str) -> tuple[str, str]:
     )
 
 
+def in_order(names: Iterable[str]) -> list[str]:
+    """Names of controllers in the order of the paper's tables: by algorithm, then by model kind."""
+    algorithms, kinds = list(ALGORITHM_NAMES), list(KIND_NAMES)
+
+    def place(name: str) -> tuple[int, int]:
+        algorithm, kind = split_name(name)
+        return algorithms.index(algorithm), kinds.index(kind)
+
+    return sorted(names, key=place)
+
+
 def by_controller(controllers: Sequence[ControllerResult]) -> dict[str, list[ControllerResult]]:
-    """Controllers by name, sorted by seed; the paper's controllers come first, in its order."""
-    names = {controller.name for controller in controllers}
-    ordered = [name for name in BRAX_EVALUATION if name in names] + sorted(names - set(BRAX_EVALUATION))
+    """Controllers by name, sorted by seed."""
     return {
         name: sorted((c for c in controllers if c.name == name), key=lambda controller: controller.seed)
-        for name in ordered
+        for name in in_order({controller.name for controller in controllers})
     }
 
 
@@ -89,9 +98,8 @@ def controllers_of(cells: Mapping[str, Any]) -> dict[str, list[int]]:
         cells: result of `cells.read_controller_cells`: models, targets, seeds, and for iCEM icem_variants, icem_models,
             icem_targets, icem_seeds.
     """
-    trained = {
-        f"{TRAINED}_{kind}": list(cells["seeds"]) for kind in _kinds(cells["models"], cells["targets"])
-    }
+    kinds = _kinds(cells["models"], cells["targets"])
+    trained = {f"{algorithm}_{kind}": list(cells["seeds"]) for algorithm in TRAINED for kind in kinds}
     if not cells.get("icem_variants"):
         return trained
     planned = _kinds(cells["icem_models"], cells["icem_targets"])
@@ -128,8 +136,8 @@ def read_controllers(artifacts: Path, required: Mapping[str, Sequence[int]]) -> 
 def _read(artifacts: Path, name: str, seed: str) -> ControllerResult:
     algorithm, kind = split_name(name)
     evaluation = artifacts / "evaluate_brax" / name / seed
-    trained = algorithm == TRAINED
-    training = artifacts / TRAINED / kind / seed
+    trained = algorithm in TRAINED
+    training = artifacts / algorithm / kind / seed
     metrics = read_json(evaluation / "metrics.json")
     planning = metrics.pop("planning", {})
     if not trained and not planning:

@@ -10,7 +10,13 @@ from typing import NamedTuple
 KIND_NAMES = {"mlp_dq": "MLP Δq", "mlp_dqdot": "MLP Δq̇", "kan_dq": "KAN Δq", "kan_dqdot": "KAN Δq̇"} | {
     "nfir_dqdot": "NFIR q̇"  # not in the paper
 }
-ALGORITHM_NAMES = {"ppo": "PPO", "icem": "iCEM", "icem_dagger": "iCEM†", "icem_double_dagger": "iCEM‡"}
+ALGORITHM_NAMES = {
+    "ppo": "PPO",
+    "apg": "APG",  # not in the paper
+    "icem": "iCEM",
+    "icem_dagger": "iCEM†",
+    "icem_double_dagger": "iCEM‡",
+}
 
 # Name in our metrics.json, heading of the paper's column, in the paper's order.
 METRIC_COLUMNS = {

@@ -57,7 +57,7 @@ def budget_cell(group: Sequence[ControllerResult]) -> str:
     return " / ".join(
         dict.fromkeys(
             steps_text(controller.meta["steps"])
-            if controller.algorithm == TRAINED
+            if controller.algorithm in TRAINED
             else planning_budget(controller.meta).cell
             for controller in group
         )
@@ -66,7 +66,7 @@ def budget_cell(group: Sequence[ControllerResult]) -> str:
 
 def paper_budget_cell(algorithm: str, kind: str) -> str:
     """Training steps or planning budget of the paper's for a column."""
-    return steps_text(PPO_EVALUATED_STEPS[kind]) if algorithm == TRAINED else PAPER_PLANNING.cell
+    return steps_text(PPO_EVALUATED_STEPS[kind]) if algorithm in TRAINED else PAPER_PLANNING.cell
 
 
 def counts_text(title: str, group: Sequence[ControllerResult]) -> str:
@@ -94,7 +94,7 @@ def smaller_budget(group: Sequence[ControllerResult]) -> str:
     """Shortfall of our budget against the paper's, as a clause; empty without a shortfall."""
     first = group[0]
     clauses = []
-    if first.algorithm == TRAINED:
+    if first.algorithm in TRAINED:
         steps, published = min(c.meta["steps"] for c in group), PPO_EVALUATED_STEPS[first.kind]
         if steps < published:
             clauses.append(f"{steps_text(steps)} of training instead of {steps_text(published)}")
@@ -112,6 +112,6 @@ def planning_budget(planning: Mapping[str, int]) -> PlanningBudget:
 
 
 def _own_budget(controller: ControllerResult) -> str:
-    if controller.algorithm == TRAINED:
+    if controller.algorithm in TRAINED:
         return steps_text(controller.meta["steps"])
     return str(planning_budget(controller.meta))

@@ -3,9 +3,11 @@
 from collections.abc import Mapping, Sequence
 
 from pipeline.reporting.results.controllers import (
+    TRAINED,
     ControllerResult,
     by_controller,
     controller_title,
+    in_order,
     split_name,
 )
 from pipeline.reporting.results.paper import (
@@ -51,7 +53,7 @@ def brax_evaluation_table(controllers: Sequence[ControllerResult], origin: str) 
     groups = by_controller(controllers)
     rows = [
         [*_labels(name), *_figures(groups.get(name, []), EVALUATION_METRICS)]
-        for name in dict.fromkeys([*BRAX_EVALUATION, *groups])
+        for name in in_order({*BRAX_EVALUATION, *groups})
     ]
     notes = [_counts_note(groups), LEGEND, VARIANTS, END_STOPS, machine_note(origin)]
     return Table(
@@ -115,7 +117,8 @@ def _figures(group: Sequence[ControllerResult], metrics: Sequence[str]) -> list[
 
 def _rules(rows: Sequence[Sequence[str]]) -> list[int]:
     """Index of the rule between policies and planners, as in the paper."""
-    trained = [row[0] == ALGORITHM_NAMES["ppo"] for row in rows]
+    policies = {ALGORITHM_NAMES[algorithm] for algorithm in TRAINED}
+    trained = [row[0] in policies for row in rows]
     return [index for index in range(1, len(rows)) if trained[index] != trained[index - 1]]
 
 
