@@ -57,9 +57,9 @@ class FitResult:
 
     Attributes:
         model: The dynamics model.
-        parameters: Parameters with the smallest L|eval.
+        parameters: Parameters with the smallest L|eval; of a kind `nfir` the last ones.
         curves: Columns `epoch`, `training_loss`, `evaluation_loss`, one value per epoch.
-        metrics: Flat figures: `evaluation_loss` (the smallest), `best_epoch`, `epochs`, `n_parameters`,
+        metrics: Flat figures: `evaluation_loss` (of the parameters), `best_epoch`, `epochs`, `n_parameters`,
             `training_windows`.
     """
 
@@ -144,6 +144,7 @@ def fit(
                 progress(epoch, float(loss), float(evaluation_loss))
             if epoch % identify.checkpoint_every_epochs == 0 or _ended(state, training, identify):
                 checkpoints.save(epoch, state)
+    state = _last_as_best(state) if isinstance(model, FirModel) else state
     return _result(model, state, n_windows=len(starts))
 
 
@@ -189,7 +190,8 @@ def after_epoch(
 
 def _ended(state: TrainingState, training: TrainingConfig, identify: IdentifyConfig) -> bool:
     epoch, best_epoch = int(state.epoch), int(state.best_epoch)
-    return epoch >= training.maximum_epochs or epoch - best_epoch >= identify.patience_evaluations
+    has_waited = training.ensemble is None and epoch - best_epoch >= identify.patience_evaluations
+    return epoch >= training.maximum_epochs or has_waited
 
 
 def _digest(trajectories: Sequence[Trajectory]) -> str:
@@ -198,6 +200,12 @@ def _digest(trajectories: Sequence[Trajectory]) -> str:
         for array in (trajectory.q, trajectory.qd, trajectory.a, trajectory.is_validation):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def _last_as_best(state: TrainingState) -> TrainingState:
+    """An ensemble ends with steps that have decayed to nothing: its last parameters are less noisy than any before."""
+    loss = state.evaluation_loss[state.epoch - 1]
+    return state._replace(best_parameters=state.parameters, best_loss=loss, best_epoch=state.epoch)
 
 
 def _result(model: DynamicsModel, state: TrainingState, n_windows: int) -> FitResult:
