@@ -140,13 +140,19 @@ def reference_table(results: Results, minutes: float = 24.0) -> str:
 
 
 def held_out_table(results: Results, name: str) -> str:
-    """Each log of a folder held out in turn: by joint the error of 80 steps, mean over logs, and 1 step beside it."""
+    """Each log of a folder held out in turn: by joint the error of 80 steps, and of 1 step, mean over logs.
+
+    Only over logs on which all kinds were measured.
+    """
     machine = load_machine(name)
+    shared = [m for m in results.machines() if all(results.of(m, kind) for kind in results.kinds())]
+    if not shared:
+        return "No log has a row of every kind."
     head = [f"{joint}, m{unit}" for joint, unit in zip(machine.joint_names, machine.units, strict=True)]
     head = ["model", *head, "logs", "training, s"]
     lines = []
     for kind in results.kinds():
-        rows = [row for row in results.rows if row.kind == kind]
+        rows = [row for machine in shared for row in results.of(machine, kind)]
         by_horizon = [
             MILLI * np.mean([row.errors[horizon] for row in rows], axis=0) for horizon in (HORIZON, "1")
         ]
