@@ -54,7 +54,7 @@ def fitted(
             seed,
             kind,
             errors(predictor, held_out),
-            coverage(predictor, learning, held_out),
+            coverage(predictor, held_out),
             seconds,
         )
     finally:

@@ -2,21 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.identification.gaussian_process import fit_gaussian_process
 from benchmarks.identification.ridge import fit_ridge
 from pipeline.configuration.load import load_section
 from pipeline.dynamics.evaluation.errors import Predictor
+from pipeline.dynamics.evaluation.predictive_band import PredictiveBand
 from pipeline.dynamics.model.dynamics_model import Target
-from pipeline.dynamics.model.features import History
 from pipeline.dynamics.model.fir_model import FirModel
 from pipeline.dynamics.model.network import Parameterization, Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
-from pipeline.dynamics.model.stops import Stops
 from pipeline.dynamics.references.all_references import ArxConfig
 from pipeline.dynamics.references.arx import fit_arx
 from pipeline.dynamics.references.grey_box import GreyBoxConfig, fit_grey_box
@@ -56,26 +54,12 @@ class Stopped:
         return free
 
 
-class MembersSpread:
-    """A model whose "prediction" is how far the members of an ensemble differ; for `LearnedPredictor`."""
-
-    def __init__(self, model: FirModel) -> None:
-        self._model = model
-        self.specification, self.history_from_rows = model.specification, model.history_from_rows
-
-    def roll_out(
-        self, parameters: Parameters, history: History, commands: jax.Array, stops: Stops | None
-    ) -> jax.Array:
-        """Standard deviation over members, (..., H, n_joint), rad or m."""
-        return jnp.std(self._model.members_roll_out(parameters, history, commands, stops), axis=0, ddof=1)
-
-
 class EnsemblePredictor(LearnedPredictor):
-    """A learned predictor that says how sure it is."""
+    """A learned predictor that can say how sure it is."""
 
-    def __init__(self, model: FirModel, parameters: Parameters) -> None:
+    def __init__(self, model: FirModel, parameters: Parameters, learning: Sequence[Trajectory]) -> None:
         super().__init__(model, parameters)
-        self.spread = LearnedPredictor(MembersSpread(model), parameters).predict
+        self.band = partial(PredictiveBand, model, parameters, learning)
 
 
 def _network(kind: str) -> Fit:
@@ -85,7 +69,7 @@ def _network(kind: str) -> Fit:
         parts = Parameterization(parameterization), Target(target)
         found = fit(learning, machine, *parts, settings.training_of(kind), settings, seed)
         if isinstance(found.model, FirModel):
-            return EnsemblePredictor(found.model, found.parameters)
+            return EnsemblePredictor(found.model, found.parameters, learning)
         return LearnedPredictor(found.model, found.parameters)
 
     return fit_network

@@ -1,33 +1,22 @@
 """Errors and coverage of one predictor on held-out trajectories."""
 
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from benchmarks.identification.kinds import EnsemblePredictor
 from pipeline.dynamics.evaluation.errors import (
     Predictor,
     one_step_rmse,
     open_loop_residuals,
     open_loop_rmse_80,
-    open_loop_starts,
 )
 from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW
-from pipeline.logs.tuples import Trajectory, validation_part
+from pipeline.logs.tuples import Trajectory
 
 LONG_HORIZON = 1000  # steps
 LONG_STRIDE = 200  # rows between starts
 COVERED_STEPS = (20, 80)  # 1 s and 4 s
-BAND_QUANTILE = 1.645  # standard normal, of a 90 % band
-
-
-@runtime_checkable
-class Uncertain(Protocol):
-    """A predictor whose members disagree."""
-
-    def spread(self, trajectory: Trajectory, starts: np.ndarray, horizon: int) -> np.ndarray:
-        """Standard deviation over members of what `Predictor.predict` predicts, of its shape, rad or m."""
-        ...
 
 
 def errors(predictor: Predictor, held_out: Sequence[Trajectory]) -> dict[str, list[float]]:
@@ -49,45 +38,15 @@ def errors(predictor: Predictor, held_out: Sequence[Trajectory]) -> dict[str, li
     return found
 
 
-def coverage(
-    predictor: Predictor, learning: Sequence[Trajectory], held_out: Sequence[Trajectory]
-) -> dict[str, dict[str, list[float]]]:
-    """How often the 90 % band holds what is measured; empty where the predictor does not say how sure it is.
+def coverage(predictor: Predictor, held_out: Sequence[Trajectory]) -> dict[str, dict[str, list[float]]]:
+    """By steps ahead and joint: share of positions inside the 90 % band, and the band's mean width, rad or m.
 
-    The band's variance is the members' and the machine's own: what squared errors on the validation rows have beyond
-    the members'.
-
-    Returns:
-        By steps ahead and joint: `covered`, the share inside; `width`, the band's mean width, rad or m; and
-        `by_spread`, the share inside the band of the members alone.
+    Empty where the predictor does not say how sure it is.
     """
-    if not isinstance(predictor, Uncertain):
+    if not isinstance(predictor, EnsemblePredictor):
         return {}
-    error, spread = _errors_and_spreads(predictor, [validation_part(trajectory) for trajectory in learning])
-    own_variance = np.maximum(np.mean(error**2 - spread**2, axis=0), 0.0)
-    error, spread = _errors_and_spreads(predictor, held_out)
-    half = BAND_QUANTILE * np.sqrt(spread**2 + own_variance)
-    covered, by_spread = (np.mean(np.abs(error) <= bound, axis=0) for bound in (half, BAND_QUANTILE * spread))
+    found = predictor.band().coverage(held_out)
     return {
-        str(step): {
-            "covered": covered[k].tolist(),
-            "width": (2.0 * half[:, k].mean(axis=0)).tolist(),
-            "by_spread": by_spread[k].tolist(),
-        }
-        for k, step in enumerate(COVERED_STEPS)
+        str(step): {"covered": found.share[step - 1].tolist(), "width": found.width[step - 1].tolist()}
+        for step in COVERED_STEPS
     }
-
-
-def _errors_and_spreads(
-    predictor: Predictor, trajectories: Sequence[Trajectory]
-) -> tuple[np.ndarray, np.ndarray]:
-    """(n_windows, len(COVERED_STEPS), n_joint) of all windows of the longest of these horizons."""
-    assert isinstance(predictor, Uncertain)
-    steps, horizon = np.array(COVERED_STEPS) - 1, max(COVERED_STEPS)
-    errors_of, spreads = [], []
-    for trajectory in trajectories:
-        starts = open_loop_starts(len(trajectory))
-        if len(starts):
-            errors_of.append(open_loop_residuals(predictor, trajectory, starts, horizon)[:, steps])
-            spreads.append(predictor.spread(trajectory, starts, horizon)[:, steps])
-    return np.concatenate(errors_of), np.concatenate(spreads)

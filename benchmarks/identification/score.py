@@ -15,7 +15,7 @@ from benchmarks.identification.ledger import Row
 from benchmarks.identification.measure import COVERED_STEPS
 from pipeline.configuration.load import load_machine
 from pipeline.files.atomic import write_whole
-from pipeline.reporting.figures.style import REGION, StyledFigure, series_style, to_png
+from pipeline.reporting.figures.style import REGION, SERIES, StyledFigure, series_style, to_png
 
 FLOOR, OF_LOG = "floor", "/"
 HORIZON = "80"
@@ -23,6 +23,9 @@ NEW, TODAY = "nfir_dqdot", "mlp_dqdot"
 CONFIDENCE = 0.95
 WANTED_RATIO, WANTED_EXCESS, WANTED_COVERAGE = 0.70, 0.25, (0.85, 0.95)
 MILLI = 1e3
+INTRODUCTION = """Errors of open-loop predictions on held-out recordings: mean over joints and seeds, mrad where not said
+otherwise. The floor is half the squared difference of the recording and its replays with other noise: the squared error
+of the best prediction. Excess is the squared error over it, less one. Figures that miss their goal are bold."""
 WIDTH_IN, HEIGHT_IN = 7.5, 4.0
 BAND_OPACITY = 0.12
 
@@ -166,7 +169,10 @@ def error_over_minutes(results: Results) -> bytes:
     machines = [m for m in results.machines() if results.error(m, FLOOR) is not None]
     with StyledFigure(WIDTH_IN, HEIGHT_IN) as figure:
         axes = figure.subplots()
-        for number, kind in enumerate(results.kinds()):
+        kinds = sorted(
+            results.kinds(), key=lambda kind: -len({row.minutes for row in results.rows if row.kind == kind})
+        )
+        for number, kind in enumerate(kinds[: len(SERIES)]):
             drawn = [
                 (minutes, ratios)
                 for minutes in results.minutes()
@@ -202,7 +208,7 @@ def write_score(rows: Iterable[Row], markdown: Path | None, plot: Path | None) -
     """Print the tables, and write them and the plot where asked for."""
     known = list(rows)
     results = Results([row for row in known if OF_LOG not in row.machine])
-    parts = [goal_table(results), reference_table(results)]
+    parts = [INTRODUCTION, goal_table(results), reference_table(results)]
     parts += [f"{minutes:g} minutes:\n\n{error_table(results, minutes)}" for minutes in results.minutes()]
     for name in dict.fromkeys(row.machine.partition(OF_LOG)[0] for row in known if OF_LOG in row.machine):
         of_logs = Results([row for row in known if row.machine.startswith(name + OF_LOG)])

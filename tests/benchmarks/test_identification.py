@@ -79,13 +79,6 @@ class Known:
         return trajectory.q[rows] + self.std(horizon) * random.standard_normal((len(starts), horizon, 4))
 
 
-class Unsure(Known):
-    """Whose members know half of the variance."""
-
-    def spread(self, trajectory, starts, horizon):
-        return np.broadcast_to(self.std(horizon) / np.sqrt(2.0), (len(starts), horizon, 4))
-
-
 def test_errors_are_those_of_each_horizon():
     found = errors(Known(), [logged(np.zeros((20_000, 4)), np.zeros((20_000, 4)))])
     assert found["1"] == pytest.approx([1e-3] * 4, rel=0.05)
@@ -95,16 +88,9 @@ def test_errors_are_those_of_each_horizon():
     assert "1000" not in errors(Known(), [logged(np.zeros((900, 4)), np.zeros((900, 4)))])
 
 
-def test_a_band_of_known_width_covers_what_it_should():
-    logs = [logged(np.zeros((40_000, 4)), np.zeros((40_000, 4)))]
-    found = coverage(Unsure(), logs, logs)
-    for step, width in (("20", 2 * 1.645 * 0.02), ("80", 2 * 1.645 * 0.08)):
-        assert found[step]["covered"] == pytest.approx([0.9] * 4, abs=0.03)
-        assert found[step]["width"] == pytest.approx([width] * 4, rel=0.12)
-        assert found[step]["by_spread"] == pytest.approx(
-            [2 * stats.norm.cdf(1.645 / 2**0.5) - 1] * 4, abs=0.03
-        )
-    assert coverage(Known(), logs, logs) == {}
+def test_a_predictor_without_a_band_has_no_coverage():
+    logs = [logged(np.zeros((900, 4)), np.zeros((900, 4)))]
+    assert coverage(Known(), logs) == {}
 
 
 def impulse_responses(a, places):
