@@ -23,9 +23,12 @@ NEW, TODAY = "nfir_dqdot", "mlp_dqdot"
 CONFIDENCE = 0.95
 WANTED_RATIO, WANTED_EXCESS, WANTED_COVERAGE = 0.70, 0.25, (0.85, 0.95)
 MILLI = 1e3
-INTRODUCTION = """Errors of open-loop predictions on held-out recordings: mean over joints and seeds, mrad where not said
-otherwise. The floor is half the squared difference of the recording and its replays with other noise: the squared error
-of the best prediction. Excess is the squared error over it, less one. Figures that miss their goal are bold."""
+INTRODUCTION = """\
+Written by `python -m benchmarks.identification score`; its `--help` has the commands that make the ledger.
+Errors of open-loop predictions on held-out recordings: mean over joints and seeds, mrad where not said
+otherwise. The floor is half the squared difference of the recording and its replays with other noise: the
+squared error of the best prediction. Excess is the squared error over it, less one. Figures that miss their
+goal are bold."""
 WIDTH_IN, HEIGHT_IN = 7.5, 4.0
 BAND_OPACITY = 0.12
 
