@@ -77,8 +77,10 @@ def stamps_ns(group: FieldGroup, place: str = "") -> np.ndarray:
                 parts = [group.number(f"{path}.{name}") for name in (seconds, nanoseconds)]
                 # Numbers of JSON are floats: NaN for text, and of any size.
                 is_time = np.all([np.abs(part) <= MAXIMUM_TIME_S for part in parts], axis=0)
-                whole, rest = (np.where(is_time, part, 0).astype(np.int64) for part in parts)
-                return np.where(is_time, whole * NANOSECONDS + rest, NO_TIME)
+                whole, rest = (np.where(is_time, part, 0) for part in parts)
+                second = np.floor(whole).astype(np.int64)
+                fraction = np.rint((whole - second) * NANOSECONDS).astype(np.int64)  # as floats may have
+                return np.where(is_time, second * NANOSECONDS + fraction + rest.astype(np.int64), NO_TIME)
     raise LayoutError(f"they have no time stamp `{'` or `'.join(_places(place))}`")
 
 

@@ -360,7 +360,10 @@ def test_channels_are_signals_of_any_frame(tmp_path, machine, short, recorded):
         ),
         (CanSource(commands=["COMMAND.y_{joint}"]), r"has no signal `y_swing`; it has command_swing"),
         (CanSource(commands=["COMMAND.counter"]), r"can\.commands has 1 entries; list one per joint \(4\)"),
-        (CanSource(bus="can7"), r"no usable frame ENCODERS; .* frames seen: none"),
+        (
+            CanSource(bus="can7"),
+            r"no usable frame ENCODERS; .* frames on bus can0, which can.bus leaves out",
+        ),
     ],
 )
 def test_what_the_configuration_lacks(tmp_path, machine, recorded, source, message):

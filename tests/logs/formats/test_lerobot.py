@@ -88,6 +88,20 @@ def test_without_stamps_time_is_counted_over_all_episodes(dataset, machine, traj
         begin += len(other)
 
 
+@pytest.mark.parametrize("column", ["stamp", "index", "frame_index"])
+def test_a_frame_without_its_time_is_not_put_on_another_clock(dataset, machine, trajectories, column):
+    path = dataset / "data/chunk-000/file-000.parquet"
+    frames = polars.read_parquet(path) if column == "stamp" else polars.read_parquet(path).drop("stamp")
+    row = len(trajectories[0]) + 5  # of the second episode
+    emptied = polars.when(polars.int_range(len(frames)) != row).then(polars.col(column)).alias(column)
+    frames.with_columns(emptied).write_parquet(path)
+    raw = read_log(find_logs(dataset)[1], machine)
+    period_ns = np.diff(raw.joint_stamp_ns)
+    np.testing.assert_allclose(np.delete(period_ns, 4), 50_000_000, atol=1)
+    assert period_ns[4] == (100_000_000 if column == "stamp" else 50_000_000)
+    assert any("hold no time" in note.text for note in raw.notes) == (column == "stamp")
+
+
 def test_a_robot_of_other_people(tmp_path, dataset, machine, trajectories):
     """Names with a suffix, in a dictionary, in another order; state and action in degrees."""
     path = dataset / "data/chunk-000/file-000.parquet"

@@ -16,7 +16,7 @@ from pipeline.logs.messages.channel_sources import ChannelAdapter
 from pipeline.logs.messages.columns import MemoryStore
 from pipeline.logs.messages.command_sources import NamedCommands
 from pipeline.logs.messages.encodings import decode
-from pipeline.logs.messages.field_paths import EVERY, number_at, stamps_ns, steps_of
+from pipeline.logs.messages.field_paths import EVERY, NO_TIME, number_at, stamps_ns, steps_of
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import DefinitionError
 from pipeline.logs.messages.mismatch import MismatchError
@@ -132,6 +132,14 @@ def test_stamps_of_every_convention():
         message = b'{"s": {"%s": 5, "%s": 7}}' % tuple(name.encode() for name in names)
         ((group,), _) = decode(block_of("json", message), (f"s.{names[0]}", f"s.{names[1]}"))
         assert stamps_ns(group, "s").tolist() == [5_000_000_007]
+
+
+def test_seconds_may_have_a_fraction():
+    for seconds, stamp in (("1.25", 1_250_000_007), ("-0.5", -499_999_993), ("1e300", NO_TIME)):
+        ((group,), _) = decode(
+            block_of("json", b'{"s": {"sec": %s, "nsec": 7}}' % seconds.encode()), ("s.sec", "s.nsec")
+        )
+        assert stamps_ns(group, "s").tolist() == [stamp]
 
 
 def test_steps_of_paths():

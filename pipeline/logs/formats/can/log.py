@@ -119,10 +119,12 @@ def read_can(
             collectors.setdefault(key, []).append(collector)
     counts: Counter[FrameKey] = Counter()
     buses: dict[FrameKey, set[str]] = {key: set() for key in collectors}
+    others: set[str] = set()
     n_untimed = 0
     for path in entry.files:
         for frame in read_frames(path, ledger):
             if machine.can.bus and str(frame.channel) != machine.can.bus:
+                others.add(str(frame.channel))
                 continue
             key, at_ns = (frame.arbitration_id, frame.is_extended_id), time_ns(frame)
             counts[key] += 1
@@ -147,10 +149,12 @@ def read_can(
     sampled, commanded = positions.finish(False, gap_ns, ledger), commands.finish(True, gap_ns, ledger)
     for collector, columns in ((positions, sampled), (commands, commanded)):
         if not columns or not len(columns["time_ns"]):
-            listed = [f"{name} ({count})" for name, count in ledger.counts.items()][:LISTED_FRAMES]
+            listed = [f"{name} ({count})" for name, count in ledger.counts.items()]
+            elsewhere = [f"frames on bus {bus}, which can.bus leaves out" for bus in sorted(others)]
+            seen = ", ".join([*listed, *elsewhere][:LISTED_FRAMES]) or "none"
             raise InputError(
                 f"{entry.path}: {collector.role}: no usable frame {collector.signals.names}; set section can in "
-                f"conf/machine; frames seen: {', '.join(listed) or 'none'}{first_damage(ledger.notes)}"
+                f"conf/machine; frames seen: {seen}{first_damage(ledger.notes)}"
             )
     for collector in channels.values():
         collector.finish(True, gap_ns, ledger)

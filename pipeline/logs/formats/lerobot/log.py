@@ -125,7 +125,9 @@ def _times_ns(batch: pa.RecordBatch, information: DatasetInformation) -> tuple[n
     timestamp, frame, index = (columns[name] for name in TIMES)
     by_number = frame / information.fps
     elapsed = np.where(np.abs(timestamp - by_number) < SYNCHRONOUS_S, by_number, timestamp)
-    begin = np.nan_to_num((index - frame) / information.fps)
+    begins = (index - frame) / information.fps  # the same for all frames of an episode
+    is_begin = np.isfinite(begins)
+    begin = np.where(is_begin, begins, np.median(begins[is_begin]) if is_begin.any() else 0.0)
     seconds = begin + elapsed
     is_known = np.isfinite(seconds) & (np.abs(seconds) < MAXIMUM_TIME_NS / NANOSECONDS)
     time_ns = np.rint(np.where(is_known, seconds, 0.0) * NANOSECONDS).astype(np.int64)
@@ -134,5 +136,5 @@ def _times_ns(batch: pa.RecordBatch, information: DatasetInformation) -> tuple[n
         has_stamp = stamps.is_valid().to_numpy(zero_copy_only=False)
         exact = stamps.fill_null(0).to_numpy(zero_copy_only=False)
         is_possible = has_stamp & (np.abs(exact) < MAXIMUM_TIME_NS)
-        return np.where(is_possible, exact, time_ns), is_possible | (~has_stamp & is_known)
+        return np.where(is_possible, exact, 0), is_possible  # no other clock stands in for a missing stamp
     return time_ns, is_known
