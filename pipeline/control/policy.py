@@ -30,7 +30,7 @@ class PolicyLayer(NamedTuple):
 
 
 class Policy(NamedTuple):
-    """The deterministic part of a PPO policy; a pytree, so it can be an argument of a jitted function.
+    """The deterministic part of a policy; a pytree, so it can be an argument of a jitted function.
 
     Attributes:
         mean: mean of observations in training, shape (n_observation,).
@@ -51,6 +51,11 @@ class Policy(NamedTuple):
     def action_size(self) -> int:
         """Dimension of its proto-actions."""
         return self.layers[-1].bias.shape[-1] // 2
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all weights are numbers; proto-actions that are not would be discretised to rest."""
+        return all(bool(jnp.isfinite(leaf).all()) for leaf in jax.tree.leaves(self))
 
     def act(self, observation: jax.Array) -> jax.Array:
         """Mode of the policy: proto-action (..., n_joint) in (-1, 1) for observations (..., n_observation).

@@ -199,7 +199,7 @@ def train(
             return  # done before the training was interrupted
         policy = policy_from_brax(parameters[0], parameters[1], config.normalize_observations)
         point = CurvePoint(steps, reaching_metrics(evaluate(policy, episodes)))
-        if not math.isfinite(point.metrics.average_return):
+        if not (policy.is_finite and math.isfinite(point.metrics.average_return)):
             raise InputError(f"ppo: training diverged before step {steps}; lower ppo.learning_rate")
         curve.append(point)
         if kept is None and steps >= config.evaluated_at_steps:

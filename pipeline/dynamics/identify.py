@@ -18,6 +18,7 @@ from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.dynamics.training.data_split import VALIDATION, DataSplit
 from pipeline.dynamics.training.fit import Progress, fit
 from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW
+from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 
 BAND_STEPS = (20, 80)  # ahead, where the 90 % band is judged: 1 s and 4 s at 20 Hz
@@ -95,8 +96,11 @@ def identify(
     }
     metrics = result.metrics | judge({"model": predictor, "arx": arx}, rows.judged, machine)
     if isinstance(result.model, FirModel) and rows.judged_on != VALIDATION:
-        band = PredictiveBand(result.model, result.parameters, rows.learning)
-        metrics |= _band_metrics(band.coverage(rows.judged), machine)
+        try:
+            band = PredictiveBand(result.model, result.parameters, rows.learning)
+            metrics |= _band_metrics(band.coverage(rows.judged), machine)
+        except InputError as error:  # the model is as good without
+            lineage["band"] = f"not measured: {error}"
     return Identified(
         result.model,
         result.parameters,

@@ -159,7 +159,7 @@ def train(
         point = CurvePoint(
             len(curve) * n_per_point * steps_per_update, reaching_metrics(evaluate(policy, episodes))
         )
-        if not math.isfinite(point.metrics.average_return):
+        if not (policy.is_finite and math.isfinite(point.metrics.average_return)):
             raise InputError(f"apg: training diverged before step {point.steps}; lower apg.learning_rate")
         curve.append(point)
         if checkpoint_directory is not None:

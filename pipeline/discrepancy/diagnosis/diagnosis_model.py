@@ -20,6 +20,8 @@ import optax
 from pipeline.discrepancy.diagnosis.sequences import Sequences
 from pipeline.discrepancy.diagnosis.training_support import is_often
 from pipeline.discrepancy.unusable_logs import UnusableLogs
+from pipeline.dynamics.model.shown_motion import STANDING_SHARE, Shown
+from pipeline.dynamics.model.shown_motion import standing as stands_against
 from pipeline.errors import InputError
 
 Weights = dict[str, jax.Array]
@@ -287,43 +289,20 @@ def _segments(is_row: np.ndarray, parts: np.ndarray, config: DiagnosisModelConfi
 PARTS_OF_RANGE = 20
 SMALLEST_VISITS_SHARE = 0.008  # of moving rows, per part of the range
 SMALLEST_TOGETHER_SHARE = 0.002  # of moving rows, per number of joints that are commanded at once
-SMALLEST_STANDS = 10  # rows from which a stop is known more exactly than its stated limit
-NEAR_SHARE = 0.02  # of the range, from the stop
-STANDING_SHARE = 0.15  # of the usual speed
-BEYOND_SHARE = 0.01  # of the range: a joint that passes its stated limit by more has no stop there
 
 
 def _scales(nominal: Sequences, lower: np.ndarray, upper: np.ndarray) -> Scales:
     rows = nominal.is_row
-    velocity, q = nominal.velocity[rows], nominal.q[rows]
-    moving = np.abs(nominal.command[rows]) > 0.0
-    mean_square = np.sum(np.where(moving, velocity**2, 0.0), axis=0) / np.maximum(moving.sum(axis=0), 1)
-    speed = np.where(mean_square > 0.0, np.sqrt(mean_square), 1.0)  # a joint that never moves predicts rest
-    beyond = BEYOND_SHARE * (upper - lower)
-    scales = Scales(
-        lower,
-        upper,
-        speed,
-        stop_lower=np.where(q.min(axis=0) > lower - beyond, lower, -np.inf),
-        stop_upper=np.where(q.max(axis=0) < upper + beyond, upper, np.inf),
-    )
-    stands = standing(nominal, scales) & rows[..., None]
-    stops = {"stop_lower": scales.stop_lower.copy(), "stop_upper": scales.stop_upper.copy()}
-    for joint in range(len(speed)):
-        for name, sign in (("stop_lower", -1.0), ("stop_upper", 1.0)):
-            there = stands[..., joint] & (sign * nominal.command[..., joint] > 0.0)
-            if there.sum() >= SMALLEST_STANDS:
-                stops[name][joint] = np.median(nominal.q[..., joint][there])
-    return scales._replace(**stops)
+    shown = Shown(nominal.command[rows], nominal.q[rows], nominal.velocity[rows])
+    speed = shown.usual_speed()
+    return Scales(lower, upper, speed, *shown.stops(lower, upper, speed))
 
 
 def standing(sequences: Sequences, scales: Scales) -> np.ndarray:
     """Where a joint is pushed against its stop, (B, T, n_joint): how exactly it stands there says nothing of speeds."""
-    span = NEAR_SHARE * (scales.upper - scales.lower)
-    slow = np.abs(sequences.velocity) < STANDING_SHARE * scales.speed
-    above = (sequences.q > scales.stop_upper - span) & (sequences.command > 0.0)
-    below = (sequences.q < scales.stop_lower + span) & (sequences.command < 0.0)
-    return slow & (above | below)
+    rows = sequences.q, sequences.velocity, sequences.command
+    stops = scales.stop_lower, scales.stop_upper
+    return np.logical_or(*stands_against(*rows, *stops, scales.upper - scales.lower, scales.speed))
 
 
 def is_known(nominal: Sequences, sequences: Sequences, scales: Scales, is_switched: bool) -> np.ndarray:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.fir_model import MEMBERS
 from pipeline.dynamics.model.kinds import build_model
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.model.specify import Scales, specification_of
@@ -40,9 +41,10 @@ def unit_scale_model(
 
 
 def count_parameters(model: DynamicsModel) -> int:
-    """Number of trained parameters."""
+    """Number of trained parameters of what is rolled out; an ensemble's members beside it do not count."""
     shapes = jax.eval_shape(model.initialise, jax.random.key(0))
-    return sum(leaf.size for leaf in jax.tree.leaves(shapes))
+    rolled = {name: of for name, of in shapes.items() if name != MEMBERS}
+    return sum(leaf.size for leaf in jax.tree.leaves(rolled))
 
 
 def time_step(model: DynamicsModel, n_calls: int) -> StepTime:

@@ -14,6 +14,7 @@ from pipeline.dynamics.model.fir_model import FirModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW, window_starts
+from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 
 NORMAL_90 = (
@@ -37,7 +38,11 @@ class PredictiveBand:
     """Predictions over `OPEN_LOOP_HORIZON` steps with their standard deviation."""
 
     def __init__(self, model: FirModel, parameters: Parameters, learning: Sequence[Trajectory]) -> None:
-        """Measure on the validation rows of the logs that the model was trained on what remains beside the spread."""
+        """Measure on the validation rows of the logs that the model was trained on what remains beside the spread.
+
+        Raises:
+            InputError: They are too short.
+        """
         alone, self._members = model.members(parameters)
         self._own, self._member = (
             LearnedPredictor(model, parameters),
@@ -52,8 +57,12 @@ class PredictiveBand:
             if len(starts):
                 predicted, deviation = self.predict(trajectory, starts)
                 squares.append((predicted - measured(trajectory, starts)) ** 2 - deviation**2)
-        if squares:
-            self._remainder = np.maximum(np.concatenate(squares).mean(axis=0), 0.0)
+        if not squares:
+            raise InputError(
+                f"the band needs {OPEN_LOOP_HORIZON} validation rows in one piece after row {FIRST_JUDGED_ROW} of a "
+                "trajectory; give longer logs"
+            )
+        self._remainder = np.maximum(np.concatenate(squares).mean(axis=0), 0.0)
 
     def predict(self, trajectory: Trajectory, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Predictions and standard deviations, (n_windows, H, n_joint) each, rad or m; see `Predictor.predict`."""

@@ -38,6 +38,8 @@ class FirSpecification(ModelSpecification):
             raise InputError(
                 f"model: member_hidden is {self.member_hidden}; list at least one layer, each of at least one unit"
             )
+        if min(self.demand_beyond, default=0) < 0:
+            raise InputError(f"model: demand_beyond is {self.demand_beyond}; no number may be negative")
         for name in ("stop_lower", "stop_upper"):
             if len(getattr(self, name)) != self.n_joint:
                 raise InputError(

@@ -10,7 +10,7 @@ from pipeline.logs.tuples import Trajectory
 SMALLEST_STANDS = 10  # rows from which a stop is known more exactly than its stated limit
 NEAR_SHARE = 0.02  # of the range, from the stop
 STANDING_SHARE = 0.15  # of the usual speed
-BEYOND_SHARE = 0.01  # of the range: a joint that passes its stated limit by more has no stop there
+BEYOND_SHARE = 0.01  # of the range: a joint that is seen further out than a stop by more has no stop there
 
 
 class Shown(NamedTuple):
@@ -54,7 +54,7 @@ class Shown(NamedTuple):
 
         Returns:
             Lower and upper stops, (n_joint,): where a joint stands against it, or the stated limit where none is seen
-            to; infinite where the joint goes beyond.
+            to; infinite where the joint goes beyond. A joint that goes on from where it stood was late, not stopped.
         """
         beyond = BEYOND_SHARE * (upper - lower)
         stop_lower = np.where(self.q.min(axis=0) > lower - beyond, lower, -np.inf)
@@ -63,9 +63,11 @@ class Shown(NamedTuple):
             self.q, self.velocity, self.command, stop_lower, stop_upper, upper - lower, speed
         )
         for joint in range(len(speed)):
-            for stop, stands in ((stop_lower, below), (stop_upper, above)):
+            for stop, stands, sign in ((stop_lower, below, -1.0), (stop_upper, above, 1.0)):
                 if stands[:, joint].sum() >= SMALLEST_STANDS:
-                    stop[joint] = np.median(self.q[stands[:, joint], joint])
+                    place = np.median(self.q[stands[:, joint], joint])
+                    if np.max(sign * (self.q[:, joint] - place)) <= beyond[joint]:
+                        stop[joint] = place
         return stop_lower, stop_upper
 
 

@@ -63,6 +63,14 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(trained, environmen
     jax.tree.map(np.testing.assert_array_equal, result.policy, trained.policy)
 
 
+@pytest.mark.long
+def test_weights_that_are_no_numbers_are_refused(environment, small, episodes, tmp_path):
+    """Their commands would be those of an arm at rest, whose return is a number."""
+    diverging = dataclasses.replace(small, learning_rate=1e30, final_learning_rate=1e30, gradient_norm=1e30)
+    with pytest.raises(InputError, match="diverged"):
+        train(environment, diverging, 7, episodes, lambda _: None, tmp_path)
+
+
 @pytest.mark.parametrize(
     "change",
     [{"feedback": 1.5}, {"horizon": 0}, {"noise": -0.1}, {"hidden": []}, {"averaging": 2.0}],

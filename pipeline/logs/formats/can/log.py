@@ -151,10 +151,10 @@ def read_can(
         if not columns or not len(columns["time_ns"]):
             listed = [f"{name} ({count})" for name, count in ledger.counts.items()]
             elsewhere = [f"frames on bus {bus}, which can.bus leaves out" for bus in sorted(others)]
-            seen = ", ".join([*listed, *elsewhere][:LISTED_FRAMES]) or "none"
+            frames = ", ".join([*listed, *elsewhere][:LISTED_FRAMES]) or "none"
             raise InputError(
                 f"{entry.path}: {collector.role}: no usable frame {collector.signals.names}; set section can in "
-                f"conf/machine; frames seen: {seen}{first_damage(ledger.notes)}"
+                f"conf/machine; frames seen: {frames}{first_damage(ledger.notes)}"
             )
     for collector in channels.values():
         collector.finish(True, gap_ns, ledger)
