@@ -8,6 +8,7 @@ import pytest
 from pipeline.dynamics.evaluation.predictive_band import NORMAL_90, PredictiveBand
 from pipeline.dynamics.model.fir_model import MEMBERS, FirModel
 from pipeline.dynamics.model.fir_specification import FirSpecification
+from pipeline.errors import InputError
 from tests.dynamics.conftest import make_specification, make_trajectory
 
 OFFSETS = np.array([-0.3, 0.0, 0.6])  # velocities of the members, in units of SPEED
@@ -47,8 +48,13 @@ def test_the_band_is_the_spread_and_what_remains(model, parameters):
 
 
 def test_coverage_counts_what_lies_within(model, parameters):
-    band = PredictiveBand(model, parameters, [moving(0.0)])
+    band = PredictiveBand(model, parameters, [moving(0.0, n_validation=150)])  # whose spread explains all
     half = NORMAL_90 * SPEED * OFFSETS.std(ddof=1)
     found = band.coverage([moving(0.9 * half), moving(1.1 * half)])
     np.testing.assert_array_equal(found.share, np.full((80, 2), 0.5))
     np.testing.assert_allclose(found.width, 2.0 * 0.05 * STEPS * half, rtol=1e-3)
+
+
+def test_too_little_to_measure_the_remainder_is_told(model, parameters):
+    with pytest.raises(InputError, match="the band needs 80 validation rows"):
+        PredictiveBand(model, parameters, [moving(0.0)])
