@@ -62,9 +62,9 @@ class Results:
     def error(
         self, machine: str, kind: str, minutes: float | None = None, horizon: str = HORIZON
     ) -> np.ndarray | None:
-        """Mean over seeds, (n_joint,); None without a row."""
+        """Root mean square over seeds, (n_joint,); None without a row."""
         found = [row.errors[horizon] for row in self.of(machine, kind, minutes) if horizon in row.errors]
-        return np.mean(found, axis=0) if found else None
+        return np.sqrt(np.mean(np.square(found), axis=0)) if found else None
 
     def ratio(self, machine: str, one: str, other: str, minutes: float, of_minutes: float) -> float | None:
         """Error of one kind over another's, mean over joints."""
