@@ -19,7 +19,7 @@ from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.features import History, push
 from pipeline.dynamics.model.fir_network import FirNetwork
 from pipeline.dynamics.model.fir_specification import FirSpecification
-from pipeline.dynamics.model.held_command import by_held_commands
+from pipeline.dynamics.model.held_command import after_hold, by_held_commands, held_commands
 from pipeline.dynamics.model.held_rollout import windows_of
 from pipeline.dynamics.model.network import Layer, Parameters, apply
 from pipeline.dynamics.model.stops import Stops
@@ -68,11 +68,9 @@ class FirModel(DynamicsModel):
         stops: Stops | None = None,
     ) -> tuple[History, jax.Array]:
         """See `Dynamics.hold`: what held commands add to the first layer is one product for all steps."""
-        n_rows = self.specification.lags + 1
         first, *others, by_q = self._split(self.network.layers(parameters))
         kernels = self._held_kernels(first, n_steps)
-        held_before = history.commands[..., ::-n_steps, :][..., : kernels.shape[1] - 1, :]
-        held = self.member.rows(jnp.concatenate([command[..., None, :], held_before], axis=-2))
+        held = self.member.rows(held_commands(history, command, n_steps, kernels.shape[1]))
         by_commands = jnp.concatenate(list(kernels.reshape(n_steps, -1, kernels.shape[-1])), axis=-1)
         driven = jnp.split(_flat(held) @ by_commands, n_steps, axis=-1)
         q, newest, visited, appended = history.q, history.motion[..., -1, :], [], []
@@ -82,13 +80,7 @@ class FirModel(DynamicsModel):
             )
             visited.append(q)
             appended.append(newest)
-        repeated = jnp.broadcast_to(command[..., None, :], (*command.shape[:-1], n_steps, command.shape[-1]))
-        after = History(
-            motion=jnp.concatenate([history.motion, jnp.stack(appended, axis=-2)], axis=-2)[..., -n_rows:, :],
-            commands=jnp.concatenate([history.commands, repeated], axis=-2)[..., -n_rows:, :],
-            q=q,
-        )
-        return after, jnp.stack(visited)
+        return after_hold(history, command, appended, q), jnp.stack(visited)
 
     def roll_out(
         self, parameters: Parameters, history: History, commands: jax.Array, stops: Stops | None = None

@@ -5,6 +5,7 @@ fill r rows in turn: adding up the kernel's rows that one of them meets, beforeh
 With 18 lags and r = 4 these are 6 rows instead of 19.
 """
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import jax
@@ -34,9 +35,7 @@ def hold(
     by_motion, by_commands, by_q = jnp.split(first.kernel, [window, 2 * window])
     kernels = by_held_commands(by_commands.reshape(n_rows, -1), np.arange(n_rows)[::-1], n_steps)
 
-    held_before = history.commands[..., ::-n_steps, :][..., : kernels.shape[1] - 1, :]
-    held = jnp.concatenate([command[..., None, :], held_before], axis=-2)
-    recent = network.expand(_flat(held))
+    recent = network.expand(_flat(held_commands(history, command, n_steps, kernels.shape[1])))
     motion = network.expand(_flat(model.normalise_motion(history.motion)))
     row = motion.shape[-1] // n_rows
     q, newest = history.q, history.motion[..., -1, :]
@@ -49,13 +48,24 @@ def hold(
         visited.append(q)
         appended.append(newest)
 
+    return after_hold(history, command, appended, q), jnp.stack(visited)
+
+
+def held_commands(history: History, command: jax.Array, n_steps: int, n_commands: int) -> jax.Array:
+    """(..., n_commands, n_joint): `command`, then those that were held for `n_steps` each before it, newest first."""
+    before = history.commands[..., ::-n_steps, :][..., : n_commands - 1, :]
+    return jnp.concatenate([command[..., None, :], before], axis=-2)
+
+
+def after_hold(history: History, command: jax.Array, appended: Sequence[jax.Array], q: jax.Array) -> History:
+    """The history after a step under `command` for each appended row of motion (..., n_joint), oldest first."""
+    n_rows, n_steps = history.motion.shape[-2], len(appended)
     repeated = jnp.broadcast_to(command[..., None, :], (*command.shape[:-1], n_steps, command.shape[-1]))
-    after = History(
+    return History(
         motion=jnp.concatenate([history.motion, jnp.stack(appended, axis=-2)], axis=-2)[..., -n_rows:, :],
         commands=jnp.concatenate([history.commands, repeated], axis=-2)[..., -n_rows:, :],
         q=q,
     )
-    return after, jnp.stack(visited)
 
 
 def by_held_commands(rows: Array, steps_ago: np.ndarray, n_steps: int) -> Array:
