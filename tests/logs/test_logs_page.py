@@ -25,6 +25,12 @@ from tests.logs.damage import CASES
 PAGE = (REPOSITORY / "docs/logs.md").read_text(encoding="utf-8")
 DAMAGE_PAGE = (REPOSITORY / "docs/log_damage.md").read_text(encoding="utf-8")
 SNIPPETS = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+SOURCES_TABLE = re.search(r"^\| `source` .*?\n\n", PAGE, re.DOTALL | re.MULTILINE)[0]
+SOURCES = {
+    source: ", ".join([f"source: {source}", *re.findall(r"`(\w+: [^`]+)`", keys)])
+    for source, keys in re.findall(r"^\| `(\w+)` \| .*? \|(.*)\|$", SOURCES_TABLE, re.MULTILINE)
+    if source != "source"
+}
 
 
 def machine_with(snippet):
@@ -40,13 +46,14 @@ def test_snippet_is_machine_configuration(snippet):
     command_adapter(machine)
 
 
-def test_every_command_source_has_a_snippet():
-    sources = {machine_with(snippet).commands.source for snippet in SNIPPETS if "commands:" in snippet}
-    assert sources == set(CommandSourceKind)
+def test_the_table_of_command_sources_is_machine_configuration():
+    assert set(SOURCES) == set(CommandSourceKind)
+    for keys in SOURCES.values():
+        command_adapter(machine_with(f"commands: {{topic: /commands, {keys}}}"))
 
 
 def test_joystick_snippet_reads_a_joystick(tmp_path):
-    (snippet,) = [snippet for snippet in SNIPPETS if "source: joy\n" in snippet]
+    (snippet,) = [snippet for snippet in SNIPPETS if "source: joy" in snippet]
     machine, session = machine_with(snippet), make_session(load_machine("bobcat_e10"), seconds=3)
     axes = [[0.4, -0.6, 9.0, 0.5, 1.0]] * len(session.command_ns)
     entries = foreign.messages(foreign.ROS2, session, machine.joint_names)
