@@ -34,9 +34,8 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     """Gather what the stages left, lay out the page, write the tables, and sum up the pipeline's run."""
     machine, artifacts = configuration.machine, Path(configuration.artifacts)
     output = Path(configuration.output)
-    cells = read_controller_cells(Path(configuration.cells), "logs")
-    kinds = [f"{model}_{target}" for model in cells["models"] for target in cells["targets"]]
-    results = read_results(artifacts, kinds, controllers_of(cells))
+    cells = read_controller_cells(Path(configuration.cells), "identified", "logs")
+    results = read_results(artifacts, list(cells["identified"]), controllers_of(cells))
     run.inputs(configuration.sessions, *files_read(artifacts, results))
     hashes = {f"dvc.{path}": digest for path, digest in dvc_hashes(list(DATA)).items()}
     report = build_report(

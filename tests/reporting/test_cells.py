@@ -13,6 +13,7 @@ from tests.stages.command import run_stage
 
 ROOT = Path(__file__).parents[2]
 CELLS = {
+    "identified": {"mlp_dqdot": {}, "kan_dqdot": {}},
     "models": ["mlp", "kan"],
     "targets": ["dqdot"],
     "seeds": [0, 1],
@@ -32,7 +33,7 @@ def written(folder: Path, cells: dict[str, Any]) -> Path:
 
 @pytest.mark.parametrize("path", ["params.yaml", "artifacts/all_kinds/params.yaml"])
 def test_the_projects_own_are_read(path: str) -> None:
-    assert controllers_of(read_controller_cells(ROOT / path, "logs"))
+    assert controllers_of(read_controller_cells(ROOT / path, "identified", "logs"))
 
 
 def test_without_planners_nothing_is_asked_of_them(tmp_path: Path) -> None:

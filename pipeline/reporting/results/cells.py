@@ -7,8 +7,8 @@ import yaml
 
 from pipeline.errors import InputError
 
-# The product of these keys gives the models; that of `icem_<key>` gives iCEM's models.
-IDENTIFIED = ("models", "targets")
+# The product of these keys gives the models that policies are learned on; that of `icem_<key>` gives iCEM's models.
+CONTROLLED = ("models", "targets")
 
 
 def read_cells(path: Path, *keys: str) -> dict[str, Any]:
@@ -41,13 +41,13 @@ def read_controller_cells(path: Path, *keys: str) -> dict[str, Any]:
     Raises:
         InputError: See `read_cells`; or iCEM's keys are missing, or name a model that is not identified.
     """
-    content = read_cells(path, *IDENTIFIED, "seeds", *keys)
-    for key in (*IDENTIFIED, "seeds"):
+    content = read_cells(path, *CONTROLLED, "seeds", *keys)
+    for key in (*CONTROLLED, "seeds"):
         _check_list(path, content, key)
     if not content.get("icem_variants"):
         return content
     _check_list(path, content, "icem_variants")
-    examples = {f"icem_{key}": content[key] for key in IDENTIFIED} | {"icem_seeds": content["seeds"][:1]}
+    examples = {f"icem_{key}": content[key] for key in CONTROLLED} | {"icem_seeds": content["seeds"][:1]}
     for key, example in examples.items():
         if key not in content:
             raise InputError(
@@ -55,7 +55,7 @@ def read_controller_cells(path: Path, *keys: str) -> dict[str, Any]:
                 "or name the project's params.yaml"
             )
         _check_list(path, content, key)
-    for key in IDENTIFIED:
+    for key in CONTROLLED:
         others = [value for value in content[f"icem_{key}"] if value not in content[key]]
         if others:
             raise InputError(
