@@ -43,13 +43,14 @@ class Arm:
 
     Attributes:
         joints: From the base to the chisel tip, fixed ones included.
+        columns: The place of each in a configuration; None of a fixed one.
     """
 
     def __init__(self, machine: MachineSpecification, joints: Sequence[ChainJoint]) -> None:
         arm, names = arm_description(machine), machine.joint_names
         self.joints = tuple(joints)
         self.n_joint = machine.n_joint
-        self._columns = [None if joint.kind == FIXED else names.index(joint.name) for joint in joints]
+        self.columns = [None if joint.kind == FIXED else names.index(joint.name) for joint in joints]
         self._yaw_index = names.index(arm.yaw_joint)
         self._pitch_indices = np.array([names.index(name) for name in arm.pitch_joints])
         self._pitch_offset_rad = arm.pitch_offset_rad
@@ -63,7 +64,7 @@ class Arm:
         functions = q.__array_namespace__()
         position: Components = (0.0, 0.0, 0.0)
         rotation: Components = (1.0, 0.0, 0.0, 0.0)
-        for joint, column in zip(self.joints, self._columns, strict=True):
+        for joint, column in zip(self.joints, self.columns, strict=True):
             position = add(position, rotate(rotation, joint.position))
             rotation = multiply(rotation, joint.quaternion)
             if column is None:

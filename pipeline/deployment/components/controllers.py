@@ -60,7 +60,7 @@ class PolicyController:
         self._policy = policy
 
         def command(policy: Policy, state: ControllerState) -> tuple[jax.Array, jax.Array]:
-            proto_action = policy.act(task.observe(_measured(task, state)))
+            proto_action = policy.act(task.observe(measured(task, state)))
             return proto_action, task.command(proto_action)
 
         self._command = jax.jit(command)
@@ -102,7 +102,7 @@ class IcemController:
         planner = icem_planner(task, config, action_repeats)
 
         def decide(plan: PlannerState, state: ControllerState) -> tuple[PlannerState, jax.Array]:
-            return planner.decide(plan, _measured(task, state))
+            return planner.decide(plan, measured(task, state))
 
         self._begin: Callable[[jax.Array], PlannerState] = jax.jit(planner.begin)
         self._decide = jax.jit(decide)
@@ -129,7 +129,7 @@ class IcemController:
         return other
 
 
-def _measured(task: ReachingTask, state: ControllerState) -> TaskState:
+def measured(task: ReachingTask, state: ControllerState) -> TaskState:
     """The task's state from measurements: x̃ from the buffers, with the target's configuration."""
     goal = Goal(state.target, task.arm.forward(state.target))  # type: ignore[arg-type]  # traced by jit
     now = task.begin_at(state.q, task.arm.forward(state.q), goal)  # type: ignore[arg-type]

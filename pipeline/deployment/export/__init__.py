@@ -1,0 +1,1 @@
+"""Policies for machines without this program: as a C file, and as ONNX."""
