@@ -31,9 +31,9 @@ hooks: env ## check style, types and layers before each commit (pre-commit)
 	$(BIN)/pre-commit install
 
 .PHONY: repro
-repro: env ## run the whole pipeline on the profile in params.yaml (default: some 55 minutes on two cores)
+repro: env ## run the whole pipeline on the profile in params.yaml (default: some 25 minutes on two cores)
 	$(BIN)/python -m pipeline.stages.processes.dvc_lock
-	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
+	PATH="$(CURDIR)/$(BIN):$$PATH" python -m pipeline.stages.processes.side_by_side
 
 .PHONY: demo
 demo: env ## films of reaching, and an undeclared change found: one page in some four minutes (build/demo/index.html)
@@ -52,7 +52,7 @@ graph-smoke: env ## test the whole graph: `dvc repro` on the smoke profile in bu
 	  && export JAX_COMPILATION_CACHE_DIR="$${JAX_COMPILATION_CACHE_DIR:-$$PWD/compiled}" \
 	  && mkdir -p "$$JAX_COMPILATION_CACHE_DIR" && export NUMBA_CACHE_DIR="$$JAX_COMPILATION_CACHE_DIR" \
 	  JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.2 TF_CPP_MIN_LOG_LEVEL=3 \
-	  && PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro
+	  && PATH="$(CURDIR)/$(BIN):$$PATH" python -m pipeline.stages.processes.side_by_side
 	@echo "graph-smoke: the whole graph ran; its page is build/graph_smoke/artifacts/report/index.html"
 
 .PHONY: search
@@ -63,6 +63,10 @@ search: env ## search hyper-parameters for all four model kinds, then select (ne
 .PHONY: control-level
 control-level: env ## policies from before and after closing the loop, on the changed machine (two hours, after `make repro`)
 	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro experiments/control_level/dvc.yaml
+
+.PHONY: paper-tables
+paper-tables: search ablation ## make the paper's tables, after `make repro`: a night or more; a killed run goes on where it was
+	PATH="$(CURDIR)/$(BIN):$$PATH" python -m pipeline.stages.processes.side_by_side experiments/paper_tables/dvc.yaml
 
 .PHONY: ablation
 ablation: env ## train PPO with terms of the reward left out (the paper's appendix; needs the model that `make repro` makes)

@@ -141,16 +141,21 @@ def train_policy(
     Raises:
         InputError: The model cannot be read, the machine has no arm or workspace, or the training diverged.
     """
-    from pipeline.control import ppo
-    from pipeline.control.apg import training as apg
-    from pipeline.control.apg.config import APGConfig
     from pipeline.control.train_policy import train_policy as train_on
+    from pipeline.effects.store import load_dynamics
 
     place, reaching = Path(model), _reaching(machine, profile)
     if algorithm == "ppo":
-        trained = train_on(place, reaching, ppo.train, load_section("ppo", ppo.PPOConfig, profile), seed)
+        from pipeline.control import ppo
+
+        specification = load_dynamics(place)[0].specification
+        config = load_section("ppo", ppo.PPOConfig, profile).for_model(specification)
+        trained = train_on(place, reaching, ppo.train, config, seed)
     elif algorithm == "apg":
-        trained = train_on(place, reaching, apg.train, load_section("apg", APGConfig, profile), seed)
+        from pipeline.control.apg.config import APGConfig
+        from pipeline.control.apg.training import train
+
+        trained = train_on(place, reaching, train, load_section("apg", APGConfig, profile), seed)
     else:
         raise InputError(f"algorithm {algorithm} is not known; use ppo or apg")
     trained.save(Path(output))

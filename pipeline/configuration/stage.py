@@ -51,6 +51,7 @@ class PipelineConfiguration:
     episodes: Any = MISSING
     reward: Any = MISSING
     ppo: Any = MISSING
+    warm_start: Any = MISSING
     apg: Any = MISSING
     reward_ablation: Any = MISSING
     icem: Any = MISSING

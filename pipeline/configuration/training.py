@@ -29,11 +29,10 @@ def run_training(name: str, configuration: TrainingKeys, train: Train[S], config
     run.inputs(f"{configuration.model}/parameters.msgpack")
     with progress_bar(f"{name} seed {seed}", config.training_steps, "step") as bar:
 
-        def progress(point: CurvePoint, training_steps: int) -> None:
+        def progress(point: CurvePoint) -> None:
             metrics = point.metrics.as_dict()
             shown = {key: f"{metrics[key]:.2f}" for key in ("average_return", "sr_012_008")}
             bar.set_postfix(shown, refresh=False)
-            bar.total = training_steps
             bar.reach(point.steps)
             run.metrics({f"curve.{key}": value for key, value in metrics.items()}, step=point.steps)
 

@@ -1,7 +1,6 @@
 """Proximal policy optimisation with Brax's implementation (paper, "RL-based controller")."""
 
 import functools
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,19 +13,17 @@ import pipeline.machine.quiet_mjx  # noqa: F401 # isort: skip (before Brax)
 from brax.training.agents.ppo import networks as ppo_networks
 from brax.training.agents.ppo import train as ppo
 
-from pipeline.control.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from pipeline.control.curve import CurvePoint
-from pipeline.control.evaluate import policy_evaluation
 from pipeline.control.policy import Policy, policy_from_brax
-from pipeline.control.training import TrainingResult, training_identity
+from pipeline.control.training import LearningCurve, TrainingResult
 from pipeline.control.training_state import Epochs
+from pipeline.control.warm_start import WarmStartConfig, policy_to_brax
 from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.errors import InputError
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.fresh_episodes import fresh_episodes
-from pipeline.reaching.metrics import reaching_metrics
 
 
 @dataclass
@@ -134,6 +131,19 @@ class PPOConfig:
         changed = {name: value for name, value in vars(overrides).items() if value is not None}
         return replace(self, model_kinds={}, **changed)
 
+    def from_policy(self, start: Policy, warm_start: WarmStartConfig) -> "PPOConfig":
+        """The hyper-parameters where `start` is trained further, with networks as wide as its own."""
+        return replace(
+            self,
+            training_steps=warm_start.training_steps,
+            evaluated_at_steps=warm_start.training_steps,
+            learning_rate=warm_start.learning_rate,
+            final_learning_rate=warm_start.final_learning_rate,
+            policy_hidden=[len(layer.bias) for layer in start.layers[:-1]],
+            normalize_observations=False,  # the policy's own becomes part of its first layer
+            model_kinds={},
+        )
+
 
 class LinearDecay:
     """Learning rate that falls linearly with Adam's count of updates.
@@ -162,6 +172,7 @@ def train(
     episodes: Episodes,
     progress: Callable[[CurvePoint], None],
     checkpoint_directory: Path | None,
+    start: tuple[Policy, float] | None = None,
 ) -> TrainingResult:
     """Train a policy.
 
@@ -176,6 +187,8 @@ def train(
         episodes: what the points of the curve are measured over, `config.curve_episodes` or more.
         progress: called with every new point of the curve.
         checkpoint_directory: where checkpoints go, or None.
+        start: a policy that is trained further, and the deviation of its noise at first; None: random weights. The
+            critic begins with random weights. `config` is then that of `PPOConfig.from_policy`.
 
     Returns:
         The kept policy and the curve.
@@ -183,36 +196,28 @@ def train(
     Raises:
         InputError: the training diverged, or the checkpoint is broken.
     """
-    evaluate = policy_evaluation(environment.task, environment.action_repeats, environment.episode_ticks)
-    episodes = episodes.first(config.curve_episodes)
-    training = training_identity(environment, config, seed, episodes)
-    resumed = None
-    if checkpoint_directory is not None:
-        resumed = load_checkpoint(checkpoint_directory, training)
-    curve = list(resumed.curve) if resumed else []
+    curve = LearningCurve(
+        "ppo", environment, config, seed, episodes, progress, checkpoint_directory, start and start[0]
+    )
+    resumed, points = curve.resumed, curve.points
     kept: tuple[Policy, int] | None = resumed.kept if resumed else None
-    epochs = Epochs(len(curve) - 1, resumed.state) if resumed else Epochs(0, None)
+    epochs = Epochs(len(points) - 1, resumed.state) if resumed else Epochs(0, None)
 
     def record(steps: int, _: Any, parameters: tuple[Any, ...]) -> None:
         nonlocal kept
-        if curve and steps <= curve[-1].steps:
+        if points and steps <= points[-1].steps:
             return  # done before the training was interrupted
         policy = policy_from_brax(parameters[0], parameters[1], config.normalize_observations)
-        point = CurvePoint(steps, reaching_metrics(evaluate(policy, episodes)))
-        if not (policy.is_finite and math.isfinite(point.metrics.average_return)):
-            raise InputError(f"ppo: training diverged before step {steps}; lower ppo.learning_rate")
-        curve.append(point)
+        curve.measure(steps, policy)
         if kept is None and steps >= config.evaluated_at_steps:
             kept = policy, steps
-        if checkpoint_directory is not None:
-            save_checkpoint(checkpoint_directory, training, Checkpoint(steps, epochs.saved(), curve, kept))
-        progress(point)
+        curve.save(epochs.saved(), kept)
 
-    if not curve or curve[-1].steps < config.training_steps:
+    if not points or points[-1].steps < config.training_steps:
         with epochs.taking_over():
-            _run_brax(environment, config, seed, record)
+            _run_brax(environment, config, seed, record, start)
     assert kept is not None  # evaluated_at_steps <= training_steps <= steps of the last point
-    return TrainingResult(kept[0], kept[1], curve)
+    return TrainingResult(kept[0], kept[1], points)
 
 
 def _network_factory(config: PPOConfig) -> Callable[..., ppo_networks.PPONetworks]:
@@ -228,6 +233,7 @@ def _run_brax(
     config: PPOConfig,
     seed: int,
     record: Callable[[int, Any, tuple[Any, ...]], None],
+    start: tuple[Policy, float] | None,
 ) -> None:
     steps_per_batch = (
         config.batch_size * config.minibatches * config.unroll_length * environment.action_repeats
@@ -267,4 +273,6 @@ def _run_brax(
         run_evals=False,  # `record` measures the curve
         num_eval_envs=1,
         policy_params_fn=record,
+        restore_params=None if start is None else policy_to_brax(*start),
+        restore_value_fn=False,
     )

@@ -3,28 +3,16 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, TypeVar
 
 from pipeline.control.curve import CurvePoint, write_curve
 from pipeline.control.policy import Policy, save_policy
-from pipeline.control.training import TrainingResult
-from pipeline.dynamics.model.specification import ModelSpecification
+from pipeline.control.training import TrainingConfig, TrainingResult
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.files.atomic import write_json
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes, learning_poses
 from pipeline.reaching.settings import ReachingSettings
-
-
-class TrainingConfig(Protocol):
-    """Section of a profile for one method: `ppo` or `apg`."""
-
-    training_steps: int
-    curve_episodes: int
-
-    def for_model(self, specification: ModelSpecification) -> Self:
-        """The hyper-parameters for a model of this kind."""
-
 
 S = TypeVar("S", bound=TrainingConfig)
 Train = Callable[
@@ -60,7 +48,7 @@ def train_policy(
     train: Train[S],
     config: S,
     seed: int,
-    progress: Callable[[CurvePoint, int], None] = lambda point, steps: None,
+    progress: Callable[[CurvePoint], None] = lambda point: None,
     checkpoints: Path | None = None,
 ) -> TrainedPolicy:
     """Train one policy on a saved model.
@@ -69,14 +57,13 @@ def train_policy(
         model: Folder of the model.
         reaching: The task, and the episodes that it is learned on.
         train: `pipeline.control.ppo.train` or `pipeline.control.apg.training.train`.
-        config: Its section of a profile.
+        config: Its section of a profile, for this kind of model.
         seed: Of the targets and of the training.
-        progress: Called with each point of the learning curve and the number of steps of the training in total.
+        progress: Called with each point of the learning curve.
         checkpoints: Folder from which a killed training goes on; None: it does not.
     """
     machine, episodes = reaching.machine, reaching.episodes
     dynamics, parameters = load_dynamics(model)
-    settings = config.for_model(dynamics.specification)
     environment = ReachingEnvironment(
         reaching.task(dynamics, parameters),
         learning_poses(machine, reaching.arm, episodes, seed),
@@ -85,10 +72,10 @@ def train_policy(
     )
     result = train(
         environment,
-        settings,
+        config,
         seed,
-        reaching.curve_episodes(settings.curve_episodes),
-        lambda point: progress(point, settings.training_steps),
+        reaching.curve_episodes(config.curve_episodes),
+        progress,
         checkpoints,
     )
     kept = next(point for point in result.curve if point.steps == result.policy_steps)

@@ -11,13 +11,18 @@ from brax.training import acting
 
 from pipeline.configuration.load import load_machine, load_section
 from pipeline.control import ppo
+from pipeline.control.apg.network import initial_layers
 from pipeline.control.checkpoint import load_checkpoint
 from pipeline.control.curve import write_curve
+from pipeline.control.evaluate import policy_evaluation
+from pipeline.control.policy import Policy
 from pipeline.control.ppo import LinearDecay, ModelKindOverrides, PPOConfig, train
 from pipeline.control.training import training_identity
+from pipeline.control.warm_start import WarmStartConfig
 from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.errors import InputError
+from pipeline.reaching.metrics import reaching_metrics
 from tests.reaching.lag import model_specification
 
 POINT = 80 * 5120  # steps between two points of the curve
@@ -127,6 +132,58 @@ def test_a_checkpoint_of_another_training_is_not_taken(trained, environment, sma
 def test_learns_to_approach_the_target(trained):
     untrained, _, learned = (point.metrics.average_return for point in trained[0].curve)
     assert learned > 0.9 * untrained  # returns are negative: at least a tenth better
+
+
+def test_brax_begins_with_the_policy_that_is_trained_further(environment, small, episodes, monkeypatch):
+    """Its network, as Brax makes it, acts as the policy and explores with the asked deviation."""
+    start = policy_of(environment, [16], seed=3)
+    handed_over = {}
+    monkeypatch.setattr(ppo.ppo, "train", lambda **arguments: handed_over.update(arguments))
+    settings = WarmStartConfig(1000, 1e-3, 1e-4, deviation=0.2)
+    config = small.from_policy(start, settings)
+    with pytest.raises(AssertionError):  # nothing was trained, so nothing is kept
+        train(environment, config, 7, episodes, lambda _: None, None, (start, settings.deviation))
+    sizes = environment.observation_size, environment.action_size
+    network = handed_over["network_factory"](*sizes)
+    statistics, parameters, _ = handed_over["restore_params"]
+    observations = jax.random.normal(jax.random.key(0), (50, environment.observation_size))
+    outputs = network.policy_network.apply(statistics, parameters, observations)
+    distribution = network.parametric_action_distribution
+    np.testing.assert_allclose(distribution.mode(outputs), start.act(observations), atol=1e-5)
+    np.testing.assert_allclose(distribution.create_dist(outputs).scale, 0.2 + 0.001, rtol=1e-4)
+    assert not handed_over["normalize_observations"] and not handed_over["restore_value_fn"]
+    assert handed_over["num_timesteps"] >= 1000
+
+
+@pytest.mark.long
+def test_training_further_begins_at_the_policy_and_resumes(environment, small, episodes, tmp_path):
+    start = policy_of(environment, [16], seed=3)
+    config = small.from_policy(start, WarmStartConfig(2 * 5120, 1e-3, 1e-4, deviation=0.2))
+    result = train(environment, config, 7, episodes, lambda _: None, tmp_path, (start, 0.2))
+    assert [point.steps for point in result.curve] == [0, 5120, 2 * 5120]
+    assert result.policy_steps == 2 * 5120
+    evaluate = policy_evaluation(environment.task, environment.action_repeats, environment.episode_ticks)
+    before = reaching_metrics(evaluate(start, episodes))
+    assert result.curve[0].metrics.average_return == pytest.approx(before.average_return, rel=1e-3)
+    again = train(environment, config, 7, episodes, lambda _: None, tmp_path, (start, 0.2))
+    jax.tree.map(np.testing.assert_array_equal, again.policy, result.policy)
+    other = policy_of(environment, [16], seed=4)
+    assert training_identity(environment, config, 7, episodes, start) != training_identity(
+        environment, config, 7, episodes, other
+    )
+
+
+def test_a_bad_warm_start_is_named():
+    with pytest.raises(InputError, match=r"warm_start\.deviation is 0"):
+        WarmStartConfig(1000, 1e-3, 1e-4, 0.0)
+
+
+def policy_of(environment, hidden, seed):
+    """Random weights and statistics."""
+    keys = jax.random.split(jax.random.key(seed), 4)
+    n = environment.observation_size
+    layers = initial_layers(keys[0], n, hidden, environment.action_size)
+    return Policy(jax.random.normal(keys[1], (n,)), 0.5 + jax.random.uniform(keys[2], (n,)), layers)
 
 
 def test_linear_decay_is_a_schedule_and_an_array():

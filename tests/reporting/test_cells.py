@@ -40,10 +40,10 @@ def test_without_planners_nothing_is_asked_of_them(tmp_path: Path) -> None:
     cells = {key: value for key, value in CELLS.items() if not key.startswith("icem_")}
     for variants in ({}, {"icem_variants": []}, {"icem_variants": None}):
         assert controllers_of(read_controller_cells(written(tmp_path, cells | variants))) == {
-            "ppo_mlp_dqdot": [0, 1],
-            "ppo_kan_dqdot": [0, 1],
             "apg_mlp_dqdot": [0, 1],
             "apg_kan_dqdot": [0, 1],
+            "ppo_warm_mlp_dqdot": [0, 1],
+            "ppo_warm_kan_dqdot": [0, 1],
         }
 
 

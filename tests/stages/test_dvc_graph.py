@@ -31,7 +31,7 @@ FRAME = {
 }
 
 
-GRAPHS = ("dvc.yaml", "experiments/control_level/dvc.yaml")
+GRAPHS = ("dvc.yaml", "experiments/control_level/dvc.yaml", "experiments/paper_tables/dvc.yaml")
 
 
 def stages(graph: str = GRAPHS[0]) -> dict[str, dict[str, Any]]:

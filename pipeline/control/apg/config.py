@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from pipeline.dynamics.model.specification import ModelSpecification
 from pipeline.errors import InputError
 
 
@@ -98,11 +97,6 @@ class APGConfig:
                 raise InputError(f"apg.{name} is {getattr(self, name)}; it must not be negative")
         if not self.hidden or min(self.hidden) < 1:
             raise InputError(f"apg.hidden is {self.hidden}; list the units of at least one layer")
-
-    def for_model(self, specification: ModelSpecification) -> "APGConfig":
-        """The same for every kind of model."""
-        del specification
-        return self
 
 
 def _check_positive(section: str, config: object, names: list[str]) -> None:

@@ -1,6 +1,5 @@
 """The training: batches of episodes go on from where they were, and every few decisions the policy is improved."""
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -14,16 +13,13 @@ import optax
 from pipeline.control.apg.config import APGConfig
 from pipeline.control.apg.network import as_policy, error_inputs, initial_layers
 from pipeline.control.apg.rollout import discounted_cost
-from pipeline.control.checkpoint import Checkpoint, load_checkpoint, restored_like, save_checkpoint
+from pipeline.control.checkpoint import restored_like
 from pipeline.control.curve import CurvePoint
-from pipeline.control.evaluate import policy_evaluation
 from pipeline.control.policy import PolicyLayer
-from pipeline.control.training import TrainingResult, training_identity
-from pipeline.errors import InputError
+from pipeline.control.training import LearningCurve, TrainingResult
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.fresh_episodes import where_over
-from pipeline.reaching.metrics import reaching_metrics
 from pipeline.reaching.task import TaskState
 
 Layers = Sequence[PolicyLayer]
@@ -141,32 +137,19 @@ def train(
     steps_per_update = config.environments * config.horizon * environment.action_repeats
     n_per_point = -(-config.training_steps // (config.curve_points * steps_per_update))
     trainer = Trainer(environment, config, seed, config.curve_points * n_per_point)
-    evaluate = policy_evaluation(environment.task, environment.action_repeats, environment.episode_ticks)
-    episodes = episodes.first(config.curve_episodes)
-    training = training_identity(environment, config, seed, episodes)
-    resumed = None
-    if checkpoint_directory is not None:
-        resumed = load_checkpoint(checkpoint_directory, training)
-    state, curve = jax.jit(trainer.begin)(), list(resumed.curve) if resumed else []
-    if resumed and resumed.state is not None:
-        state = restored_like(state, resumed.state)
+    curve = LearningCurve("apg", environment, config, seed, episodes, progress, checkpoint_directory)
+    state = jax.jit(trainer.begin)()
+    if curve.resumed and curve.resumed.state is not None:
+        state = restored_like(state, curve.resumed.state)
 
     run = jax.jit(lambda state: jax.lax.scan(trainer.update, state, length=n_per_point)[0])
-    while len(curve) <= config.curve_points:
-        if curve:
+    while len(curve.points) <= config.curve_points:
+        if curve.points:
             state = run(state)
-        policy = as_policy(state.average, trainer.inputs)
-        point = CurvePoint(
-            len(curve) * n_per_point * steps_per_update, reaching_metrics(evaluate(policy, episodes))
-        )
-        if not (policy.is_finite and math.isfinite(point.metrics.average_return)):
-            raise InputError(f"apg: training diverged before step {point.steps}; lower apg.learning_rate")
-        curve.append(point)
-        if checkpoint_directory is not None:
-            leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(state)]
-            save_checkpoint(checkpoint_directory, training, Checkpoint(point.steps, leaves, curve, None))
-        progress(point)
-    return TrainingResult(as_policy(state.average, trainer.inputs), curve[-1].steps, curve)
+        steps = len(curve.points) * n_per_point * steps_per_update
+        curve.measure(steps, as_policy(state.average, trainer.inputs))
+        curve.save([np.asarray(leaf) for leaf in jax.tree.leaves(state)], None)
+    return TrainingResult(as_policy(state.average, trainer.inputs), curve.points[-1].steps, curve.points)
 
 
 def _averaged(share: float, old: jax.Array, new: jax.Array) -> jax.Array:

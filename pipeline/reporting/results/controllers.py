@@ -12,7 +12,12 @@ from pipeline.errors import InputError
 from pipeline.reporting.results.files import read_json, require_file
 from pipeline.reporting.results.paper import ALGORITHM_NAMES, KIND_NAMES
 
-TRAINED = ("ppo", "apg")  # algorithms that are trained, each in its folder of artifacts; the others plan
+TRAINED = (
+    "ppo",
+    "apg",
+    "ppo_warm",
+)  # algorithms that are trained, each in its folder of artifacts; the others plan
+IN_REPRO = ("apg", "ppo_warm")  # of these, what `dvc repro` trains
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,7 @@ def controllers_of(cells: Mapping[str, Any]) -> dict[str, list[int]]:
             icem_targets, icem_seeds.
     """
     kinds = _kinds(cells["models"], cells["targets"])
-    trained = {f"{algorithm}_{kind}": list(cells["seeds"]) for algorithm in TRAINED for kind in kinds}
+    trained = {f"{algorithm}_{kind}": list(cells["seeds"]) for algorithm in IN_REPRO for kind in kinds}
     if not cells.get("icem_variants"):
         return trained
     planned = _kinds(cells["icem_models"], cells["icem_targets"])

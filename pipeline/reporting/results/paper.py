@@ -13,6 +13,7 @@ KIND_NAMES = {"mlp_dq": "MLP Δq", "mlp_dqdot": "MLP Δq̇", "kan_dq": "KAN Δq"
 ALGORITHM_NAMES = {
     "ppo": "PPO",
     "apg": "APG",  # not in the paper
+    "ppo_warm": "PPO from APG",  # not in the paper
     "icem": "iCEM",
     "icem_dagger": "iCEM†",
     "icem_double_dagger": "iCEM‡",
@@ -80,7 +81,12 @@ BRAX_EVALUATION = _read(
     """
 )
 # Training steps after which the paper evaluates a policy on each model kind.
-PPO_EVALUATED_STEPS = {kind: 800_000_000 if kind == "kan_dqdot" else 270_000_000 for kind in KIND_NAMES}
+PPO_EVALUATED_STEPS = {
+    "mlp_dq": 270_000_000,
+    "mlp_dqdot": 270_000_000,
+    "kan_dq": 270_000_000,
+    "kan_dqdot": 800_000_000,
+}
 # iCEM's samples, optimisation steps, entries of a sequence.
 ICEM_BUDGET = (500, 12, 20)
 

@@ -65,8 +65,8 @@ def budget_cell(group: Sequence[ControllerResult]) -> str:
 
 
 def paper_budget_cell(algorithm: str, kind: str) -> str:
-    """Training steps or planning budget of the paper's for a column."""
-    return steps_text(PPO_EVALUATED_STEPS[kind]) if algorithm in TRAINED else PAPER_PLANNING.cell
+    """Training steps or planning budget of one of the paper's controllers for a column."""
+    return steps_text(PPO_EVALUATED_STEPS[kind]) if algorithm == "ppo" else PAPER_PLANNING.cell
 
 
 def counts_text(title: str, group: Sequence[ControllerResult]) -> str:
@@ -91,12 +91,13 @@ def episodes(controller: ControllerResult) -> int:
 
 
 def smaller_budget(group: Sequence[ControllerResult]) -> str:
-    """Shortfall of our budget against the paper's, as a clause; empty without a shortfall."""
+    """Shortfall of our budget against the paper's of the same controller, as a clause; empty without a shortfall."""
     first = group[0]
     clauses = []
     if first.algorithm in TRAINED:
-        steps, published = min(c.meta["steps"] for c in group), PPO_EVALUATED_STEPS[first.kind]
-        if steps < published:
+        published = PPO_EVALUATED_STEPS.get(first.kind) if first.algorithm == "ppo" else None
+        steps = min(controller.meta["steps"] for controller in group)
+        if published is not None and steps < published:
             clauses.append(f"{steps_text(steps)} of training instead of {steps_text(published)}")
     elif (planned := planning_budget(first.meta)).effort < PAPER_PLANNING.effort:
         clauses.append(f"plans of {planned} instead of {PAPER_PLANNING}")
