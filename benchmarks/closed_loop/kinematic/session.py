@@ -80,7 +80,7 @@ def drive(
             process.standard_normal(N_SHARED + n),
         )
     )
-    stamp_s = _stamps(publication, quantities.encoder, n_period * period_s)
+    stamp_s = stamps_s(publication, quantities.encoder, n_period * period_s)
     age_draw = publication.uniform(-1.0, 1.0, stamp_s.size)
     noise_draw = noise.standard_normal((stamp_s.size, n))
     jitter = dead_time.uniform(-1.0, 1.0, (n_period, n))
@@ -129,12 +129,12 @@ def drive(
             measured = readings_rad[n_read - 1]
     return SessionLog(
         joint_names=specification.joint_names,
-        joint_state_header_stamp_ns=_absolute(stamp_s[:n_read], start_time_ns),
-        joint_state_log_time_ns=_absolute(
+        joint_state_header_stamp_ns=absolute_ns(stamp_s[:n_read], start_time_ns),
+        joint_state_log_time_ns=absolute_ns(
             stamp_s[:n_read] + publication.uniform(*READING_LOG_DELAY_S, stamp_s.size)[:n_read], start_time_ns
         ),
         positions=readings_rad[:n_read],
-        command_log_time_ns=_absolute(
+        command_log_time_ns=absolute_ns(
             begins_s + dead_time.uniform(*COMMAND_LOG_DELAY_S, n_period), start_time_ns
         ),
         commands=commands.astype(np.int8),
@@ -148,12 +148,12 @@ def _start_position(random: np.random.Generator, motion: Motion) -> np.ndarray:
     return motion.lower_rad + share * (motion.upper_rad - motion.lower_rad)
 
 
-def _stamps(random: np.random.Generator, encoder: Encoder, duration_s: float) -> np.ndarray:
+def stamps_s(random: np.random.Generator, encoder: Encoder, duration_s: float) -> np.ndarray:
     """When readings are taken over, (N,), s since the session's start; the first at some phase of the period."""
     first_s = encoder.jitter_s + random.uniform(0.0, encoder.period_s)
     n = int((duration_s - first_s - encoder.jitter_s) / encoder.period_s) + 1
     return first_s + encoder.period_s * np.arange(n) + encoder.jitter_s * random.uniform(-1.0, 1.0, n)
 
 
-def _absolute(seconds: np.ndarray, start_time_ns: int) -> np.ndarray:
+def absolute_ns(seconds: np.ndarray, start_time_ns: int) -> np.ndarray:
     return start_time_ns + np.round(seconds * NANOSECONDS).astype(np.int64)
