@@ -7,6 +7,7 @@ from typing import Any
 
 from benchmarks.closed_loop import kinds
 from benchmarks.closed_loop.dependence import Dependence, judge_dependence
+from benchmarks.closed_loop.losing_step import losing_step
 from benchmarks.closed_loop.parameter_errors import (
     ParameterError,
     numbers_of,
@@ -18,6 +19,7 @@ from benchmarks.closed_loop.truth import TrueEffect, Truth
 OTHER = "other"
 FAILED = "failed"
 AMBIGUOUS, OUTSIDE_CATALOGUE, NAMED = "ambiguous", "outside_catalogue", "named"
+TIMES = ("time_since_start", "absolute_time")
 LITTLE_AVOIDABLE = 0.1  # of the squared error: a share of less says nothing
 
 
@@ -33,7 +35,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a case went. Counts are of true effects, so that pairs count twice.
+    """How a case went. Counts are of true effects, so that those of pairs and triples count each.
 
     Attributes:
         case: Its name.
@@ -42,8 +44,8 @@ class Outcome:
         detected: As reported; a run that failed detected nothing.
         named: Labels of the reported effects, strongest first.
         first: Label of what was named first, or the verdict where nothing was.
-        hits: True effects named first (of pairs: as one of the first two), on one of their joints at least.
-        half_hits: Those that stand among equivalent explanations instead.
+        hits: Per true effect, whether it was named first (of several: among as many), on one of its joints at least.
+        half_hits: How many that stand among equivalent explanations instead.
         wrong_name: Whether a family that is not true, or true of other joints alone, was named with certainty.
         dependence: Of cases outside the catalogue for which `other` was reported.
         joints: True positives, false positives, false negatives.
@@ -55,7 +57,9 @@ class Outcome:
         after: The same with the effects found.
         reduction: Mean over the affected joints of 1 - after / before.
         avoided: Share of the avoidable squared error that is gone.
-        beats: Whether the error is lower than that of each fitted baseline, as the solution itself reports.
+        beats: Whether the error is lower than that of each baseline that was fitted, as the solution itself reports.
+        evidence: For any effect: the more, the surer; what a receiver operating characteristic is drawn over.
+        lost: Per true effect the step that lost it, None for those that count as hits; see `losing_step.py`.
         seconds: Run time.
     """
 
@@ -65,7 +69,7 @@ class Outcome:
     detected: bool | None
     named: tuple[str, ...]
     first: str
-    hits: int
+    hits: tuple[bool, ...]
     half_hits: int
     wrong_name: bool
     dependence: Dependence | None
@@ -79,7 +83,14 @@ class Outcome:
     reduction: float | None
     avoided: float | None
     beats: Mapping[str, bool]
+    evidence: float
+    lost: tuple[str | None, ...]
     seconds: float
+
+    @property
+    def is_visible(self) -> bool:
+        """Whether an effect of the case can be seen; a case without effect counts as such."""
+        return not self.truth.effects or any(effect.is_visible for effect in self.truth.effects)
 
 
 def true_label(effect: TrueEffect) -> str:
@@ -93,14 +104,13 @@ def reported_label(effect: Mapping[str, Any]) -> str:
     return f"{family} of {effect.get('of')}" if family == kinds.CHANGE_POINT else family
 
 
-def compare(case: str, truth: Truth, solution: Solution, floor: Mapping[str, float] | None) -> Outcome:
+def compare(case: str, truth: Truth, solution: Solution) -> Outcome:
     """Score one solution.
 
     Args:
         case: Its name.
         truth: From its seal.
         solution: What the run left.
-        floor: 4 s error of the baseline on the sound machine by joint, rad; None: as the solution reports it.
     """
     answer: Mapping[str, Any] = solution.answer or {"verdict": FAILED, "detected": False, "effects": []}
     reported: Sequence[Mapping[str, Any]] = answer.get("effects") or []
@@ -112,7 +122,7 @@ def compare(case: str, truth: Truth, solution: Solution, floor: Mapping[str, flo
     told_joints = {joint for effect in reported for joint in effect.get("joints", ())}
     parameters, n_not_told, signs, onset_error_s = _numbers(truth, reported, labels)
     before, after, reduction = _exam(solution.exam, true_joints)
-    floors = floor or _at(answer, "baselines", "nominal_floor", "open_loop_rmse_80")
+    floors = _at(answer, "baselines", "nominal_floor", "open_loop_rmse_80")
     return Outcome(
         case=case,
         truth=truth,
@@ -138,8 +148,24 @@ def compare(case: str, truth: Truth, solution: Solution, floor: Mapping[str, flo
         reduction=reduction,
         avoided=_avoided(solution.exam, floors, true_joints),
         beats=_beats(answer, true_joints),
+        evidence=evidence(answer),
+        lost=tuple(
+            None if is_hit else losing_step(effect, answer, _is_of)
+            for effect, is_hit in zip(truth.effects, hit, strict=True)
+        ),
         seconds=solution.seconds,
     )
+
+
+def evidence(answer: Mapping[str, Any]) -> float:
+    """What the answer says for any effect: its probability, or else the largest bound that confirmation rows gave.
+
+    Of the bounds, those that were refused count, too; less than any where the search chose nothing.
+    """
+    if answer.get("probability_none") is not None:
+        return 1.0 - float(answer["probability_none"])
+    chosen = (answer.get("trace") or {}).get("chosen") or []
+    return max((float(of["bound"]) for of in chosen if of["bound"] is not None), default=-math.inf)
 
 
 def _is_of(reported: Mapping[str, Any], effect: TrueEffect) -> bool:
@@ -149,27 +175,34 @@ def _is_of(reported: Mapping[str, Any], effect: TrueEffect) -> bool:
     return meets and reported_label(reported) == true_label(effect)
 
 
+def _is_ramp_of(reported: Mapping[str, Any], effect: TrueEffect) -> bool:
+    """Whether a ramp is told as a dependence on time, which is right, too."""
+    on_time = any(entry.partition(":")[0] in TIMES for entry in reported.get("depends_on") or ())
+    return on_time and bool(set(reported.get("joints", ())) & set(effect.joints))
+
+
 def _hits(
     truth: Truth,
     answer: Mapping[str, Any],
     reported: Sequence[Mapping[str, Any]],
     dependence: Dependence | None,
-) -> tuple[int, int]:
-    """True effects that were named first, and those that stand among equivalent explanations."""
+) -> tuple[tuple[bool, ...], int]:
+    """Per true effect whether it was named first; how many others stand among equivalent explanations."""
     first = list(reported[: len(truth.effects)])
     equivalent = [
         alternative for alternative in answer.get("alternatives") or [] if alternative.get("equivalent")
     ]
     if answer["verdict"] == AMBIGUOUS and first:
         equivalent.append(first.pop(0))
-    hit = half = 0
+    hits, half = [], 0
     for effect in truth.effects:
         is_right = effect.family != OTHER or dependence == Dependence.right
-        if is_right and any(_is_of(told, effect) for told in first):
-            hit += 1
-        elif answer["verdict"] == AMBIGUOUS and any(_is_of(told, effect) for told in equivalent):
-            half += 1
-    return hit, half
+        named = any(_is_of(told, effect) for told in first)
+        named |= truth.kind == kinds.RAMP and any(_is_ramp_of(told, effect) for told in first)
+        hits.append(is_right and named)
+        if not hits[-1] and answer["verdict"] == AMBIGUOUS:
+            half += any(_is_of(told, effect) for told in equivalent)
+    return tuple(hits), half
 
 
 def _is_wrong_name(truth: Truth, reported: Sequence[Mapping[str, Any]]) -> bool:
@@ -178,6 +211,7 @@ def _is_wrong_name(truth: Truth, reported: Sequence[Mapping[str, Any]]) -> bool:
         told.get("certain") is True
         and told["family"] != OTHER
         and not any(_is_of(told, effect) for effect in truth.effects)
+        and not (truth.kind == kinds.RAMP and _is_ramp_of(told, truth.effects[0]))
         for told in reported
     )
 
@@ -253,9 +287,8 @@ def _beats(answer: Mapping[str, Any], joints: set[str]) -> dict[str, bool]:
     result: dict[str, bool] = {}
     for name in ("blackbox_residual", "finetune"):
         baseline = _at(answer, "baselines", name, "open_loop_rmse_80")
-        if joints:  # a run without an answer has lost
-            is_told = bool(after and baseline)
-            result[name] = is_told and sum(math.log(after[j] / baseline[j]) for j in joints) < 0.0
+        if joints and after and baseline:  # they are fitted only when asked for
+            result[name] = sum(math.log(after[j] / baseline[j]) for j in joints) < 0.0
     return result
 
 

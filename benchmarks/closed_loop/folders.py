@@ -6,8 +6,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
+from omegaconf import OmegaConf
+
+from pipeline.files.atomic import write_whole
+from pipeline.machine.specification import CommandKind, JointKind, MachineSpecification
+
+MACHINE = "machine_of_the_case"  # the name by which `close_loop` finds its description
 CLOSED, OPEN = 0o000, 0o700  # modes of the folder of seals
-CASE_FILE = "case.json"  # what a solver may know: the folder of the baseline model, or null
+CONFIGURATION = "conf"  # of a case: `machine/<name>.yaml`, all that a solver may know besides the logs
 
 
 @dataclass(frozen=True)
@@ -18,7 +25,7 @@ class Folders:
 
     @property
     def cases(self) -> Path:
-        """One folder per case: `nominal`, `measured` and `exam` bags, and `case.json`."""
+        """One folder per case: `nominal`, `measured` and `exam` bags, and the machine's description."""
         return self.root / "cases"
 
     @property
@@ -26,19 +33,47 @@ class Folders:
         """One truth per case."""
         return self.root / "seals"
 
-    def solutions(self, leaving_out: bool) -> Path:
+    @property
+    def solutions(self) -> Path:
         """One folder per case: what `close_loop` wrote, its log, and what became of it."""
-        return self.root / ("solutions_left_out" if leaving_out else "solutions")
+        return self.root / "solutions"
 
-    def learned(self, model: str) -> Path:
-        """What was learned of the nominal logs that a baseline model is of; `close_loop` reads and writes it."""
-        return self.root / "learned" / f"{Path(model).name}.npz"
+    def complete(self, name: str, machine: MachineSpecification) -> None:
+        """Describe a case's machine, which makes the case complete."""
+        joints = [
+            {"name": of.name, "kind": str(JointKind(of.kind)), "lower": of.lower, "upper": of.upper}
+            for of in machine.joints
+        ]
+        content = {
+            "name": machine.name,
+            "rate_hz": machine.rate_hz,
+            "command_kind": str(CommandKind(machine.command_kind)),
+            "joints": joints,
+        }
+        folder = self.cases / name / CONFIGURATION / "machine"
+        folder.mkdir(parents=True, exist_ok=True)
+        write_whole(folder / f"{MACHINE}.yaml", yaml.safe_dump(content, sort_keys=False).encode())
+
+    def is_complete(self, name: str) -> bool:
+        """Whether a case was written whole."""
+        return self._description(name).exists()
+
+    def machine(self, name: str) -> MachineSpecification:
+        """Of a complete case."""
+        content = OmegaConf.load(self._description(name))
+        machine: MachineSpecification = OmegaConf.to_object(
+            OmegaConf.merge(OmegaConf.structured(MachineSpecification), content)
+        )
+        return machine
 
     def complete_cases(self) -> list[str]:
         """Names of the cases that were written whole, in order."""
         if not self.cases.is_dir():
             return []
-        return sorted(path.parent.name for path in self.cases.glob(f"[!.]*/{CASE_FILE}"))
+        return sorted(path.name for path in self.cases.glob("[!.]*") if self.is_complete(path.name))
+
+    def _description(self, name: str) -> Path:
+        return self.cases / name / CONFIGURATION / "machine" / f"{MACHINE}.yaml"
 
 
 @contextmanager

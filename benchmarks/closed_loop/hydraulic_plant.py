@@ -6,15 +6,15 @@ import numpy as np
 
 from benchmarks.closed_loop import simulator
 from benchmarks.closed_loop.machines import Variant
+from benchmarks.closed_loop.stretches import replay
 from benchmarks.machine_draws.hydraulic import draw_hydraulic
-from pipeline.machine.specification import MachineSpecification
 from pipeline.plant import effects
 from pipeline.plant.effects import PlantEffect
 from pipeline.plant.machines.simulated import simulated_machine
-from pipeline.plant.machines.variants import draw_variant
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.recording.operator import draw_style
 from pipeline.plant.recording.session import SessionLog, record_session, session_plant
+from pipeline.plant.simulator import Plant
 
 LARGEST_SIZE = {
     "gain": 1.7,  # three quarters of the metering area gone
@@ -43,20 +43,15 @@ LARGEST_SIZE = {
 class HydraulicPlant(simulator.Simulator):
     """Pressures, masses, friction; see `pipeline.plant`."""
 
-    name = simulator.PLANT
+    name = "plant"
     variant_name = "variant"
     entropy = ()
     outside = ("pilot_crosstalk", "coil_fade", "hose_kink", "line_clogging", "pilot_supply_sag")
     largest_size = LARGEST_SIZE
-    often_unseen = ("end_cushion", "sensor_bias")
 
-    def sound_machine(self, specification: MachineSpecification, number: int, seed: int) -> Parameters:
+    def drawn_machine(self, seed: int) -> Parameters:
         """See `Simulator`."""
-        return draw_variant(simulated_machine(specification.name), seed)
-
-    def drawn_machine(self, specification: MachineSpecification, seed: int) -> Parameters:
-        """See `Simulator`."""
-        return draw_hydraulic(simulated_machine(specification.name), seed)
+        return draw_hydraulic(simulated_machine(simulator.MACHINE), seed)
 
     def draw_effect(self, kind: str, seed: int, variant: Variant, size: float) -> PlantEffect:
         """See `Simulator`."""
@@ -64,7 +59,6 @@ class HydraulicPlant(simulator.Simulator):
 
     def record(
         self,
-        specification: MachineSpecification,
         machine: Parameters,
         changes: Sequence[tuple[float, Parameters]],
         style_seed: int,
@@ -74,7 +68,7 @@ class HydraulicPlant(simulator.Simulator):
     ) -> SessionLog:
         """See `Simulator`."""
         return record_session(
-            specification,
+            self.specification(machine),
             machine,
             draw_style(style_seed),
             minutes,
@@ -85,22 +79,37 @@ class HydraulicPlant(simulator.Simulator):
 
     def replay(
         self,
-        specification: MachineSpecification,
         machine: Parameters,
         log: SessionLog,
         session_seed: int,
         starts: Sequence[int],
         horizon: int,
         seed: int,
+        changes: Sequence[tuple[float, Parameters]] = (),
+        instead: Sequence[Parameters | None] = (None,),
     ) -> np.ndarray:
         """See `Simulator`."""
-        plant = session_plant(specification, machine, session_seed)
-        seeds = np.random.SeedSequence(seed).generate_state(len(starts)).tolist()
-        displacements, present = [], 0
-        for start, twin_seed in zip(starts, seeds, strict=True):
-            plant.run(log.commands[present:start])
-            present = start
-            twin = plant.twin(twin_seed)
-            begin_rad = twin.state.link_angle_rad.copy()
-            displacements.append(twin.run(log.commands[start : start + horizon]).angle_rad - begin_rad)
-        return np.array(displacements)
+        plant = session_plant(self.specification(machine), machine, session_seed)
+        run, period_s = _Run(plant, machine), machine.numerics.control_period_s
+        return replay(run, log.commands, machine, changes, starts, horizon, seed, period_s, instead)
+
+
+class _Run:
+    """See `stretches.Run`."""
+
+    def __init__(self, plant: Plant, machine: Parameters) -> None:
+        self._plant, self._machine = plant, machine
+        self._angles = [plant.state.link_angle_rad.copy()]
+
+    def advance(self, period: int, command: np.ndarray, machine: Parameters) -> None:
+        if machine is not self._machine:
+            self._plant.change(machine)
+            self._machine = machine
+        self._plant.step(command)
+        self._angles.append(self._plant.state.link_angle_rad.copy())
+
+    def twin(self, period: int, horizon: int, seed: int) -> "_Run":
+        return _Run(self._plant.twin(seed), self._machine)
+
+    def positions(self, first: int, last: int) -> np.ndarray:
+        return np.array(self._angles[first - last - 1 :])

@@ -8,12 +8,12 @@ import numpy as np
 from benchmarks.closed_loop import simulator
 from benchmarks.closed_loop.kinematic import effects
 from benchmarks.closed_loop.kinematic.effects import Effect
-from benchmarks.closed_loop.kinematic.machine import Machine, draw_machine
-from benchmarks.closed_loop.kinematic.replay import replay
-from benchmarks.closed_loop.kinematic.session import record_session
+from benchmarks.closed_loop.kinematic.machine import Machine
+from benchmarks.closed_loop.kinematic.session import begin, record_session
 from benchmarks.closed_loop.machines import Variant
+from benchmarks.closed_loop.stretches import replay
 from benchmarks.machine_draws.kinematic import draw_kinematic
-from pipeline.machine.specification import MachineSpecification
+from pipeline.configuration.load import load_machine
 from pipeline.plant.recording.session import SessionLog
 
 
@@ -25,15 +25,10 @@ class KinematicJoints(simulator.Simulator):
     entropy = (crc32(name.encode()),)
     outside = effects.OUTSIDE
     largest_size = effects.LARGEST_SIZE
-    often_unseen = effects.OFTEN_UNSEEN
 
-    def sound_machine(self, specification: MachineSpecification, number: int, seed: int) -> Machine:
+    def drawn_machine(self, seed: int) -> Machine:
         """See `Simulator`."""
-        return draw_machine(specification, number, seed)
-
-    def drawn_machine(self, specification: MachineSpecification, seed: int) -> Machine:
-        """See `Simulator`."""
-        return draw_kinematic(specification, seed)
+        return draw_kinematic(load_machine(simulator.MACHINE), seed)
 
     def draw_effect(self, kind: str, seed: int, variant: Variant, size: float) -> Effect:
         """See `Simulator`."""
@@ -41,7 +36,6 @@ class KinematicJoints(simulator.Simulator):
 
     def record(
         self,
-        specification: MachineSpecification,
         machine: Machine,
         changes: Sequence[tuple[float, Machine]],
         style_seed: int,
@@ -50,17 +44,21 @@ class KinematicJoints(simulator.Simulator):
         start_time_ns: int,
     ) -> SessionLog:
         """See `Simulator`."""
+        specification = self.specification(machine)
         return record_session(specification, machine, style_seed, minutes, seed, start_time_ns, changes)
 
     def replay(
         self,
-        specification: MachineSpecification,
         machine: Machine,
         log: SessionLog,
         session_seed: int,
         starts: Sequence[int],
         horizon: int,
         seed: int,
+        changes: Sequence[tuple[float, Machine]] = (),
+        instead: Sequence[Machine | None] = (None,),
     ) -> np.ndarray:
         """See `Simulator`."""
-        return replay(specification, machine, log, starts, horizon, seed)
+        specification = self.specification(machine)
+        run = begin(specification, machine, log, session_seed)
+        return replay(run, log.commands, machine, changes, starts, horizon, seed, specification.dt_s, instead)

@@ -7,7 +7,7 @@ by their seed if someone wants them. Each line says which code solved the case, 
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -29,19 +29,15 @@ class Record:
 
     Attributes:
         case: Its name.
-        is_left_out: Whether the true family's card was deleted.
         code: Fingerprint of the code that solved it.
         truth: What the seal holds.
         solution: What the run left.
-        floor: 4 s error of the variant's baseline on nominal logs, rad, by joint; None where there is none.
     """
 
     case: str
-    is_left_out: bool
     code: str
     truth: Truth
     solution: Solution
-    floor: Mapping[str, float] | None
 
 
 def fingerprint() -> str:
@@ -73,15 +69,15 @@ def read(path: Path) -> list[Record]:
 def add(path: Path, records: Iterable[Record]) -> list[Record]:
     """Write records that the ledger lacks behind those that it has; a case solved again by other code is another."""
     present = read(path)
-    known = {(r.case, r.is_left_out, r.code) for r in present}
-    together = present + [r for r in records if (r.case, r.is_left_out, r.code) not in known]
+    known = {(r.case, r.code) for r in present}
+    together = present + [r for r in records if (r.case, r.code) not in known]
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, "".join(_line(r) for r in together).encode())
     return together
 
 
 def _line(record: Record) -> str:
-    return json.dumps(asdict(record) | {"truth": record.truth.to_content()}, sort_keys=True) + "\n"
+    return json.dumps(asdict(record), sort_keys=True) + "\n"
 
 
 def _record(content: dict[str, Any]) -> Record:

@@ -1,8 +1,4 @@
-"""The machines of the benchmark, each with an operator and nominal sessions.
-
-Numbers below `N_VARIANT` are variants of one build: what differs between machines that leave the same works. From there
-on every number is a machine of the class whose constants are all drawn (`benchmarks.machine_draws`).
-"""
+"""The machines of the benchmark: every number is one of the class, all constants drawn, with an operator of its own."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -10,13 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.closed_loop.sessions import machine
 from benchmarks.closed_loop.simulator import Machine, Simulator
 
-N_VARIANT = 8  # of one build
 DESIGN = 5_2024  # seeds everything that belongs to variants; cases have seeds of their own
 NOMINAL_MINUTES = (12.0, 12.0)
-YARDSTICK_MINUTES = (12.0, 12.0, 12.0)  # sessions that no log shows: what the sound machine's 4 s error is
 FIRST_DAY = datetime.fromisoformat("2025-03-03T08:00:00+00:00")
 
 
@@ -30,7 +23,6 @@ class Variant:
         parameters: Its sound state.
         style_seed: Of the operator who recorded its nominal sessions.
         session_seeds: Of its nominal sessions.
-        yardstick_seeds: Of the sessions that the yardstick is.
     """
 
     simulator: Simulator
@@ -38,7 +30,6 @@ class Variant:
     parameters: Machine
     style_seed: int
     session_seeds: tuple[int, ...]
-    yardstick_seeds: tuple[int, ...]
 
     @property
     def name(self) -> str:
@@ -54,14 +45,9 @@ def variant_name(simulator: Simulator, number: int) -> str:
 @cache
 def variant(simulator: Simulator, number: int) -> Variant:
     """The machine of that number; always the same."""
-    n_nominal = len(NOMINAL_MINUTES)
-    n_seed = 2 + n_nominal + len(YARDSTICK_MINUTES)
     machine_seed, style_seed, *sessions = (
-        np.random.SeedSequence([DESIGN, number, *simulator.entropy]).generate_state(n_seed).tolist()
+        np.random.SeedSequence([DESIGN, number, *simulator.entropy])
+        .generate_state(2 + len(NOMINAL_MINUTES))
+        .tolist()
     )
-    if number < N_VARIANT:
-        parameters = simulator.sound_machine(machine(), number, machine_seed)
-    else:
-        parameters = simulator.drawn_machine(machine(), machine_seed)
-    nominal, yardstick = tuple(sessions[:n_nominal]), tuple(sessions[n_nominal:])
-    return Variant(simulator, number, parameters, style_seed, nominal, yardstick)
+    return Variant(simulator, number, simulator.drawn_machine(machine_seed), style_seed, tuple(sessions))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.closed_loop.simulator import Machine, Simulator
+from benchmarks.closed_loop.simulator import MACHINE, Machine, Simulator
 from pipeline.configuration.load import ControlConfiguration, load_machine, load_section
 from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.ingest_config import IngestConfig
@@ -18,7 +18,6 @@ from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.recording.session import NANOSECONDS, SessionLog
 
-MACHINE = "bobcat_e10"
 PROFILE = "default"
 
 
@@ -49,10 +48,14 @@ class Session:
         """The bag's name."""
         return self.start.strftime("%Y-%m-%d-%H-%M-%S")
 
+    @property
+    def specification(self) -> MachineSpecification:
+        """Of the machine."""
+        return self.simulator.specification(self.parameters)
+
     def record(self) -> SessionLog:
         """Let the operator work."""
         return self.simulator.record(
-            machine(),
             self.parameters,
             self.changes,
             self.style_seed,
@@ -64,7 +67,7 @@ class Session:
 
 @cache
 def machine() -> MachineSpecification:
-    """The benchmark's machine."""
+    """The machine whose joints the plant and the kinematic simulator have."""
     return load_machine(MACHINE)
 
 
@@ -80,7 +83,7 @@ def write(session: Session, folder: Path) -> None:
     log = session.record()
     write_bag(
         folder / session.name,
-        machine(),
+        session.specification,
         joint_state_header_stamp_ns=log.joint_state_header_stamp_ns,
         joint_state_log_time_ns=log.joint_state_log_time_ns,
         joint_names=log.joint_names,
@@ -104,4 +107,4 @@ def trajectories(session: Session) -> list[Trajectory]:
         command_log_time_ns=log.command_log_time_ns[commands],
         command=log.commands[commands].astype(np.float64),
     )
-    return make_trajectories(raw, machine(), *ingest_settings()).trajectories
+    return make_trajectories(raw, session.specification, *ingest_settings()).trajectories

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from pipeline.configuration.load import load_machine
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.recording.session import SessionLog
 
@@ -15,8 +16,8 @@ if TYPE_CHECKING:
 Machine = Any
 """All quantities of one machine, as a simulator describes it; nobody else looks into it."""
 
-PLANT = "plant"
-"""Name of the simulator that truths come from which name none: there was only this one once."""
+MACHINE = "bobcat_e10"
+"""Whose joints a simulator has that does not draw them."""
 
 
 class Quantity(Protocol):
@@ -90,27 +91,13 @@ class Simulator(ABC):
     largest_size: Mapping[str, float]
     """Physical bound of each kind's size."""
 
-    often_unseen: tuple[str, ...]
-    """Kinds of which many draws never show (a limit that no one goes to): their largest size is tried first."""
+    def specification(self, machine: Machine) -> MachineSpecification:
+        """Joints, limits and rate of a machine."""
+        return load_machine(MACHINE)
 
     @abstractmethod
-    def sound_machine(self, specification: MachineSpecification, number: int, seed: int) -> Machine:
-        """The machine of a variant without any effect.
-
-        Args:
-            specification: Names, limits, rate, workspace.
-            number: Of the variant.
-            seed: Of what one machine has otherwise than the next.
-        """
-
-    @abstractmethod
-    def drawn_machine(self, specification: MachineSpecification, seed: int) -> Machine:
-        """A machine of the class, sound, of which every constant is drawn.
-
-        Args:
-            specification: Names, limits, rate, workspace.
-            seed: Of all constants.
-        """
+    def drawn_machine(self, seed: int) -> Machine:
+        """A machine of the class, sound, of which every constant is drawn by seed."""
 
     @abstractmethod
     def draw_effect(self, kind: str, seed: int, variant: "Variant", size: float) -> Effect:
@@ -126,7 +113,6 @@ class Simulator(ABC):
     @abstractmethod
     def record(
         self,
-        specification: MachineSpecification,
         machine: Machine,
         changes: Sequence[tuple[float, Machine]],
         style_seed: int,
@@ -137,7 +123,6 @@ class Simulator(ABC):
         """Let an operator work.
 
         Args:
-            specification: Names, limits, rate, workspace.
             machine: At the start.
             changes: Later ones, each with the time from which on it holds, s; ascending.
             style_seed: Of the operator's habits.
@@ -149,25 +134,27 @@ class Simulator(ABC):
     @abstractmethod
     def replay(
         self,
-        specification: MachineSpecification,
         machine: Machine,
         log: SessionLog,
         session_seed: int,
         starts: Sequence[int],
         horizon: int,
         seed: int,
+        changes: Sequence[tuple[float, Machine]] = (),
+        instead: Sequence[Machine | None] = (None,),
     ) -> np.ndarray:
         """Let stretches of a session happen again: the same state and commands, other chances.
 
         Args:
-            specification: Names, limits, rate, workspace.
             machine: That was recorded.
             log: The session.
             session_seed: That it was recorded with.
             starts: Control periods with which the stretches begin, ascending.
             horizon: Control periods of each.
             seed: Of the new chances.
+            changes: Later machines that were recorded.
+            instead: One replay each: what takes the machine's place as a stretch begins; None: nothing does.
 
         Returns:
-            (n_starts, horizon, n_joint) true displacements from each stretch's start, rad.
+            (n_replay, n_starts, horizon, n_joint) true displacements from each stretch's start, rad or m.
         """

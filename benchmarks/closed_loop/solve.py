@@ -1,13 +1,11 @@
 """Run `close_loop` on every case, one process each, which sees folders of bags and cannot read the seals.
 
-    python -m benchmarks.closed_loop.solve ROOT [--workers 2] [--timeout 600] [--leave-out-true] [overrides …]
+    python -m benchmarks.closed_loop.solve ROOT [--workers 2] [--timeout 900] [--limit 10] [overrides …]
 
 Solutions go to `ROOT/solutions/<case>`: what `close_loop` wrote, `log.txt`, `run.json` (exit status, seconds,
-fingerprint of the code) and `exam.json` (errors on the exam logs, measured here). With `--leave-out-true` the seals of
-single effects are opened first, and each case is run with the true family's card deleted, into
-`ROOT/solutions_left_out`. What was learned of nominal logs that several cases share (`close_loop learned=`) lies in
-`ROOT/learned`; the first of them takes as long as any user's. Overrides are handed on to `close_loop`. Cases that are
-solved are not run again; those whose run failed are, with `--again`.
+fingerprint of the code) and `exam.json` (errors on the exam logs, measured here). Each case's baseline is identified
+from its own nominal logs. Overrides are handed on to `close_loop`. Cases that this code has solved are not run again,
+so a run may be ended at any time and goes on later. Those whose run failed are run again with `--again`.
 """
 
 import argparse
@@ -27,12 +25,10 @@ from pathlib import Path
 
 import jax
 
-from benchmarks.closed_loop import blind, kinds
+from benchmarks.closed_loop import blind
 from benchmarks.closed_loop.examine import examine
-from benchmarks.closed_loop.folders import CASE_FILE, Folders, sealed
+from benchmarks.closed_loop.folders import CONFIGURATION, MACHINE, Folders, sealed
 from benchmarks.closed_loop.ledger import fingerprint
-from benchmarks.closed_loop.sessions import MACHINE
-from benchmarks.closed_loop.truth import from_json
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
 
@@ -51,28 +47,23 @@ class Task:
     arguments: tuple[str, ...]
 
 
-def tasks(folders: Folders, leave_out_true: bool, overrides: Sequence[str]) -> list[Task]:
-    """All complete cases with their arguments; of left-out cards those cases that have one."""
+def tasks(folders: Folders, overrides: Sequence[str]) -> list[Task]:
+    """All complete cases with their arguments."""
     found = []
     for name in folders.complete_cases():
-        case, solution = folders.cases / name, folders.solutions(leave_out_true) / name
-        arguments = [
+        case, solution = folders.cases / name, folders.solutions / name
+        arguments = (
             f"nominal={case / 'nominal'}",
             f"measured={case / 'measured'}",
             f"output={solution}",
             f"machine={MACHINE}",
             "tracking=none",
-        ]
-        model = json.loads((case / CASE_FILE).read_text())["model"]
-        if model is not None:
-            # The variant's nominal logs and its baseline are those of many cases.
-            arguments += [f"model={folders.root / model}", f"learned={folders.learned(model)}"]
-        if leave_out_true:
-            truth = from_json((folders.seals / f"{name}.json").read_text())
-            if truth.kind not in kinds.FAMILIES:
-                continue
-            arguments.append(f"close_loop.exclude=[{truth.kind}]")
-        found.append(Task(name, case, solution, (*arguments, *overrides)))
+            "page=false",
+            *overrides,
+            "--config-dir",
+            str(case / CONFIGURATION),
+        )
+        found.append(Task(name, case, solution, arguments))
     return found
 
 
@@ -109,22 +100,25 @@ def run(task: Task, seals: Path, timeout_s: float, module: str = CLOSE_LOOP) -> 
 
 
 def is_solved(task: Task, again: bool) -> bool:
-    """Whether it was run; with `again` only if that run went well."""
+    """Whether this code has run it; with `again` only if that run went well."""
     run_file = task.solution / RUN_FILE
-    return run_file.exists() and (not again or json.loads(run_file.read_text())["status"] == 0)
+    if not run_file.exists():
+        return False
+    result = json.loads(run_file.read_text())
+    return result["code"] == fingerprint() and (not again or result["status"] == 0)
 
 
 _examination = threading.Lock()  # one at a time: both cores belong to the solvers
 
 
-def examine_solution(task: Task) -> None:
+def examine_solution(folders: Folders, task: Task) -> None:
     """Measure the errors of a solved case, once; why it could not be done stands in the log."""
     exam = task.solution / EXAM_FILE
     if exam.exists() or json.loads((task.solution / RUN_FILE).read_text())["status"] != 0:
         return
     with _examination:
         try:
-            examine(task.case / "exam", task.solution, exam)
+            examine(task.case / "exam", folders.machine(task.name), task.solution, exam)
         except InputError as error:
             with (task.solution / LOG_FILE).open("a") as log:
                 log.write(f"examination: {error}\n")
@@ -135,17 +129,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="solve", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("root", type=Path)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--timeout", type=float, default=600.0, help="seconds per case")
-    parser.add_argument(
-        "--leave-out-true", action="store_true", help="delete the true card from the catalogue"
-    )
+    parser.add_argument("--timeout", type=float, default=900.0, help="seconds per case")
     parser.add_argument("--module", default=CLOSE_LOOP, help="another solver with the same command line")
     parser.add_argument("--again", action="store_true", help="run failed cases once more")
     parser.add_argument("--cases", nargs="+", metavar="CASE", help="only these")
     parser.add_argument("--limit", type=int, help="run so many cases in this sitting")
     arguments, overrides = parser.parse_known_args()
     folders = Folders(arguments.root.resolve())
-    found = tasks(folders, arguments.leave_out_true, overrides)
+    found = tasks(folders, overrides)
     if not found:
         parser.error(f"{folders.root}: no case in it is whole; run benchmarks.closed_loop.generate first")
     if arguments.cases:
@@ -154,7 +145,7 @@ def main() -> None:
 
     def solve(task: Task) -> Task:
         run(task, folders.seals, arguments.timeout, arguments.module)
-        examine_solution(task)
+        examine_solution(folders, task)
         return task
 
     with sealed(folders.seals), ThreadPoolExecutor(arguments.workers) as pool:
@@ -163,7 +154,7 @@ def main() -> None:
             print(f"{number} of {len(waiting)}: {task.name} {result}", file=sys.stderr, flush=True)
     for task in found:  # of an earlier sitting that was ended in between
         if is_solved(task, again=False):
-            examine_solution(task)
+            examine_solution(folders, task)
 
 
 if __name__ == "__main__":

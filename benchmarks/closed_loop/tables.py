@@ -7,30 +7,58 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from benchmarks.closed_loop.comparison import Outcome, true_label
-from benchmarks.closed_loop.goals import Figure
-from benchmarks.closed_loop.simulators import KINDS
+from benchmarks.closed_loop.goals import FALSE_ALARMS, Figure, figures, roc
+from benchmarks.closed_loop.simulators import KINDS, SIMULATORS
 
-N_WORST = 12
 DASH = "–"
 
 
-def goals_table(everything: Sequence[Figure], stated: Sequence[Figure]) -> str:
-    """Figure, goal, measured, n and interval over all cases, and measured over those of the stated sizes."""
+def goals_table(outcomes: Sequence[Outcome], only_visible: bool) -> str:
+    """One line per figure, one column per simulator: value, number counted, interval; bold where a goal is missed."""
+    columns = by_simulator(outcomes)
+    of = [{f.name: f for f in figures(scored, only_visible)} for scored in columns.values()]
+    names = list(dict.fromkeys(name for column in of for name in column))
+    goals = {name: figure.goal for column in of for name, figure in column.items()}
     rows = [
-        (
-            figure.name,
-            figure.goal,
-            _value(figure),
-            {True: "yes", False: "**no**", None: ""}[figure.met],
-            str(figure.n),
-            _interval(figure),
-            f"{_value(sized)} ({sized.n})",
-        )
-        for figure, sized in zip(everything, stated, strict=True)
+        (name, goals[name], *(_cell(column[name]) if name in column else DASH for column in of))
+        for name in names
     ]
-    return table(
-        ("figure", "goal", "measured", "met", "n", "exact 95 % interval", "sizes as stated (n)"), rows
-    )
+    return table(("figure", "goal", *columns), rows)
+
+
+def roc_table(outcomes: Sequence[Outcome], only_visible: bool) -> str:
+    """Detection at shares of false alarms, and the area below the curve, one line per simulator."""
+    rows = []
+    for name, scored in by_simulator(outcomes).items():
+        shares, area = roc(scored, only_visible)
+        rows.append((name, *(_written(share, True) for share in shares), _written(area, False)))
+    return table(("simulator", *(f"at {100 * share:g} %" for share in FALSE_ALARMS), "area"), rows)
+
+
+def lost_table(outcomes: Sequence[Outcome]) -> str:
+    """By which step effects were lost, above and below the visible size, one column per simulator."""
+    columns = by_simulator(outcomes)
+    counts = {
+        name: Counter(
+            (step, effect.is_visible)
+            for o in scored
+            for effect, step in zip(o.truth.effects, o.lost, strict=True)
+            if step is not None
+        )
+        for name, scored in columns.items()
+    }
+    steps = sorted({step for count in counts.values() for step, _ in count})
+    rows = [
+        (step, *(f"{count[step, True]} + {count[step, False]}" for count in counts.values()))
+        for step in steps
+    ]
+    return table(("lost (visible + too small)", *columns), rows)
+
+
+def by_simulator(outcomes: Sequence[Outcome]) -> dict[str, list[Outcome]]:
+    """Outcomes by the simulator that their cases come from, as far as there are any."""
+    parts = {name: [o for o in outcomes if o.truth.simulator == name] for name in SIMULATORS}
+    return {name: scored for name, scored in parts.items() if scored}
 
 
 def case_table(outcomes: Sequence[Outcome]) -> str:
@@ -38,17 +66,16 @@ def case_table(outcomes: Sequence[Outcome]) -> str:
     heads = (
         *(
             "case",
+            "simulator, number",
             "kind",
-            "ratio",
-            "simulator",
-            "variant, style",
+            "times visible",
+            "style",
             "truth",
             "verdict",
             "named",
-            "joints",
             "right",
         ),
-        *("parameter error", "covered", "exam before → after, mrad", "vs black box", "s"),
+        *("lost", "parameter error", "covered", "exam before → after, 1e-3", "s"),
     )
     return table(heads, (_case_row(o) for o in sorted(outcomes, key=_order)))
 
@@ -66,7 +93,7 @@ def family_table(outcomes: Sequence[Outcome]) -> str:
             "joints F1",
             "parameter error",
         ),
-        *("covered", "reduction", "avoided", "beats black box", "median s"),
+        *("covered", "reduction", "median s"),
     )
     rows = []
     for kind in KINDS:
@@ -88,80 +115,53 @@ def confusion_table(outcomes: Sequence[Outcome]) -> str:
     return table(("truth", *columns), rows)
 
 
-def worst_table(outcomes: Sequence[Outcome]) -> str:
-    """The worst cases first: wrong names and false alarms, then misses, then other families, then large errors."""
-    worst = sorted(outcomes, key=_badness, reverse=True)[:N_WORST]
-    return case_table_in_order([o for o in worst if _badness(o) > (0.0, 0.0)])
-
-
-def case_table_in_order(outcomes: Sequence[Outcome]) -> str:
-    """Worst cases with their trouble."""
-    rows = [
-        (o.case, o.truth.kind, str(o.truth.seed), _truth(o), o.verdict, ", ".join(o.named) or DASH, _exam(o))
-        for o in outcomes
-    ]
-    return table(("case", "kind", "seed", "truth", "verdict", "named", "exam before → after, mrad"), rows)
-
-
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _order(outcome: Outcome) -> tuple[int, str, int]:
-    return KINDS.index(outcome.truth.kind), outcome.truth.simulator, outcome.truth.seed
-
-
-def _badness(o: Outcome) -> tuple[float, float]:
-    trouble = 0.0
-    if o.truth.effects:
-        trouble = 3.0 * o.wrong_name + 2.0 * (o.detected is not True) + (o.hits < len(o.truth.effects))
-    elif o.detected is True:
-        trouble = 3.0
-    return trouble, max(-(o.reduction or 0.0), 0.0)
+def _order(outcome: Outcome) -> tuple[str, int, int]:
+    return outcome.truth.simulator, KINDS.index(outcome.truth.kind), outcome.truth.number
 
 
 def _case_row(o: Outcome) -> tuple[str, ...]:
     relative = [p.relative for p in o.parameters if p.relative is not None]
     covered = f"{sum(p.covered for p in o.parameters)}/{len(o.parameters)}" if o.parameters else DASH
+    times = [e.size / e.visible_size for e in o.truth.effects if e.visible_size is not None]
     return (
         o.case,
-        f"{o.truth.kind} {o.truth.seed}",
-        ", ".join(f"{effect.ratio:.2f}" for effect in o.truth.effects if effect.ratio is not None) or DASH,
-        o.truth.simulator,
-        f"{o.truth.variant}, {o.truth.style}",
+        f"{o.truth.simulator} {o.truth.number}",
+        o.truth.kind,
+        ", ".join(f"{value:.1f}" for value in times) or DASH,
+        o.truth.style,
         _truth(o),
         o.verdict,
         ", ".join(o.named) or DASH,
-        "/".join(map(str, o.joints)) if o.truth.effects else DASH,
         _right(o),
+        ", ".join(step for step in o.lost if step is not None) or DASH,
         f"{100 * float(np.median(relative)):.1f} %" if relative else DASH,
         covered,
         _exam(o),
-        {True: "lower", False: "higher", None: DASH}[o.beats.get("blackbox_residual")],
         f"{o.seconds:.0f}",
     )
 
 
 def _family_row(kind: str, outcomes: Sequence[Outcome]) -> tuple[str, ...]:
-    n, n_effect = len(outcomes), sum(len(o.truth.effects) for o in outcomes)
+    n, hits = len(outcomes), [hit for o in outcomes for hit in o.hits]
     true, false, missed = np.sum([o.joints for o in outcomes], axis=0)
     parameters = [p for o in outcomes for p in o.parameters]
-    beats = [o.beats["blackbox_residual"] for o in outcomes if "blackbox_residual" in o.beats]
     return (
         kind,
         str(n),
         f"{sum(o.detected is True for o in outcomes)}/{n}",
-        f"{sum(o.hits for o in outcomes)}/{n_effect}",
+        f"{sum(hits)}/{len(hits)}",
         str(sum(o.half_hits for o in outcomes)),
         str(sum(o.wrong_name for o in outcomes)),
         f"{2 * true / (2 * true + false + missed):.2f}" if true + false + missed else DASH,
         _percent([p.relative for p in parameters]),
         f"{sum(p.covered for p in parameters)}/{len(parameters)}" if parameters else DASH,
         _percent([o.reduction for o in outcomes]),
-        _percent([o.avoided for o in outcomes]),
-        f"{sum(beats)}/{len(beats)}" if beats else DASH,
         f"{np.median([o.seconds for o in outcomes]):.0f}",
     )
 
@@ -181,11 +181,11 @@ def _right(o: Outcome) -> str:
         return "**false alarm**" if o.detected is True else "yes"
     if o.wrong_name:
         return "**wrong name**"
-    if o.dependence is not None and not o.hits:
+    if o.dependence is not None and not any(o.hits):
         return f"other, {o.dependence}"
-    if o.hits == len(o.truth.effects):
+    if all(o.hits):
         return "yes"
-    return f"{o.hits} of {len(o.truth.effects)}" + (f", {o.half_hits} equivalent" if o.half_hits else "")
+    return f"{sum(o.hits)} of {len(o.hits)}" + (f", {o.half_hits} equivalent" if o.half_hits else "")
 
 
 def _short(o: Outcome) -> str:
@@ -204,17 +204,18 @@ def _percent(values: Iterable[float | None]) -> str:
     return f"{100 * float(np.median(known)):.1f} %" if known else DASH
 
 
-def _value(figure: Figure) -> str:
-    return DASH if figure.value is None else _written(figure.value, figure.is_share)
-
-
-def _interval(figure: Figure) -> str:
-    if figure.interval is None:
+def _cell(figure: Figure) -> str:
+    if figure.value is None:
         return DASH
-    return " … ".join(_written(value, figure.is_share) for value in figure.interval)
+    text = f"{_written(figure.value, figure.is_share)} of {figure.n}"
+    if figure.met is False:
+        text = f"**{text}**"
+    if figure.interval is None:
+        return text
+    return f"{text} ({' to '.join(_written(value, figure.is_share) for value in figure.interval)})"
 
 
 def _written(value: float, is_share: bool) -> str:
     if not math.isfinite(value):
-        return "∞"
+        return DASH if math.isnan(value) else "∞"
     return f"{100 * value:.1f} %" if is_share else f"{value:.3g}"

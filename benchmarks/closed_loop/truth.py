@@ -4,8 +4,6 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from benchmarks.closed_loop.simulator import PLANT
-
 
 @dataclass(frozen=True)
 class Onset:
@@ -29,8 +27,7 @@ class TrueEffect:
         onset: Of a change point.
         cause: In words.
         size: Strength that it was drawn with.
-        wanted_ratio: Of the 4 s error of affected joints with and without it; None where it was not calibrated.
-        ratio: What was reached.
+        visible_size: That replays allow to be seen; None where they cannot tell, see `visibility.py`.
     """
 
     family: str
@@ -42,8 +39,12 @@ class TrueEffect:
     onset: Onset | None
     cause: str
     size: float
-    wanted_ratio: float | None
-    ratio: float | None
+    visible_size: float | None = None
+
+    @property
+    def is_visible(self) -> bool:
+        """Whether it is as large as can be seen, as far as replays can tell."""
+        return self.visible_size is None or self.size >= self.visible_size
 
 
 @dataclass(frozen=True)
@@ -51,31 +52,24 @@ class Truth:
     """A case.
 
     Attributes:
-        seed: That it was drawn by.
-        kind: Of the case, `kinds.in_order`.
-        variant: Number of the machine.
-        style: `same` or `other`: who recorded the measured sessions.
-        effects: None, one or two.
+        number: Of the case and of its machine.
         simulator: By name, which the machine lives in.
+        kind: Of the case, `kinds.in_order`.
+        style: `same` or `other`: who recorded the measured sessions.
+        n_joint: Of the machine.
+        effects: None to three.
     """
 
-    seed: int
+    number: int
+    simulator: str
     kind: str
-    variant: int
     style: str
+    n_joint: int
     effects: tuple[TrueEffect, ...]
-    simulator: str = PLANT
-
-    def to_content(self) -> dict[str, Any]:
-        """What the JSON holds. No simulator means the plant, as in seals from before there was another."""
-        content = asdict(self)
-        if self.simulator == PLANT:
-            del content["simulator"]
-        return content
 
     def to_json(self) -> str:
         """The seal's text."""
-        return json.dumps(self.to_content(), indent=1, sort_keys=True) + "\n"
+        return json.dumps(asdict(self), indent=1, sort_keys=True) + "\n"
 
 
 def from_json(text: str) -> Truth:
@@ -84,7 +78,7 @@ def from_json(text: str) -> Truth:
 
 
 def from_content(content: dict[str, Any]) -> Truth:
-    """Inverse of `Truth.to_content`."""
+    """A truth from what its JSON holds."""
     return Truth(**(content | {"effects": tuple(_effect(effect) for effect in content["effects"])}))
 
 

@@ -71,7 +71,7 @@ def repeatability(of: Variant, session: Session, horizon: int, seed: int) -> tup
     """
     log = session.record()
     starts = range(horizon, len(log.commands) - horizon, horizon)
-    again = of.simulator.replay(machine(), of.parameters, log, session.seed, starts, horizon, seed)
+    [again] = of.simulator.replay(of.parameters, log, session.seed, starts, horizon, seed)
     path = log.true_positions
     first = np.array([path[start : start + horizon] - path[start - 1] for start in starts])
     return 0.5 * np.sum((again - first) ** 2, axis=(0, 1)), len(starts) * horizon

@@ -237,6 +237,7 @@ def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
         "baselines",
         "held_out",
         "next_experiment",
+        "trace",
     }
     assert set(document) == keys
     assert document["verdict"] in VERDICTS

@@ -1,6 +1,7 @@
 """Recorded sessions of kinematic machines, as arrays like those of the plant's."""
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from benchmarks.closed_loop.kinematic.machine import Encoder, Machine, Motion
 from benchmarks.closed_loop.kinematic.operator import Driver, driver
 from benchmarks.closed_loop.kinematic.simulator import SUBSTEP_S, advance
 from benchmarks.closed_loop.kinematic.state import N_SHARED, resting_state
+from benchmarks.closed_loop.stretches import at_time
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.recording.session import NANOSECONDS, SessionLog
@@ -50,6 +52,13 @@ def record_session(
     return drive(specification, machine, at_sticks, minutes, motion_seed, start_time_ns, changes)
 
 
+def begin(specification: MachineSpecification, machine: Machine, log: SessionLog, seed: int) -> "Run":
+    """The recorded session of that seed, at its start."""
+    _, motion_seed = np.random.SeedSequence(seed).spawn(2)
+    clock_s = float(log.command_log_time_ns[0] // NANOSECONDS)  # sessions start with a second
+    return Run(specification, machine, len(log.commands), motion_seed, clock_s)
+
+
 def drive(
     specification: MachineSpecification,
     machine: Machine,
@@ -61,69 +70,21 @@ def drive(
     start_rad: np.ndarray | None = None,
 ) -> SessionLog:
     """The same with anybody at the sticks, from `start_rad`, (n,), or a drawn configuration."""
-    period_s = specification.dt_s
-    n_substep = round(period_s / SUBSTEP_S)
-    if abs(n_substep * SUBSTEP_S - period_s) > 1e-9:
-        raise InputError(
-            f"conf/machine/{specification.name}.yaml: rate_hz is {specification.rate_hz}; the kinematic simulator "
-            f"needs a period that is a multiple of {SUBSTEP_S} s"
-        )
-    n, n_period = specification.n_joint, round(minutes * 60.0 / period_s)
-    begins_s = period_s * np.arange(n_period)
-    start, dead_time, process, extra, publication, noise = (
-        np.random.default_rng(stream) for stream in seed.spawn(6)
-    )
-    quantities = machine.quantities
-    state_record = pack(
-        resting_state(
-            _start_position(start, quantities.motion) if start_rad is None else start_rad,
-            process.standard_normal(N_SHARED + n),
-        )
-    )
-    stamp_s = stamps_s(publication, quantities.encoder, n_period * period_s)
+    n_period = round(minutes * 60.0 / specification.dt_s)
+    run = Run(specification, machine, n_period, seed, start_time_ns / NANOSECONDS, start_rad)
+    publication, noise = run.publication, run.noise
+    stamp_s = stamps_s(publication, machine.quantities.encoder, n_period * specification.dt_s)
     age_draw = publication.uniform(-1.0, 1.0, stamp_s.size)
-    noise_draw = noise.standard_normal((stamp_s.size, n))
-    jitter = dead_time.uniform(-1.0, 1.0, (n_period, n))
-    extra_share = extra.gamma(EXTRA_TIME_SHAPE, 1.0 / EXTRA_TIME_SHAPE, (n_period, n))
-    process_draw = process.standard_normal((n_period, N_SHARED + n))
-
-    commands, arrival_s = np.zeros((n_period, n)), np.zeros((n_period, n))
-    path_rad = np.zeros((n_period * n_substep + 1, n))
-    path_rad[0] = state_record[0].link_rad
-    readings_rad = np.zeros((stamp_s.size, n))
-    n_read = 0
-    measured = path_rad[0]  # until there is a reading, the operator trusts his eyes
-    pending = list(changes)
-    quantity_record = pack(quantities)
-    for period, begin_s in enumerate(begins_s.tolist()):
-        while pending and begin_s >= pending[0][0]:
-            quantities = pending.pop(0)[1].quantities
-            quantity_record = pack(quantities)
-        commands[period] = at_sticks.command(measured)
-        path = quantities.command_path
-        arrival_s[period] = begin_s + path.dead_time_s + path.dead_time_jitter_s * jitter[period]
-        advance(
-            quantity_record,
-            state_record,
-            commands,
-            arrival_s,
-            extra_share,
-            process_draw,
-            period,
-            n_substep,
-            start_time_ns / NANOSECONDS,
-            path_rad,
-        )
+    noise_draw = noise.standard_normal((stamp_s.size, specification.n_joint))
+    readings_rad, n_read = np.zeros((stamp_s.size, specification.n_joint)), 0
+    measured = run.path_rad[0]  # until there is a reading, the operator trusts his eyes
+    for period in range(n_period):
+        begin_s = specification.dt_s * period
+        present = at_time(machine, changes, begin_s)
+        encoder = run.advance(period, at_sticks.command(measured), present)
+        until_s = begin_s + specification.dt_s
         n_read = read_encoders(
-            quantity_record[0].encoder,
-            path_rad,
-            SUBSTEP_S,
-            stamp_s,
-            age_draw,
-            noise_draw,
-            n_read,
-            begin_s + period_s,
-            readings_rad,
+            encoder, run.path_rad, SUBSTEP_S, stamp_s, age_draw, noise_draw, n_read, until_s, readings_rad
         )
         if n_read:
             measured = readings_rad[n_read - 1]
@@ -134,12 +95,103 @@ def drive(
             stamp_s[:n_read] + publication.uniform(*READING_LOG_DELAY_S, stamp_s.size)[:n_read], start_time_ns
         ),
         positions=readings_rad[:n_read],
-        command_log_time_ns=absolute_ns(
-            begins_s + dead_time.uniform(*COMMAND_LOG_DELAY_S, n_period), start_time_ns
-        ),
-        commands=commands.astype(np.int8),
-        true_positions=path_rad[n_substep::n_substep].copy(),
+        command_log_time_ns=absolute_ns(run.log_time_s, start_time_ns),
+        commands=run.commands.astype(np.int8),
+        true_positions=run.path_rad[run.n_substep :: run.n_substep].copy(),
     )
+
+
+class Run:
+    """A machine that is driven, period by period.
+
+    Attributes:
+        commands: (T, n) so far.
+        path_rad: (T n_substep + 1, n) true joint angles at multiples of the substep.
+        log_time_s: (T,) when commands are logged.
+    """
+
+    def __init__(
+        self,
+        specification: MachineSpecification,
+        machine: Machine,
+        n_period: int,
+        seed: np.random.SeedSequence,
+        clock_s: float,
+        start_rad: np.ndarray | None = None,
+    ) -> None:
+        """At rest, for so many periods; see `record_session`."""
+        self._period_s = specification.dt_s
+        self.n_substep = round(self._period_s / SUBSTEP_S)
+        if abs(self.n_substep * SUBSTEP_S - self._period_s) > 1e-9:
+            raise InputError(
+                f"conf/machine/{specification.name}.yaml: rate_hz is {specification.rate_hz}; the kinematic "
+                f"simulator needs a period that is a multiple of {SUBSTEP_S} s"
+            )
+        n, self._clock_s = specification.n_joint, clock_s
+        start, dead_time, process, extra, self.publication, self.noise = (
+            np.random.default_rng(stream) for stream in seed.spawn(6)
+        )
+        self._change(machine)
+        if start_rad is None:
+            start_rad = _start_position(start, machine.quantities.motion)
+        self._state = pack(resting_state(start_rad, process.standard_normal(N_SHARED + n)))
+        self._arrival_s, self.commands = np.zeros((n_period, n)), np.zeros((n_period, n))
+        self._chances(dead_time, extra, process)
+        delay_s = dead_time.uniform(*COMMAND_LOG_DELAY_S, n_period)
+        self.log_time_s = self._period_s * np.arange(n_period) + delay_s
+        self.path_rad = np.zeros((n_period * self.n_substep + 1, n))
+        self.path_rad[0] = start_rad
+
+    def _chances(
+        self, dead_time: np.random.Generator, extra: np.random.Generator, process: np.random.Generator
+    ) -> None:
+        n_period, n = self.commands.shape
+        self._jitter = dead_time.uniform(-1.0, 1.0, (n_period, n))
+        self._extra_share = extra.gamma(EXTRA_TIME_SHAPE, 1.0 / EXTRA_TIME_SHAPE, (n_period, n))
+        self._process_draw = process.standard_normal((n_period, N_SHARED + n))
+
+    def _change(self, machine: Machine) -> None:
+        self._machine, self._quantities = machine, pack(machine.quantities)
+
+    def advance(self, period: int, command: np.ndarray, machine: Machine) -> Encoder:
+        """Run one control period; returns the encoders that read it."""
+        if machine is not self._machine:
+            self._change(machine)
+        self.commands[period] = command
+        path = machine.quantities.command_path
+        jitter_s = path.dead_time_jitter_s * self._jitter[period]
+        self._arrival_s[period] = self._period_s * period + path.dead_time_s + jitter_s
+        advance(
+            self._quantities,
+            self._state,
+            self.commands,
+            self._arrival_s,
+            self._extra_share,
+            self._process_draw,
+            period,
+            self.n_substep,
+            self._clock_s,
+            self.path_rad,
+        )
+        encoder: Encoder = self._quantities[0].encoder
+        return encoder
+
+    def positions(self, first: int, last: int) -> np.ndarray:
+        """(last - first + 1, n) true angles at the begins of periods `first` to `last`, rad."""
+        return self.path_rad[first * self.n_substep : last * self.n_substep + 1 : self.n_substep]
+
+    def twin(self, period: int, horizon: int, seed: int) -> "Run":
+        """The same state at the begin of a period, for `horizon` periods more with other chances."""
+        again = copy(self)
+        again._state = self._state.copy()
+        again.commands, again._arrival_s = (
+            np.concatenate([of[:period], np.zeros((horizon, of.shape[1]))])
+            for of in (self.commands, self._arrival_s)
+        )
+        again.path_rad = np.zeros(((period + horizon) * self.n_substep + 1, self.path_rad.shape[1]))
+        again.path_rad[: period * self.n_substep + 1] = self.path_rad[: period * self.n_substep + 1]
+        again._chances(*(np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(3)))
+        return again
 
 
 def _start_position(random: np.random.Generator, motion: Motion) -> np.ndarray:

@@ -25,9 +25,12 @@ PRESSURE_Pa, WANDER = (1.4e7, 2.1e7), (0.01, 0.03)
 LOAD_SHARE, REACH_S = 0.2, 0.2  # of the set pressure: what holds the arm stretched out; what moves it so soon
 STIFFNESS_Hz, DAMPING = (4.0, 8.0), (0.15, 0.4)  # of a joint on its oil, with the arm stretched out
 FLOW_SHARE = (0.45, 0.8)  # of the flow of all joints at full speed, that the pump delivers
-LEAKAGE_rad_s = 1e-4  # speed at which a sound joint that holds the arm stretched out may creep, as a share of its range
+LEAKAGE_rad_s = (
+    1e-4  # speed at which a sound joint that holds the arm stretched out may creep, as a share of its range
+)
 FRICTION_SHARE = (0.01, 0.03)  # of a cylinder's largest torque
 NEVER = 1e9
+NO_WEIGHT = 1e-6  # MuJoCo takes no body without
 
 
 @dataclass(frozen=True)
@@ -231,7 +234,8 @@ def _xml(arm: Arm) -> str:
             f'diaginertia="{0.5 * link.mass_kg * r**2} {across} {across}"/>'
         )
         tip = link.length_m
-    payload = f'<body pos="{tip} 0 0"><inertial pos="0 0 0" mass="{arm.payload_kg + 1e-6}" diaginertia="1e-6 1e-6 1e-6"/></body>'
+    weight = f'mass="{arm.payload_kg + NO_WEIGHT}" diaginertia="{NO_WEIGHT} {NO_WEIGHT} {NO_WEIGHT}"'
+    payload = f'<body pos="{tip} 0 0"><inertial pos="0 0 0" {weight}/></body>'
     return (
         f'<mujoco><compiler angle="radian"/><option timestep="{STEP_S}" gravity="0 0 {-arm.gravity_m_s2}" '
         'integrator="implicitfast"><flag contact="disable"/></option>'

@@ -5,6 +5,7 @@ only a measurement on this arm could tell is left out, and is not scored.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from benchmarks.closed_loop.kinematic.effects.effect import (
     with_value,
 )
 from benchmarks.closed_loop.mujoco_arm.arm import Arm
-from dataclasses import replace
 from pipeline.errors import InputError
 from pipeline.machine.specification import JointKind
 
@@ -39,12 +39,16 @@ def _choose_two(random: np.random.Generator, arm: Arm) -> tuple[int, int]:
     return one, other
 
 
-def _one(kind: str, arm: Arm, joint: int, on: str, truth: dict[str, Quantity], cause: str, apply: Apply) -> Effect:
+def _one(
+    kind: str, arm: Arm, joint: int, on: str, truth: dict[str, Quantity], cause: str, apply: Apply
+) -> Effect:
     name = _joints(arm)[joint]
     return Effect(kind, kind, (name,), (f"{on}:{name}",), truth, cause, apply)
 
 
-def _all(kind: str, arm: Arm, on: tuple[str, ...], truth: dict[str, Quantity], cause: str, apply: Apply) -> Effect:
+def _all(
+    kind: str, arm: Arm, on: tuple[str, ...], truth: dict[str, Quantity], cause: str, apply: Apply
+) -> Effect:
     return Effect(kind, kind, _joints(arm), on, truth, cause, apply)
 
 
@@ -260,7 +264,9 @@ def hold_boost(random: np.random.Generator, arm: Arm, size: float) -> Effect:
     joint, boost, hold_s = _choose(random, arm), size * random.uniform(0.3, 0.6), random.uniform(0.8, 1.6)
 
     def apply(of: Arm) -> Arm:
-        return of.change("odd", hold_boost=with_value(of.quantities.odd.hold_boost, joint, boost), hold_s=hold_s)
+        return of.change(
+            "odd", hold_boost=with_value(of.quantities.odd.hold_boost, joint, boost), hold_s=hold_s
+        )
 
     return _other("hold_boost", arm, joint, f"hold_time:{_joints(arm)[joint]}", "regeneration cuts in", apply)
 
@@ -272,7 +278,9 @@ def lockout(random: np.random.Generator, arm: Arm, size: float) -> Effect:
     def apply(of: Arm) -> Arm:
         return of.change("odd", lockout_s=with_value(of.quantities.odd.lockout_s, joint, lockout_s))
 
-    return _other("lockout", arm, joint, f"reversal:{_joints(arm)[joint]}", "reversal guard in the driver", apply)
+    return _other(
+        "lockout", arm, joint, f"reversal:{_joints(arm)[joint]}", "reversal guard in the driver", apply
+    )
 
 
 def coil_heat(random: np.random.Generator, arm: Arm, size: float) -> Effect:
@@ -358,6 +366,7 @@ OUTSIDE: dict[str, tuple[Draw, float]] = {
 """That no family describes, with the largest size."""
 
 KINDS = INSIDE | OUTSIDE
+LARGEST_SIZE = {kind: largest for kind, (_, largest) in KINDS.items()}
 
 
 def draw(kind: str, seed: int, arm: Arm, size: float) -> Effect:
@@ -367,5 +376,7 @@ def draw(kind: str, seed: int, arm: Arm, size: float) -> Effect:
         InputError: No such kind, or a size that is not within its bounds.
     """
     if kind not in KINDS or not 0.0 < size <= KINDS[kind][1]:
-        raise InputError(f"effect {kind!r} of size {size}: choose one of {', '.join(KINDS)} and a size it can have")
+        raise InputError(
+            f"effect {kind!r} of size {size}: choose one of {', '.join(KINDS)} and a size it can have"
+        )
     return KINDS[kind][0](np.random.default_rng(seed), arm, size)

@@ -78,7 +78,18 @@ def drive(
         now_s = time_s + substep * dt_s
         demand = slope = 0.0
         for j in range(n):
-            move_spool(quantities.valve, quantities.odd, state, commands, arrival_s, extra_share, period, now_s, dt_s, j)
+            move_spool(
+                quantities.valve,
+                quantities.odd,
+                state,
+                commands,
+                arrival_s,
+                extra_share,
+                period,
+                now_s,
+                dt_s,
+                j,
+            )
             area = opening(quantities.valve, quantities.odd, state, position, clock_s, j) * thickness
             along = POSITIVE if state.spool[j] >= 0.0 else NEGATIVE
             toward = 1.0 if along == POSITIVE else -1.0
@@ -89,7 +100,17 @@ def drive(
                 share = cylinder.cushion_share[j, along]
                 outlet *= share + (1.0 - share) * max(rest_m, 0.0) / cylinder.cushion_m[j, along]
             inflow, inflow_slope, force = press(
-                cylinder, supply.modulus_Pa[j], state, set_Pa, area, outlet, along, place, toward * rod_m_s[j], dt_s, j
+                cylinder,
+                supply.modulus_Pa[j],
+                state,
+                set_Pa,
+                area,
+                outlet,
+                along,
+                place,
+                toward * rod_m_s[j],
+                dt_s,
+                j,
             )
             demand += inflow
             slope += inflow_slope
@@ -201,7 +222,9 @@ def feed(supply, state, set_Pa, demand, slope, dt_s):  # type: ignore[no-untyped
 
 
 @compiled
-def vary(quantity_record: np.recarray, state_record: np.recarray, draw: np.ndarray, even: np.ndarray, dt_s: float) -> None:
+def vary(
+    quantity_record: np.recarray, state_record: np.recarray, draw: np.ndarray, even: np.ndarray, dt_s: float
+) -> None:
     """Advance the random processes, exactly, by one control period.
 
     Args:

@@ -1,6 +1,7 @@
 """Recorded sessions of arms, and stretches of them that happen again."""
 
 from collections.abc import Sequence
+from copy import copy
 
 import mujoco
 import numpy as np
@@ -17,6 +18,7 @@ from benchmarks.closed_loop.kinematic.session import (
 from benchmarks.closed_loop.mujoco_arm.arm import N_SUBSTEP, RATE_HZ, STEP_S, Arm
 from benchmarks.closed_loop.mujoco_arm.hydraulics import drive, rods, vary
 from benchmarks.closed_loop.mujoco_arm.quantities import N_SHARED, resting_state
+from benchmarks.closed_loop.stretches import at_time
 from pipeline.plant.recording.session import NANOSECONDS, SessionLog
 from pipeline.plant.records import pack
 
@@ -74,7 +76,9 @@ class Run:
             self._change(arm)
         self.commands[period] = command
         valve, begin_s = arm.quantities.valve, period * PERIOD_S
-        self._arrival_s[period] = begin_s + valve.dead_time_s + valve.dead_time_jitter_s * self._jitter[period]
+        self._arrival_s[period] = (
+            begin_s + valve.dead_time_s + valve.dead_time_jitter_s * self._jitter[period]
+        )
         vary(self._quantities, self._state, self._draw[period], self._even[period], PERIOD_S)
         model, data = self._model, self._data
         for step in range(N_STEP):
@@ -100,17 +104,21 @@ class Run:
 
     def twin(self, period: int, horizon: int, seed: int) -> "Run":
         """The same state at the begin of a period, for `horizon` periods more with other chances."""
-        again = object.__new__(Run)
-        again.__dict__.update(self.__dict__)
+        again = copy(self)
         again._state, again._data = self._state.copy(), mujoco.MjData(self._model)
         _copy(self._model, self._data, again._data)
         n_period, n = period + horizon, self._model.nv
         again._chances(np.random.default_rng(seed), n_period, n)
-        again._arrival_s, again.commands = np.zeros((n_period, n)), np.zeros((n_period, n))
-        again._arrival_s[:period], again.commands[:period] = self._arrival_s[:period], self.commands[:period]
+        again.commands, again._arrival_s = (
+            np.concatenate([of[:period], np.zeros((horizon, n))]) for of in (self.commands, self._arrival_s)
+        )
         again.path = np.zeros((n_period * N_STEP + 1, n))
         again.path[: period * N_STEP + 1] = self.path[: period * N_STEP + 1]
         return again
+
+    def positions(self, first: int, last: int) -> np.ndarray:
+        """(last - first + 1, n) true positions at the begins of periods `first` to `last`, rad or m."""
+        return self.path[first * N_STEP : last * N_STEP + 1 : N_STEP]
 
 
 def _copy(model: mujoco.MjModel, source: mujoco.MjData, target: mujoco.MjData) -> None:
@@ -119,17 +127,12 @@ def _copy(model: mujoco.MjModel, source: mujoco.MjData, target: mujoco.MjData) -
     mujoco.mj_setState(model, target, state, PHYSICS)
 
 
-def at_time(arm: Arm, changes: Sequence[tuple[float, Arm]], time_s: float) -> Arm:
-    """The arm that holds at a time."""
-    return [arm, *(later for begin_s, later in changes if time_s >= begin_s)][-1]
-
-
-def begin(arm: Arm, n_period: int, seed: int, clock_s: float) -> Run:
+def begin(arm: Arm, n_period: int, seed: int, start_time_ns: int) -> Run:
     """The session of that seed, at its start."""
     motion_seed, start_seed = np.random.SeedSequence(seed).generate_state(2).tolist()
     lower, upper = arm.specification.lower, arm.specification.upper
     share = np.random.default_rng(start_seed).uniform(*START_SHARE, lower.size)
-    return Run(arm, n_period, motion_seed, lower + share * (upper - lower), clock_s)
+    return Run(arm, n_period, motion_seed, lower + share * (upper - lower), start_time_ns // NANOSECONDS)
 
 
 def record_session(
@@ -142,8 +145,10 @@ def record_session(
 ) -> SessionLog:
     """Let somebody drive an arm; see `Simulator.record`."""
     n_period = round(minutes * 60.0 / PERIOD_S)
-    run = begin(arm, n_period, seed, start_time_ns / NANOSECONDS)
-    publication, noise = (np.random.default_rng(stream) for stream in np.random.SeedSequence([seed, 1]).spawn(2))
+    run = begin(arm, n_period, seed, start_time_ns)
+    publication, noise = (
+        np.random.default_rng(stream) for stream in np.random.SeedSequence([seed, 1]).spawn(2)
+    )
     stamp_s = stamps_s(publication, arm.quantities.encoder, n_period * PERIOD_S)
     age = publication.uniform(-1.0, 1.0, stamp_s.size)
     noise_draw = noise.standard_normal((stamp_s.size, arm.model.nv))

@@ -10,6 +10,7 @@ from pipeline.discrepancy.correction.correct import Alternative
 from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, contract_family, depends_on
 from pipeline.discrepancy.verdict.next_experiment import next_experiment
+from pipeline.discrepancy.verdict.trace import trace_of
 from pipeline.discrepancy.verdict.unexplained import unexplained
 from pipeline.discrepancy.verdict.verdict import Verdict
 from pipeline.logs.tuples import Trajectory
@@ -75,6 +76,7 @@ def document_of(verdict: Verdict) -> dict[str, Any]:
         "next_experiment": next_experiment(
             word, families, first["joints"][0] if first and first["joints"] else None, idle
         ),
+        "trace": trace_of(verdict),
     }
 
 

@@ -14,7 +14,6 @@ OUTSIDE = tuple(outside.KINDS)
 """Those of family `other`."""
 
 LARGEST_SIZE = {name: kind.largest_size for name, kind in KINDS.items()}
-OFTEN_UNSEEN = tuple(name for name, kind in KINDS.items() if kind.often_unseen)
 
 
 def draw(kind: str, seed: int, variant: Variant, size: float) -> Effect:
@@ -40,4 +39,4 @@ def draw(kind: str, seed: int, variant: Variant, size: float) -> Effect:
     return KINDS[kind].draw(np.random.default_rng(seed), variant, size)
 
 
-__all__ = ["KINDS", "LARGEST_SIZE", "OFTEN_UNSEEN", "OUTSIDE", "Effect", "Kind", "Quantity", "draw"]
+__all__ = ["KINDS", "LARGEST_SIZE", "OUTSIDE", "Effect", "Kind", "Quantity", "draw"]

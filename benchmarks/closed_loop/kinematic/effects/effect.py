@@ -46,12 +46,10 @@ class Kind:
     Attributes:
         draw: Draws one of a size; 1 is typical.
         largest_size: Physical bound of the size.
-        often_unseen: Whether many draws never show, so that the largest size is to be tried first.
     """
 
     draw: Draw
     largest_size: float
-    often_unseen: bool = False
 
 
 def choose_joint(random: np.random.Generator) -> int:

@@ -90,6 +90,6 @@ def draw_timing(random: np.random.Generator, variant: Variant, size: float) -> E
 KINDS = {
     "leakage": Kind(draw_leakage, 4.0),  # 0.08 rad/s
     "backlash": Kind(draw_backlash, 2.5),  # 0.2 rad
-    "sensor_bias": Kind(draw_sensor_bias, 2.5, often_unseen=True),  # 0.18 rad, or a quarter of the scale
+    "sensor_bias": Kind(draw_sensor_bias, 2.5),  # 0.18 rad, or a quarter of the scale
     "timing": Kind(draw_timing, 2.0),  # 0.4 s
 }

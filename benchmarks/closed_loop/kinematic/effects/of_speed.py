@@ -135,5 +135,5 @@ KINDS = {
     "load": Kind(draw_load, 2.0),  # two fifths are left of the boom's speed with the arm stretched out
     "thermal_drift": Kind(draw_thermal_drift, 2.5),  # a quarter is left at the start
     "supply_variation": Kind(draw_supply_variation, 2.5),  # wanders by 38 %
-    "end_cushion": Kind(draw_end_cushion, 2.0, often_unseen=True),  # 0.8 rad, down to 4 % of the speed
+    "end_cushion": Kind(draw_end_cushion, 2.0),  # 0.8 rad, down to 4 % of the speed
 }

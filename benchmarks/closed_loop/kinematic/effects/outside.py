@@ -128,6 +128,6 @@ KINDS = {
     "hold_fade": Kind(draw_hold_fade, 2.0),  # a fifth is left after a long hold
     "travel_wear": Kind(draw_travel_wear, 2.0),  # a fifth is left at the end
     "activity_sag": Kind(draw_activity_sag, 2.0),  # a fifth is left after hard work
-    "position_crosstalk": Kind(draw_position_crosstalk, 2.0, often_unseen=True),  # a fifth is left
+    "position_crosstalk": Kind(draw_position_crosstalk, 2.0),  # a fifth is left
     "clock_cycle": Kind(draw_clock_cycle, 2.0),  # a fifth is left
 }
