@@ -32,16 +32,16 @@ LOAD, LOAD_SHARE = (
 
 @dataclass(frozen=True)
 class Drawn:
-    """An effect and its size; `at` gives the machine with it at a share of that size."""
+    """An effect that was drawn."""
 
     variant: Variant
     kind: str
     seed: int
     size: float
 
-    def at(self, share: float = 1.0) -> Effect:
-        """The effect at a share of its size."""
-        return self.variant.simulator.draw_effect(self.kind, self.seed, self.variant, share * self.size)
+    def at(self, size: float) -> Effect:
+        """The same effect at another size."""
+        return self.variant.simulator.draw_effect(self.kind, self.seed, self.variant, size)
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,8 @@ class Plan:
         exam: Sessions.
         truth: Without visible sizes.
         without: Per true effect the machine that has all effects but this one.
+        strongest: The same with this one at its largest size.
+        largest: Those sizes.
     """
 
     nominal: tuple[Session, ...]
@@ -61,6 +63,8 @@ class Plan:
     exam: tuple[Session, ...]
     truth: Truth
     without: tuple[Machine, ...]
+    strongest: tuple[Machine, ...]
+    largest: tuple[float, ...]
 
 
 def draw_plan(simulator: Simulator, number: int, kind: str | None = None) -> Plan:
@@ -83,7 +87,7 @@ def draw_plan(simulator: Simulator, number: int, kind: str | None = None) -> Pla
     style_seed = int(random.integers(2**31)) if is_other else machine.style_seed
     onset_session = int(random.integers(len(MEASURED_MINUTES)))
     onset_s = random.uniform(*ONSET_SHARE) * 60.0 * MEASURED_MINUTES[onset_session]
-    effects = [one.at() for one in drawn]
+    effects = [one.at(one.size) for one in drawn]
     sound = _with_effects(
         machine.parameters, _payload(machine, random.random()) if kind == kinds.NOMINAL_RANGE else []
     )
@@ -121,12 +125,13 @@ def draw_plan(simulator: Simulator, number: int, kind: str | None = None) -> Pla
         in_nominal = [*in_nominal[1:], _payload(machine, 1.0)]
     n_measured = len(MEASURED_MINUTES)
     without = tuple(_with_effects(sound, [*effects[:i], *effects[i + 1 :]]) for i in range(len(effects)))
+    largest = tuple(simulator.largest_size[one.kind] for one in drawn)
+    strongest = tuple(
+        one.at(most).apply(other) for one, other, most in zip(drawn, without, largest, strict=True)
+    )
+    nominal = _nominal_sessions(machine, in_nominal)
     return Plan(
-        _nominal_sessions(machine, in_nominal),
-        tuple(later[:n_measured]),
-        tuple(later[n_measured:]),
-        truth,
-        without,
+        nominal, tuple(later[:n_measured]), tuple(later[n_measured:]), truth, without, strongest, largest
     )
 
 
@@ -150,7 +155,10 @@ def _ramp(sound: Machine, drawn: Drawn, onset_s: float, end_s: float) -> list[tu
     """An effect that grows from nothing at the onset to its size at the session's end."""
     times = np.arange(onset_s, end_s, RAMP_STEP_S)
     shares = (np.arange(len(times)) + 1.0) / len(times)
-    return [(float(t), drawn.at(float(share)).apply(sound)) for t, share in zip(times, shares, strict=True)]
+    return [
+        (float(t), drawn.at(float(share) * drawn.size).apply(sound))
+        for t, share in zip(times, shares, strict=True)
+    ]
 
 
 def _nominal_sessions(of: Variant, present: Sequence[Sequence[Effect]]) -> tuple[Session, ...]:

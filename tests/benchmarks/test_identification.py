@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.closed_loop.machines import N_VARIANT, variant
+from benchmarks.closed_loop.machines import variant
 from benchmarks.closed_loop.sessions import machine
 from benchmarks.closed_loop.simulators import KINEMATIC
 from benchmarks.identification import ledger, recordings
@@ -45,8 +45,8 @@ class Chances:
     def path(self, seed, n):
         return np.random.default_rng(seed).normal(0.0, self.std, (n, 4))
 
-    def replay(self, specification, machine, log, session_seed, starts, horizon, seed):
-        return self.path(seed, len(starts) * horizon).reshape(len(starts), horizon, 4)
+    def replay(self, machine, log, session_seed, starts, horizon, seed):
+        return self.path(seed, len(starts) * horizon).reshape(1, len(starts), horizon, 4)
 
 
 def test_the_floor_is_the_error_of_the_mean_of_replays():
@@ -150,11 +150,11 @@ def test_a_ledger_goes_on_behind_an_unfinished_line(tmp_path):
 def test_kinds_are_fitted_once(tmp_path, monkeypatch):
     monkeypatch.setattr(recordings, "HELD_OUT_MINUTES", (1.2,))
     monkeypatch.setattr(recordings, "FLOOR_HORIZONS", (80,))
-    words = ["machines", str(tmp_path), "--kinematic", str(N_VARIANT), "--minutes", "1.5", "--kinds", "arx"]
+    words = ["machines", str(tmp_path), "--kinematic", "8", "--minutes", "1.5", "--kinds", "arx"]
     arguments = parse(words)
     run_machines(arguments, all_kinds(None))
     found = ledger.read(tmp_path / "ledger.jsonl")
-    name = f"kinematic_{N_VARIANT}"
+    name = "kinematic_8"
     assert list(found) == [(name, 0.0, 0, "floor"), (name, 1.5, 0, "arx")]
     floor, arx = (np.array(row.errors["80"]) for row in found.values())
     assert np.all(arx > floor) and np.all(floor > 1e-4)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.closed_loop.machines import N_VARIANT, variant
+from benchmarks.closed_loop.machines import variant
 from benchmarks.closed_loop.sessions import machine
 from benchmarks.closed_loop.simulators import KINEMATIC, PLANT, SIMULATORS
 from benchmarks.machine_draws.hydraulic import draw_hydraulic, walther
@@ -80,12 +80,11 @@ def test_oil_has_the_viscosities_of_its_grade():
         assert 10.0**10.0 ** (a - b * np.log10(celsius + 273.15)) - 0.7 == pytest.approx(viscosity)
 
 
-def test_numbers_beyond_the_variants_are_drawn_machines():
+def test_numbers_are_drawn_machines():
     for simulator in SIMULATORS.values():
-        one, other = (variant(simulator, number) for number in (N_VARIANT, N_VARIANT + 1))
+        one, other = (variant(simulator, number) for number in (8, 9))
         assert one.style_seed != other.style_seed
-    mass = [variant(PLANT, number).parameters.supply.engine_droop for number in (N_VARIANT - 1, N_VARIANT)]
-    assert mass[0] == bobcat_e10().supply.engine_droop != mass[1]
+        assert one.parameters is not other.parameters
 
 
 def without_chances():
@@ -103,9 +102,9 @@ WITHIN_SUBSTEPS = QUIET.change("command_path", dead_time_s=np.full(4, 0.101))  #
     ids=["plant", "kinematic"],
 )
 def test_a_replay_without_chances_is_the_session(simulator, sound, tolerance_rad):
-    log = simulator.record(machine(), sound, (), 3, 0.5, 4, 0)
+    log = simulator.record(sound, (), 3, 0.5, 4, 0)
     starts, horizon = [100, 250, 400], 120
-    again = simulator.replay(machine(), sound, log, 4, starts, horizon, 5)
+    [again] = simulator.replay(sound, log, 4, starts, horizon, 5)
     path = log.true_positions
     first = np.array([path[start : start + horizon] - path[start - 1] for start in starts])
     assert np.abs(first).max() > 0.1
@@ -113,11 +112,14 @@ def test_a_replay_without_chances_is_the_session(simulator, sound, tolerance_rad
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS.values(), ids=lambda s: s.name)
-def test_replays_differ_by_their_seed_alone(simulator):
-    sound = variant(simulator, N_VARIANT).parameters
-    log = simulator.record(machine(), sound, (), 3, 0.5, 4, 0)
-    one, same_seed, other = (
-        simulator.replay(machine(), sound, log, 4, [100, 300], 80, seed) for seed in (5, 5, 6)
-    )
-    np.testing.assert_array_equal(one, same_seed)
+def test_replays_differ_by_their_chances_and_by_what_takes_the_machines_place(simulator):
+    of = variant(simulator, 8)
+    sound = of.parameters
+    log = simulator.record(sound, (), 3, 0.5, 4, 0)
+    arguments = (sound, log, 4, [100, 300], 80)
+    one, other = simulator.replay(*arguments, 5, instead=(None, None))
+    np.testing.assert_array_equal(simulator.replay(*arguments, 5, instead=(sound,))[0], one)
     assert 1e-4 < np.abs(one - other)[:, -1].max() < 0.1
+    slow = simulator.draw_effect("delay", 1, of, 2.0).apply(sound)
+    [late] = simulator.replay(*arguments, 5, instead=(slow,))
+    assert np.abs(late - one).max() > 2.0 * np.abs(one - other).max()

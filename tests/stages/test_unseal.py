@@ -111,10 +111,11 @@ def test_what_is_right_here_is_right_in_the_benchmark(name: str) -> None:
     sealed, said, (right, _, joints_right) = CASES[name]
     onset = Onset("log", 80.0)
     truth = Truth(
-        0,
+        8,
+        "plant",
         "delay",
-        0,
         "same",
+        4,
         tuple(
             TrueEffect(
                 family="change_point" if effect["onset_s"] else effect["family"],
@@ -126,14 +127,12 @@ def test_what_is_right_here_is_right_in_the_benchmark(name: str) -> None:
                 onset=onset if effect["onset_s"] else None,
                 cause=effect["cause"],
                 size=1.0,
-                wanted_ratio=None,
-                ratio=None,
             )
             for effect in sealed
         ),
     )
-    outcome = compare("case", truth, Solution(0, 1.0, said, None), None)
-    assert right == (outcome.hits == len(sealed) and outcome.joints[1:] == (0, 0))
+    outcome = compare("case", truth, Solution(0, 1.0, said, None))
+    assert right == (all(outcome.hits) and outcome.joints[1:] == (0, 0))
     assert joints_right == (outcome.joints[1:] == (0, 0))
     assert not (right and outcome.wrong_name)
 

@@ -37,7 +37,7 @@ def quiet_machine():
 
 
 QUIET = quiet_machine()
-VARIANT = Variant(KINEMATIC, 0, QUIET, 1, (2, 3), (4, 5, 6))
+VARIANT = Variant(KINEMATIC, 0, QUIET, 1, (2, 3))
 
 
 class Script:

@@ -110,7 +110,7 @@ def test_speeds_and_responses_are_those_of_the_class():
             machine.quantities.motion.rise_time_constant_s
         )
         assert to_90_percent_s.min() > 0.3 and to_90_percent_s.max() < 1.0
-        assert machine.work is (Work.painting if number % 2 else Work.random_holds)
+    assert {variant(KINEMATIC, number).parameters.work for number in range(8)} == set(Work)
 
 
 def test_random_holds_stay_in_the_middle_and_have_pauses():
