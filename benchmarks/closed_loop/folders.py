@@ -9,10 +9,10 @@ from pathlib import Path
 import yaml
 from omegaconf import OmegaConf
 
+from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
 from pipeline.machine.specification import CommandKind, JointKind, MachineSpecification
 
-MACHINE = "machine_of_the_case"  # the name by which `close_loop` finds its description
 CLOSED, OPEN = 0o000, 0o700  # modes of the folder of seals
 CONFIGURATION = "conf"  # of a case: `machine/<name>.yaml`, all that a solver may know besides the logs
 
@@ -52,15 +52,20 @@ class Folders:
         }
         folder = self.cases / name / CONFIGURATION / "machine"
         folder.mkdir(parents=True, exist_ok=True)
-        write_whole(folder / f"{MACHINE}.yaml", yaml.safe_dump(content, sort_keys=False).encode())
+        write_whole(folder / f"{machine.name}.yaml", yaml.safe_dump(content, sort_keys=False).encode())
 
     def is_complete(self, name: str) -> bool:
         """Whether a case was written whole."""
-        return self._description(name).exists()
+        return self._description(name) is not None
 
     def machine(self, name: str) -> MachineSpecification:
         """Of a complete case."""
-        content = OmegaConf.load(self._description(name))
+        path = self._description(name)
+        if path is None:
+            raise InputError(
+                f"{self.cases / name}: no machine is described; run benchmarks.closed_loop.generate"
+            )
+        content = OmegaConf.load(path)
         machine: MachineSpecification = OmegaConf.to_object(
             OmegaConf.merge(OmegaConf.structured(MachineSpecification), content)
         )
@@ -72,8 +77,8 @@ class Folders:
             return []
         return sorted(path.name for path in self.cases.glob("[!.]*") if self.is_complete(path.name))
 
-    def _description(self, name: str) -> Path:
-        return self.cases / name / CONFIGURATION / "machine" / f"{MACHINE}.yaml"
+    def _description(self, name: str) -> Path | None:
+        return next((self.cases / name / CONFIGURATION / "machine").glob("*.yaml"), None)
 
 
 @contextmanager

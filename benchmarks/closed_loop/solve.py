@@ -27,7 +27,7 @@ import jax
 
 from benchmarks.closed_loop import blind
 from benchmarks.closed_loop.examine import examine
-from benchmarks.closed_loop.folders import CONFIGURATION, MACHINE, Folders, sealed
+from benchmarks.closed_loop.folders import CONFIGURATION, Folders, sealed
 from benchmarks.closed_loop.ledger import fingerprint
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
@@ -56,7 +56,7 @@ def tasks(folders: Folders, overrides: Sequence[str]) -> list[Task]:
             f"nominal={case / 'nominal'}",
             f"measured={case / 'measured'}",
             f"output={solution}",
-            f"machine={MACHINE}",
+            f"machine={folders.machine(name).name}",
             "tracking=none",
             "page=false",
             *overrides,
