@@ -62,7 +62,7 @@ def test_load_slows_lifting_and_hastens_lowering_and_states_the_mean_over_nomina
             sign * FULL_RAD_S * (1.0 - sign * loss[BOOM] * lever), rel=0.02
         )
     nominal = [
-        KINEMATIC.record(specification(), of.parameters, (), of.style_seed, 12.0, seed, 0)
+        KINEMATIC.record(of.parameters, (), of.style_seed, 12.0, seed, 0)
         for seed in of.session_seeds
     ]
     for joint in (BOOM, ARM):
