@@ -61,10 +61,7 @@ def test_load_slows_lifting_and_hastens_lowering_and_states_the_mean_over_nomina
         assert speeds(log, BOOM)[row] == pytest.approx(
             sign * FULL_RAD_S * (1.0 - sign * loss[BOOM] * lever), rel=0.02
         )
-    nominal = [
-        KINEMATIC.record(of.parameters, (), of.style_seed, 12.0, seed, 0)
-        for seed in of.session_seeds
-    ]
+    nominal = [KINEMATIC.record(of.parameters, (), of.style_seed, 12.0, seed, 0) for seed in of.session_seeds]
     for joint in (BOOM, ARM):
         for name, sign in (("up", 1), ("down", -1)):
             levers = [
