@@ -51,7 +51,7 @@ def test_flow_coupling_takes_its_share_while_others_move():
 
 
 def test_load_slows_lifting_and_hastens_lowering_and_states_the_mean_over_nominal_poses():
-    of = variant(KINEMATIC, 0)
+    of = variant(KINEMATIC, 8)
     effect = effects.draw("load", 5, of, 1.0)
     assert effect.joints == ("boom", "arm")
     loss = effect.apply(QUIET).quantities.speed.load_loss
