@@ -10,7 +10,9 @@ import pytest
 
 from pipeline.configuration.load import load_machine
 from pipeline.dynamics.evaluation.errors import prediction_errors
+from pipeline.dynamics.evaluation.predictive_band import PredictiveBand
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
+from pipeline.dynamics.model.fir_model import FirModel
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.model.store import load_model, save_model
 from pipeline.errors import InputError
@@ -138,3 +140,31 @@ def test_models_that_cannot_be_judged_are_refused(folder: Path) -> None:
         load_models([model], other)
     with pytest.raises(InputError, match=r"models=\[PATH\]"):
         load_models([], load_machine("rc_excavator"))
+
+
+def test_the_fifth_kind_is_identified_with_its_band(folder: Path, tmp_path: Path) -> None:
+    training = "{hidden:[8],lags:6,maximum_epochs:2,ensemble:{members:2,hidden:[4]}}"
+    result = run_stage(
+        "identify",
+        f"identify.selected.nfir_dqdot={training}",
+        "identify.evaluation_windows=8",
+        "machine=rc_excavator",
+        "model=nfir",
+        "checkpoints=null",
+        "tuples=sessions",
+        "held_out=held_out",
+        f"output={tmp_path / 'nfir'}",
+        folder=folder,
+    )
+    assert result.returncode == 0, result.stderr
+    machine = load_machine("rc_excavator")
+    model, parameters = load_model(tmp_path / "nfir")
+    assert isinstance(model, FirModel)
+    assert model.specification.demand_beyond == []  # commands are proportional
+    sessions, (unseen,) = read_tuples(folder / "sessions", machine), read_tuples(folder / "held_out", machine)
+    coverage = PredictiveBand(model, parameters, sessions).coverage([unseen])
+    metrics = json.loads((tmp_path / "nfir/metrics.json").read_text())
+    for steps in (20, 80):
+        for name, values in coverage._asdict().items():
+            told = metrics[f"band_{name}_after_{steps}_steps"]
+            np.testing.assert_allclose([told[j] for j in machine.joint_names], values[steps - 1], rtol=1e-5)

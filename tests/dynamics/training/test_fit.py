@@ -11,6 +11,7 @@ from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.model.specify import residual_scales, velocity_limits
+from pipeline.dynamics.settings import EnsembleConfig
 from pipeline.dynamics.training import fit as fit_module
 from pipeline.dynamics.training.checkpoint import Checkpoints
 from pipeline.dynamics.training.fit import fit
@@ -81,9 +82,12 @@ def test_training_stops_after_patience_evaluations_without_improvement(
     assert result.metrics["best_epoch"] == {1: 2, 3: 4}[patience]
 
 
-def test_killed_run_goes_on_to_the_same_result(lag_trajectories, machine, tmp_path):
-    training, identify = make_training(maximum_epochs=5), make_identify(checkpoint_every_epochs=2)
-    arguments = (lag_trajectories, machine, MLP, Target.dqdot, training, identify, 0)
+@pytest.mark.parametrize("ensemble", [None, EnsembleConfig(members=2, hidden=[4], weight_decay=0.05)])
+def test_killed_run_goes_on_to_the_same_result(lag_trajectories, machine, tmp_path, ensemble):
+    parameterization = MLP if ensemble is None else Parameterization.nfir
+    training = make_training(maximum_epochs=5, horizon=1, batch_size=128, ensemble=ensemble)
+    identify = make_identify(checkpoint_every_epochs=2)
+    arguments = (lag_trajectories, machine, parameterization, Target.dqdot, training, identify, 0)
     whole = fit(*arguments)
 
     class Killed(Exception):
