@@ -12,6 +12,7 @@ STANDING_RAD_S = 0.01  # a drive that is slower stands
 @compiled
 def receive(
     path: CommandPath,
+    lockout_s: np.ndarray,
     state: State,
     commands: np.ndarray,
     arrival_s: np.ndarray,
@@ -27,6 +28,7 @@ def receive(
 
     Args:
         path: Of the machine.
+        lockout_s: (n,) see `Dependences`.
         state: Changed in place.
         commands: (T, n) of the session so far.
         arrival_s: (T, n) when each of them reaches the valve, since the session's start.
@@ -44,7 +46,12 @@ def receive(
         state.held_s[j] = state.held_s[j] + dt_s if command == before else 0.0
         if command != 0.0 and before == 0.0 and state.rest_s[j] > path.rest_threshold_s[j]:
             state.stuck_s[j] = path.mean_extra_time_s[j] * extra_share[j]
-        state.valve[j] = 0.0 if state.stuck_s[j] > 0.0 else command
+        if command * state.sign[j] < 0.0:
+            state.locked_s[j] = lockout_s[j]
+        if command != 0.0:
+            state.sign[j] = np.sign(command)
+        state.valve[j] = 0.0 if max(state.stuck_s[j], state.locked_s[j]) > 0.0 else command
         state.stuck_s[j] = max(state.stuck_s[j] - dt_s, 0.0)
+        state.locked_s[j] = max(state.locked_s[j] - dt_s, 0.0)
         stands = state.valve[j] == 0.0 and abs(state.drive_rad_s[j]) < STANDING_RAD_S
         state.rest_s[j] = state.rest_s[j] + dt_s if stands else 0.0

@@ -144,6 +144,11 @@ class Dependences(NamedTuple):
     cycle_loss: np.ndarray
     """(n,) Loss in the first half of each period of the wall clock."""
     cycle_s: float
+    boost: np.ndarray
+    """(n,) Gain of a joint whose command has been held for longer than `boost_s`."""
+    boost_s: float
+    lockout_s: np.ndarray
+    """(n,) For how long a valve stays shut once its command's sign is reversed."""
 
 
 TYPICAL_ACTIVITY = 0.25  # mean |command| over the joints
@@ -264,6 +269,9 @@ def draw_machine(specification: MachineSpecification, number: int, seed: int) ->
             position_rad=np.zeros((n, n)),
             cycle_loss=np.zeros(n),
             cycle_s=NO_EFFECT_TIME_S,
+            boost=np.zeros(n),
+            boost_s=NO_EFFECT_TIME_S,
+            lockout_s=np.zeros(n),
         ),
     )
     return Machine(quantities, Work.painting if number % 2 else Work.random_holds)

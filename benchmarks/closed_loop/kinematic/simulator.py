@@ -49,6 +49,7 @@ def advance(
         time_s = row * SUBSTEP_S
         receive(
             quantities.command_path,
+            dependences.lockout_s,
             state,
             commands,
             arrival_s,

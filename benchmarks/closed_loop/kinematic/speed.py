@@ -91,6 +91,8 @@ def ask_for_speed(
             least = speed.cushion_ratio[j, side]
             factor *= least + (1.0 - least) * max(distance, 0.0) / zone
         factor *= 1.0 - dependences.hold_loss[j] * (1.0 - np.exp(-state.held_s[j] / dependences.hold_s))
+        if state.held_s[j] > dependences.boost_s:
+            factor *= 1.0 + dependences.boost[j]
         factor *= max(1.0 - dependences.travel_loss_per_rad[j] * state.travel_rad[j], LEAST_TRAVEL_RATIO)
         if clock_s % dependences.cycle_s < 0.5 * dependences.cycle_s:
             factor *= 1.0 - dependences.cycle_loss[j]

@@ -19,6 +19,8 @@ class State(NamedTuple):
     held_s: np.ndarray  # (n,) since it last changed
     rest_s: np.ndarray  # (n,) since the valve closed and the drive stood still
     stuck_s: np.ndarray  # (n,) for how much longer the valve sticks
+    sign: np.ndarray  # (n,) of the last command that was not zero
+    locked_s: np.ndarray  # (n,) for how much longer the valve is locked out
     valve: np.ndarray  # (n,) what the valve does of the command
     process: np.ndarray  # (N_SHARED + n,) Ornstein-Uhlenbeck processes of unit variance
     activity: np.ndarray  # (1,) mean |valve|, averaged over the recent past, 1: typical
@@ -48,6 +50,8 @@ def resting_state(position_rad: np.ndarray, process: np.ndarray) -> State:
         held_s=np.zeros(n),
         rest_s=np.full(n, LONG_REST_S),
         stuck_s=np.zeros(n),
+        sign=np.zeros(n),
+        locked_s=np.zeros(n),
         valve=np.zeros(n),
         process=process,
         activity=np.zeros(1),

@@ -89,3 +89,25 @@ def test_a_cycle_follows_the_wall_clock_and_not_the_sessions_start():
         start_ns = round((1000 * period_s + begin_s) * 1e9)
         log = driven(effect.apply(QUIET), held((1, 0.6)), start_time_ns=start_ns)
         assert speeds(log, SWING)[8] == pytest.approx(FULL_RAD_S * ratio)
+
+
+def test_a_command_that_is_held_is_boosted():
+    effect = drawn_effect("hold_boost", where=on_joint("swing"))
+    after = round(value(effect, "held_for") / DT_S)
+    away_s = 1.5  # else the stop comes first
+    speed = speeds(driven(effect.apply(QUIET), held((-1, away_s), (1, 2.5))), SWING)[round(away_s / DT_S) :]
+    np.testing.assert_allclose(speed[5 : after - 2], FULL_RAD_S)
+    np.testing.assert_allclose(
+        speed[after + 6 : after + 10], FULL_RAD_S * (1.0 + value(effect, "speed_gain"))
+    )
+
+
+def test_a_reversal_locks_the_valve_whether_or_not_there_is_a_rest_between():
+    effect = drawn_effect("reversal_lockout", where=on_joint("swing"))
+    lockout = round(value(effect, "lockout") / DT_S)
+    for rest_s in (0.0, 0.5):
+        commands = held((1, 0.5), (0, rest_s), (-1, 1.5), (0, 0.2), (-1, 0.5))
+        late, sound = (speeds(driven(of, commands), SWING) for of in (effect.apply(QUIET), QUIET))
+        begins = [int(np.argmax(speed < -0.5 * FULL_RAD_S)) for speed in (late, sound)]
+        assert begins[0] - begins[1] == pytest.approx(lockout, abs=1)
+        np.testing.assert_allclose(late[-10:], sound[-10:])  # the same sign again is no reversal

@@ -25,6 +25,8 @@ TRAVEL_LOSS = (0.20, 0.40)  # at the end of a typical session
 TYPICAL_TRAVEL_RAD = 43.0  # of a joint in six minutes
 ACTIVITY_LOSS, ACTIVITY_S = (0.10, 0.20), (10.0, 30.0)
 POSITION_LOSS, POSITION_SHARE = (0.20, 0.40), (0.2, 0.5)  # of the time, until where it begins
+BOOST, BOOST_AFTER_S = (0.15, 0.35), (0.8, 1.8)
+LOCKOUT_S = (0.15, 0.40)
 CYCLE_LOSS, CYCLE_S = (0.20, 0.40), (30.0, 60.0)
 
 
@@ -119,6 +121,30 @@ def draw_clock_cycle(random: np.random.Generator, variant: Variant, size: float)
     return _other("clock_cycle", joint, "absolute_time", truth, "timer switches a bypass", apply)
 
 
+def draw_hold_boost(random: np.random.Generator, variant: Variant, size: float) -> Effect:
+    """Speed v = u (1 + c) once the joint's present command has been held for longer than a threshold."""
+    joint, gain, after_s = choose_joint(random), size * random.uniform(*BOOST), random.uniform(*BOOST_AFTER_S)
+
+    def apply(machine: Machine) -> Machine:
+        present = machine.quantities.dependences.boost
+        return machine.change("dependences", boost=with_value(present, joint, gain), boost_s=after_s)
+
+    truth = {"speed_gain": Quantity(gain, "1"), "held_for": Quantity(after_s, "s")}
+    return _other("hold_boost", joint, f"hold_time:{JOINTS[joint]}", truth, "second pump cuts in", apply)
+
+
+def draw_reversal_lockout(random: np.random.Generator, variant: Variant, size: float) -> Effect:
+    """The valve stays shut for a while once the sign of the command is another than the last one's."""
+    joint, lockout_s = choose_joint(random), size * random.uniform(*LOCKOUT_S)
+
+    def apply(machine: Machine) -> Machine:
+        present = machine.quantities.dependences.lockout_s
+        return machine.change("dependences", lockout_s=with_value(present, joint, lockout_s))
+
+    truth = {"lockout": Quantity(lockout_s, "s")}
+    return _other("reversal_lockout", joint, f"reversal:{JOINTS[joint]}", truth, "reversal guard", apply)
+
+
 def _other(kind: str, joint: int, on: str, truth: dict[str, Quantity], cause: str, apply: Apply) -> Effect:
     return Effect(OTHER, kind, (JOINTS[joint],), (on,), truth, cause, apply)
 
@@ -130,4 +156,6 @@ KINDS = {
     "activity_sag": Kind(draw_activity_sag, 2.0),  # a fifth is left after hard work
     "position_crosstalk": Kind(draw_position_crosstalk, 2.0),  # a fifth is left
     "clock_cycle": Kind(draw_clock_cycle, 2.0),  # a fifth is left
+    "hold_boost": Kind(draw_hold_boost, 2.0),  # 1.7 times as fast
+    "reversal_lockout": Kind(draw_reversal_lockout, 2.5),  # 1 s
 }
