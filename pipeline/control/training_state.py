@@ -6,12 +6,13 @@ stands here puts itself around that epoch. A resumed training runs the loop from
 that are done are passed over, and the last of them gives the state that was saved.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import jax
 import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from pipeline.control.checkpoint import restored_like
 
@@ -54,6 +55,8 @@ class Epochs:
     def taking_over(self) -> Iterator[None]:
         """Within the block Brax's PPO runs these epochs."""
         n_found, compiling = 0, jax.pmap
+        if not hasattr(jax, "device_put_replicated"):  # JAX from 0.10 on
+            jax.device_put_replicated = _replicated
 
         def pmap(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
             nonlocal n_found
@@ -69,3 +72,11 @@ class Epochs:
         finally:
             jax.pmap = compiling
         assert n_found == 1, "Brax's PPO has changed: it no longer compiles its epoch by jax.pmap"
+
+
+def _replicated(state: Any, devices: Sequence[jax.Device]) -> Any:
+    """As `jax.device_put_replicated`: one copy per device, along a new first axis."""
+    sharding = NamedSharding(Mesh(np.array(devices), "device"), PartitionSpec("device"))
+    return jax.tree.map(
+        lambda leaf: jax.device_put(jax.numpy.stack([leaf] * len(devices)), sharding), state
+    )
