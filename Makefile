@@ -68,6 +68,20 @@ control-level: env ## policies from before and after closing the loop, on the ch
 paper-tables: search ablation ## make the paper's tables, after `make repro`: a night or more; a killed run goes on where it was
 	PATH="$(CURDIR)/$(BIN):$$PATH" python -m pipeline.stages.processes.side_by_side experiments/paper_tables/dvc.yaml
 
+# On a machine that has Python and JAX of its own, and no network:
+#   tar xzf build/gpu.tar.gz && PYTHONPATH=gpu:. python3 -m pipeline.stages.ppo profile=paper tracking=none model=… output=…
+GPU_PYTHON ?= 3.12
+GPU_PACKAGES := antlr4-python3-runtime brax hydra-core jaxkan jaxopt ml-collections mujoco mujoco-mjx omegaconf tensorboardx \
+  trimesh
+
+.PHONY: gpu
+gpu: env ## pack what a bare machine with its own JAX lacks for training policies (build/gpu.tar.gz; GPU_PYTHON=3.12)
+	rm -rf build/gpu && mkdir -p build
+	awk '/^[a-z]/{keep = index(" $(GPU_PACKAGES) ", " " substr($$1, 1, index($$1, "==") - 1) " ")} keep' requirements.lock > build/gpu.lock
+	$(BIN)/uv pip install --quiet --no-deps --require-hashes --target build/gpu --python-version $(GPU_PYTHON) \
+	  --python-platform x86_64-manylinux_2_28 --requirement build/gpu.lock
+	tar czf build/gpu.tar.gz -C build gpu
+
 .PHONY: ablation
 ablation: env ## train PPO with terms of the reward left out (the paper's appendix; needs the model that `make repro` makes)
 	$(BIN)/python -m pipeline.stages.reward_ablation $(ABLATION)

@@ -31,6 +31,13 @@ def test_make_checks_what_the_hooks_check(target: str) -> None:
             assert hook["entry"].removesuffix(" --force-exclude") in recipe
 
 
+def test_packages_for_a_machine_with_its_own_jax_are_locked() -> None:
+    makefile = (ROOT / "Makefile").read_text().replace("\\\n", "")
+    packages = re.findall(r"^GPU_PACKAGES := (.*)$", makefile, re.M)[0].split()
+    locked = re.findall(r"^([a-z0-9-]+)==", (ROOT / "requirements.lock").read_text(), re.M)
+    assert packages and set(packages) <= set(locked)
+
+
 def test_make_help_names_every_target() -> None:
     shown = subprocess.run(["make"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     targets = re.findall(r"^\.PHONY: (\S+)", (ROOT / "Makefile").read_text(), re.M)

@@ -56,7 +56,7 @@ class Epochs:
         """Within the block Brax's PPO runs these epochs."""
         n_found, compiling = 0, jax.pmap
         if not hasattr(jax, "device_put_replicated"):  # JAX from 0.10 on
-            jax.device_put_replicated = _replicated
+            jax.device_put_replicated = replicated  # type: ignore[assignment]
 
         def pmap(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
             nonlocal n_found
@@ -74,9 +74,7 @@ class Epochs:
         assert n_found == 1, "Brax's PPO has changed: it no longer compiles its epoch by jax.pmap"
 
 
-def _replicated(state: Any, devices: Sequence[jax.Device]) -> Any:
+def replicated(state: Any, devices: Sequence[jax.Device]) -> Any:
     """As `jax.device_put_replicated`: one copy per device, along a new first axis."""
     sharding = NamedSharding(Mesh(np.array(devices), "device"), PartitionSpec("device"))
-    return jax.tree.map(
-        lambda leaf: jax.device_put(jax.numpy.stack([leaf] * len(devices)), sharding), state
-    )
+    return jax.tree.map(lambda leaf: jax.device_put(jax.numpy.stack([leaf] * len(devices)), sharding), state)

@@ -3,15 +3,18 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import polars
 import pyarrow
 from pyarrow.parquet import ParquetFile, ParquetWriter, read_schema
 
 from pipeline.errors import InputError, first_line
 from pipeline.files.atomic import atomic_path
 from pipeline.machine.specification import MachineSpecification
+
+if TYPE_CHECKING:
+    import polars  # else where tuples are read: training a policy reads none, and needs no package of 170 MB
 
 TRAIN, VALIDATION = "train", "validation"
 SUFFIX = ".parquet"
@@ -161,6 +164,8 @@ def _table(machine: MachineSpecification, schema: pyarrow.Schema, section: Traje
 
 
 def _read(path: Path, machine: MachineSpecification) -> list[Trajectory]:
+    import polars
+
     try:
         frame = polars.read_parquet(path)
     except (polars.exceptions.PolarsError, polars.exceptions.PanicException, OSError) as error:
@@ -195,7 +200,9 @@ def _read(path: Path, machine: MachineSpecification) -> list[Trajectory]:
     return [_trajectory(part, machine) for part in parts]
 
 
-def _trajectory(part: polars.DataFrame, machine: MachineSpecification) -> Trajectory:
+def _trajectory(part: "polars.DataFrame", machine: MachineSpecification) -> Trajectory:
+    import polars
+
     def matrix(prefix: str) -> np.ndarray:
         return np.stack(
             [part[f"{prefix}_{joint}"].cast(polars.Float64).to_numpy() for joint in machine.joint_names],

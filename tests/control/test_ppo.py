@@ -18,6 +18,7 @@ from pipeline.control.evaluate import policy_evaluation
 from pipeline.control.policy import Policy
 from pipeline.control.ppo import LinearDecay, ModelKindOverrides, PPOConfig, train
 from pipeline.control.training import training_identity
+from pipeline.control.training_state import replicated
 from pipeline.control.warm_start import WarmStartConfig
 from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
 from pipeline.dynamics.model.network import Parameterization
@@ -248,3 +249,15 @@ def test_overrides_of_an_unknown_kind_are_named(paper_ppo):
 def test_bad_configuration_is_named(paper_ppo, change):
     with pytest.raises(InputError, match=f"ppo.{next(iter(change))}"):
         PPOConfig(**{**vars(paper_ppo), **change})
+
+
+def test_state_is_replicated_as_by_the_function_that_newer_jax_lacks():
+    devices, state = (
+        jax.local_devices(),
+        {"a": jnp.arange(3.0), "b": (jnp.float32(2.0), jax.random.key_data(jax.random.key(1)))},
+    )
+    found, expected = replicated(state, devices), jax.device_put_replicated(state, devices)
+    jax.tree.map(np.testing.assert_array_equal, found, expected)
+    assert jax.tree.map(lambda leaf: leaf.devices(), found) == jax.tree.map(
+        lambda leaf: leaf.devices(), expected
+    )
