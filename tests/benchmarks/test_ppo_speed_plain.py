@@ -1,6 +1,5 @@
 """What the speed of PPO's environment is measured against computes the same."""
 
-import jax
 import numpy as np
 import pytest
 
@@ -9,12 +8,7 @@ from benchmarks.ppo_speed import check_equal, environments_of, operations
 
 @pytest.mark.long
 def test_the_plain_environment_is_the_same_task():
-    before = jax.config.read("jax_disable_most_optimizations")
-    jax.config.update("jax_disable_most_optimizations", True)
-    try:
-        check_equal(*environments_of([16, 8]))
-    finally:
-        jax.config.update("jax_disable_most_optimizations", before)
+    check_equal(*environments_of([16, 8]))
 
 
 def test_operations_are_two_per_weight():

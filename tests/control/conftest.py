@@ -6,7 +6,6 @@ from pipeline.configuration.load import load_section
 from pipeline.control.ppo import PPOConfig
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes, evaluation_episodes
-from tests.compilation import quick_compilation  # noqa: F401  autouse
 from tests.reaching.conftest import (  # noqa: F401  fixtures
     arm,
     bobcat,

@@ -8,7 +8,6 @@ from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecifica
 from pipeline.dynamics.settings import IdentifyConfig, Optimiser, TrainingConfig
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointKind, JointSpecification, MachineSpecification
-from tests.compilation import quick_compilation  # noqa: F401  autouse
 
 KINDS = [("mlp", "dq"), ("mlp", "dqdot"), ("kan", "dq"), ("kan", "dqdot")]
 LAGS = 3

@@ -11,7 +11,6 @@ from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import CommandEffect, Setting, Signals
 from pipeline.logs.tuples import Trajectory
-from tests.compilation import quick_compilation  # noqa: F401  autouse
 
 DT_S = 0.05
 LOWER, UPPER, SPEED = np.array([-1.0, 0.05]), np.array([0.5, 0.35]), np.array([0.5, 0.1])  # rad, m

@@ -13,7 +13,6 @@ from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import EpisodesConfig, learning_poses
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
-from tests.compilation import quick_compilation  # noqa: F401  autouse
 from tests.reaching.lag import lag_dynamics
 
 

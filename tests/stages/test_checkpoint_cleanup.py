@@ -19,8 +19,6 @@ from pipeline.reaching.metrics import Traces
 from pipeline.reaching.reward import RewardTerms
 from tests.stages.command import run_stage
 
-pytestmark = pytest.mark.usefixtures("module_compiled_quickly")
-
 MINE = (
     "thesis.tex",
     "data/2024/day.bag",

@@ -19,7 +19,7 @@ from pipeline.configuration.load import load_machine
 from pipeline.logs.formats.writer import write_bag
 from tests.stages.command import run_stage
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("module_compiled_quickly")]
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 STAGES = sorted(path.stem for path in (ROOT / "pipeline/stages").glob("[a-z]*.py"))

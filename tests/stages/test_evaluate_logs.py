@@ -25,8 +25,6 @@ from tests.logs.conftest import Session
 from tests.reaching.test_logged_trials import chisel, tip
 from tests.stages.command import run_stage
 
-pytestmark = pytest.mark.usefixtures("module_compiled_quickly")
-
 START_NS = 1_700_000_000_000_000_000
 LAGS = 3
 

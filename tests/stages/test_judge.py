@@ -21,7 +21,7 @@ from pipeline.machine.specification import JointSpecification, MachineSpecificat
 from pipeline.stages.judge import load_models
 from tests.stages.command import run_stage
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("module_compiled_quickly")]
+pytestmark = pytest.mark.slow
 
 SMALL = [
     "judge.long_prediction_steps=150",

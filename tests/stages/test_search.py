@@ -43,8 +43,6 @@ from ..postgresql import postgresql_server
 from ..study_worker import settings as study_settings
 from .command import run_stage
 
-pytestmark = pytest.mark.usefixtures("module_compiled_quickly")
-
 ROOT = Path(__file__).parents[2]
 START_UP_TIMEOUT_S = 120
 SEARCHED = "artifacts/search/mlp_dqdot/trials.csv"

@@ -12,8 +12,6 @@ from pipeline.discrepancy.families.uncorrectable import WITHOUT_WRAPPER
 from pipeline.effects.catalogue import KNOWN
 from tests.test_docs import STAGE_COMMANDS
 
-pytestmark = pytest.mark.usefixtures("module_compiled_quickly")
-
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/tutorial.md"
 COMMANDS = [
