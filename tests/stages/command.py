@@ -18,8 +18,7 @@ def run_stage(stage: str, *overrides: str, folder: Path) -> subprocess.Completed
     With `tracking=none`, unless the overrides say otherwise.
     """
     is_tracked = any(override.startswith("tracking=") for override in overrides)
-    mode = [] if "-m" in overrides else ["--run"]  # Hydra would compose all once more to find out
-    arguments = [f"{stage}.py", *mode, *overrides, *([] if is_tracked else ["tracking=none"])]
+    arguments = [f"{stage}.py", *overrides, *([] if is_tracked else ["tracking=none"])]
     main = importlib.import_module(f"pipeline.stages.{stage}").main
     said, errors = io.StringIO(), io.StringIO()
     with (
@@ -27,6 +26,8 @@ def run_stage(stage: str, *overrides: str, folder: Path) -> subprocess.Completed
         contextlib.chdir(folder),
         contextlib.redirect_stdout(said),
         contextlib.redirect_stderr(errors),
+        # which composes all once more to find `hydra.mode`; without, -m alone decides
+        mock.patch("hydra._internal.hydra.Hydra.get_mode", return_value=None),
         # which closes the streams of handlers that are there already, pytest's among them
         mock.patch("hydra._internal.logging_config.configure_logging"),
     ):
