@@ -163,7 +163,11 @@ def test_a_value_out_of_range_is_refused_before_work_starts(logs: Path, tmp_path
             ["cells=nowhere.yaml"],
             "cells=nowhere.yaml: cannot be read (No such file or directory); ",
         ),
-        ("report", ["cells=list.yaml"], "cells=list.yaml: has no models, targets, seeds, logs; name the"),
+        (
+            "report",
+            ["cells=list.yaml"],
+            "cells=list.yaml: has no models, targets, seeds, identified, logs; name",
+        ),
         ("reward_ablation", ["cells=broken.yaml"], "cells=broken.yaml: not YAML ("),
     ],
 )
