@@ -40,6 +40,10 @@ demo: env ## films of reaching, and an undeclared change found: one page in some
 	rm -rf build/demo
 	TF_CPP_MIN_LOG_LEVEL=3 $(BIN)/python -m pipeline.stages.processes.demo
 
+# As tests/conftest.py, which says why.
+COMPILED_QUICKLY := JAX_DISABLE_MOST_OPTIMIZATIONS=1 \
+  XLA_FLAGS="--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+
 .PHONY: graph-smoke
 graph-smoke: env ## test the whole graph: `dvc repro` on the smoke profile in build/graph_smoke (its figures mean nothing)
 	rm -rf build/graph_smoke && mkdir -p build/graph_smoke
@@ -51,7 +55,7 @@ graph-smoke: env ## test the whole graph: `dvc repro` on the smoke profile in bu
 	cd build/graph_smoke && git init --quiet \
 	  && export JAX_COMPILATION_CACHE_DIR="$${JAX_COMPILATION_CACHE_DIR:-$$PWD/compiled}" \
 	  && mkdir -p "$$JAX_COMPILATION_CACHE_DIR" && export NUMBA_CACHE_DIR="$$JAX_COMPILATION_CACHE_DIR" \
-	  JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.2 TF_CPP_MIN_LOG_LEVEL=3 \
+	  JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.2 TF_CPP_MIN_LOG_LEVEL=3 $(COMPILED_QUICKLY) \
 	  && PATH="$(CURDIR)/$(BIN):$$PATH" python -m pipeline.stages.processes.side_by_side
 	@echo "graph-smoke: the whole graph ran; its page is build/graph_smoke/artifacts/report/index.html"
 
@@ -100,6 +104,8 @@ test: env ## run the tests but the long ones (some 8 minutes on two cores)
 	$(PYTEST) -m "not long"
 
 .PHONY: test-all
+# Whole searches run as much as they compile.
+test-all: export JAX_DISABLE_MOST_OPTIMIZATIONS := 0
 test-all: env ## check style, layers and types, and run the long tests: stages, searches, ROS graphs, PostgreSQL, Chromium
 	nice -n 5 bash -c '$(STYLE)' & $(PYTEST) -m long; tests=$$?; wait $$! && exit $$tests
 
