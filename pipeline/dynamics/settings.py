@@ -82,9 +82,9 @@ class IdentifyConfig:
         evaluation_horizon: H of L|eval.
         evaluation_windows: Number of fixed evaluation windows.
         patience_evaluations: Early stopping: consecutive evaluations (one per epoch) without improvement.
-        optimiser: Gradient method.
-        gradient_clip: Largest global norm of the gradient; null: no clipping.
-        cosine_decay: Whether the learning rate falls to zero as a half cosine over the epochs.
+        optimiser: Gradient method; of an ensemble with decoupled weight decay (AdamW).
+        gradient_clip: Largest global norm of the gradient, of each network in an ensemble; null: no clipping.
+        cosine_decay: Whether the learning rate falls to zero as a half cosine over the epochs; of an ensemble, always.
         batches_per_epoch: Batches drawn per epoch; null: every window once.
         checkpoint_every_epochs: Epochs between saves of the training state for resuming.
         legendre_degree: Degree of the KAN's basis.

@@ -18,7 +18,7 @@ from pipeline.dynamics.training.windows import TrainingRows, gather_windows
 def build_optimiser(
     training: TrainingConfig, identify: IdentifyConfig, n_batches: int
 ) -> optax.GradientTransformation:
-    """Adam, with the configured clipping and decay; an ensemble's rate and weights decay always."""
+    """Adam, with the configured clipping and decay; of an ensemble AdamW, whose rate decays always."""
     rate: optax.ScalarOrSchedule = training.learning_rate
     if identify.cosine_decay or training.ensemble is not None:
         rate = optax.cosine_decay_schedule(
@@ -29,7 +29,21 @@ def build_optimiser(
         steps = optax.adamw(rate, weight_decay=training.ensemble.weight_decay, mask=_members_only)
     if identify.gradient_clip is None:
         return steps
-    return optax.chain(optax.clip_by_global_norm(identify.gradient_clip), steps)
+    return optax.chain(clip_each_network(identify.gradient_clip), steps)
+
+
+def clip_each_network(largest_norm: float) -> optax.GradientTransformation:
+    """Clip f's gradient and each member's by a norm of its own, so that none is shortened for another."""
+    clip = optax.clip_by_global_norm(largest_norm)
+
+    def clipped(gradient: Parameters) -> Parameters:
+        return clip.update(gradient, clip.init(gradient))[0]
+
+    def update(gradient: Parameters, _: Parameters | None) -> Parameters:
+        f = clipped({name: of for name, of in gradient.items() if name != MEMBERS})
+        return f | {name: jax.vmap(clipped)(of) for name, of in gradient.items() if name == MEMBERS}
+
+    return optax.stateless(update)
 
 
 def _members_only(parameters: Parameters) -> dict[str, bool]:

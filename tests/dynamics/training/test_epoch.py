@@ -6,7 +6,8 @@ import numpy as np
 import optax
 import pytest
 
-from pipeline.dynamics.training.epoch import compile_epoch, compile_evaluation
+from pipeline.dynamics.model.fir_model import MEMBERS
+from pipeline.dynamics.training.epoch import clip_each_network, compile_epoch, compile_evaluation
 from pipeline.dynamics.training.loss import prediction_loss
 from pipeline.dynamics.training.windows import stack_rows
 from tests.dynamics.conftest import random_trajectory
@@ -53,3 +54,16 @@ def test_an_epoch_visits_every_window_once_whatever_the_order(epoch, one_model):
     for seed in (1, 2):
         *_, loss = run(parameters, state, rows, starts, jax.random.key(seed))
         np.testing.assert_allclose(loss, whole, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "members", [{}, {MEMBERS: {"layer_0": {"kernel": jnp.array([[3.0, 4.0], [0.6, 0.8]])}}}]
+)
+def test_no_network_of_an_ensemble_is_clipped_for_another(members):
+    clip = clip_each_network(2.0)
+    own = {"layer_0": {"kernel": jnp.array([0.0, 8.0])}, "layer_1": {"kernel": jnp.array([6.0])}}
+    clipped, _ = clip.update(own | members, clip.init(own | members))
+    np.testing.assert_allclose(clipped["layer_0"]["kernel"], [0.0, 1.6], rtol=1e-6)
+    np.testing.assert_allclose(clipped["layer_1"]["kernel"], [1.2], rtol=1e-6)
+    if members:
+        np.testing.assert_allclose(clipped[MEMBERS]["layer_0"]["kernel"], [[1.2, 1.6], [0.6, 0.8]], rtol=1e-6)
