@@ -23,7 +23,7 @@ from pipeline.logs.formats.opened_file import why_unreadable
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.columns import ColumnStore, DiskStore
-from pipeline.logs.messages.raw_log import Note, NoteKind, first_damage
+from pipeline.logs.messages.raw_log import Note, NoteKind
 from pipeline.logs.quality import QualityReport, measure
 from pipeline.logs.trajectories import grid_log, trajectory_sections
 from pipeline.logs.tuples import SUFFIX, Trajectory, is_tuple_file, write_tuples
@@ -255,10 +255,7 @@ def _convert(entry: LogEntry, settings: _Settings, store: ColumnStore, tuples_pa
     """Write one log's tuples section by section, and measure the log in the same pass."""
     machine, config = settings.machine, settings.config
     raw = read_log(entry, machine, store, config.maximum_gap_s)
-    try:
-        gridded = grid_log(raw, machine, config, store)
-    except InputError as error:
-        raise InputError(f"{error}{first_damage(raw.notes)}") from error
+    gridded = grid_log(raw, machine, config, store)
     excitation = Excitation(machine, config.frozen_after_s)
     n_validation_rows = 0
 

@@ -17,7 +17,7 @@ from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state
 from pipeline.logs.messages.columns import Column, ColumnStore, MemoryStore, sections
-from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog, TargetPoses
+from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog, TargetPoses, first_loss
 from pipeline.logs.tracked_velocities import continue_tracking
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
@@ -87,9 +87,20 @@ def grid_log(
         section_rows: Samples processed at a time; the result does not depend on it.
 
     Raises:
-        InputError: The log yields no trajectory, or cannot be used.
+        InputError: The log yields no trajectory, or cannot be used; with what was lost or looks wrong.
     """
     conditioned = ConditionedLog(raw, machine, config, store, section_rows)
+    try:
+        return _gridded(conditioned, machine, config, store)
+    except InputError as error:
+        likely = [note for note in conditioned.notes if note.kind is NoteKind.warning]
+        raise InputError(f"{error}{first_loss([*raw.notes, *likely])}") from error
+
+
+def _gridded(
+    conditioned: ConditionedLog, machine: MachineSpecification, config: IngestConfig, store: ColumnStore
+) -> GriddedLog:
+    raw = conditioned.raw
     notes = [*raw.notes]
     rows = resample(
         conditioned.joints,

@@ -161,7 +161,7 @@ def _why_not_stamps(
     """Return why header stamps cannot be used; empty if they can."""
     n_unset = count_unset(stamp, gap_ns)
     if n_unset > MAXIMUM_UNSET * len(stamp):
-        return f"{n_unset} header stamps are zero"
+        return f"{n_unset} header stamps are zero or missing"
     first = int(stamp[0:1][0])
     n_alike = sum(int((part == first).sum()) for (part,) in sections((stamp,)))
     if n_alike == len(stamp) > 1:

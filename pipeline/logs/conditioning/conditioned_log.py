@@ -49,6 +49,7 @@ from pipeline.logs.conditioning.ordering import (
 )
 from pipeline.logs.conditioning.recording_order import in_order_of_time
 from pipeline.logs.conditioning.samples import Samples
+from pipeline.logs.conditioning.units import unit_warnings
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.messages.columns import ColumnStore, sections
 from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog
@@ -81,7 +82,7 @@ class ConditionedLog:
     ) -> None:
         gap_ns = round(config.maximum_gap_s * NANOSECONDS)
         raw, order_notes = in_order_of_time(raw, gap_ns, store)
-        self.raw = raw
+        self.raw, self.machine = raw, machine
         command_ns, offset_s = command_times(raw, machine.commands, gap_ns)
         time_ns, self.clock, self.notes = choose_clock(
             raw, config.maximum_gap_s, config.maximum_clock_offset_s, machine.joint_states, offset_s
@@ -125,6 +126,7 @@ class ConditionedLog:
             InputError: No joint sample was left, too many commands are outside the machine's set, or only one of the
                 two clocks stepped back, so that commands cannot be assigned to samples.
         """
+        self.notes += unit_warnings(self.raw, self.machine)
         n_command_eras = self.commands.finish()
         if self.n_eras == 0:
             reasons = (

@@ -76,7 +76,7 @@ def in_order_of_time(raw: RawLog, gap_ns: int, store: ColumnStore) -> tuple[RawL
     leading, times = joints, raw.joint_log_time_ns
     if not len(joints.back):
         leading, times = commands, raw.command_log_time_ns
-    is_clock = steps_of_clock(times, leading, gap_ns)
+    is_clock, is_decided = steps_of_clock(times, leading, gap_ns)
     if is_clock is None:
         text = (
             "log time steps back; whether messages are stored out of order or the clock was set back cannot be "
@@ -117,6 +117,9 @@ def in_order_of_time(raw: RawLog, gap_ns: int, store: ColumnStore) -> tuple[RawL
         values = {"time_ns": samples.time_ns, "value": samples.value}
         values |= ordered(f"samples of channel {name}", own, go_back_over_these(own), values)
         channels[name] = replace(samples, **values)
+    if not is_decided:
+        text = "messages are out of order throughout; whether the clock was set back too cannot be decided"
+        notes.append(Note(NoteKind.attention, text))
     return replace(raw, **found, channels=channels), notes
 
 
@@ -154,8 +157,12 @@ def stretches(log_time_ns: Column, stamp_ns: Column | None, gap_ns: int) -> Stre
     return Stretches(first_row, lowest, highest, back, np.array(apart, bool))
 
 
-def steps_of_clock(log_time_ns: Column, own: Stretches, gap_ns: int) -> np.ndarray | None:
-    """Return which steps back are the clock's, shape (k - 1,), bool; None if that cannot be decided.
+def steps_of_clock(log_time_ns: Column, own: Stretches, gap_ns: int) -> tuple[np.ndarray | None, bool]:
+    """Tell steps of the clock from reordered messages.
+
+    Returns:
+        Which steps back are the clock's, shape (k - 1,), bool; None if that cannot be decided. Whether each was decided
+        by itself, and not only by the overlap of all.
 
     Args:
         log_time_ns: Shape (N,), int64.
@@ -163,9 +170,9 @@ def steps_of_clock(log_time_ns: Column, own: Stretches, gap_ns: int) -> np.ndarr
         gap_ns: Longer times without samples are holes.
     """
     if len(own.low) > MAXIMUM_STRETCHES:
-        return None
+        return None, False
     if not len(own.back):
-        return own.is_apart
+        return own.is_apart, True
     holes = _holes(own, gap_ns)
     hole = np.searchsorted(holes[:, 0], own.back[:, 0])  # the first one behind where the step leads to
     is_clock = own.is_apart | (np.append(holes[:, 1], MAXIMUM_TIME_NS)[hole] <= own.back[:, 1])
@@ -184,8 +191,8 @@ def steps_of_clock(log_time_ns: Column, own: Stretches, gap_ns: int) -> np.ndarr
     is_clock |= is_double
     total_ns = (own.high - own.low).sum()
     is_shuffled = total_ns > 2 * (own.high.max() - own.low.min())
-    is_undecided = ~is_clock & (is_once == is_twice)
-    return None if is_undecided.any() and not is_shuffled else is_clock
+    is_decided = not (~is_clock & (is_once == is_twice)).any()
+    return (is_clock if is_decided or is_shuffled else None), is_decided
 
 
 def _may_be(n: np.ndarray, expected: np.ndarray, n_outside: int) -> np.ndarray:

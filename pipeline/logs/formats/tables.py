@@ -1,8 +1,9 @@
 """Read CSV and Parquet logs with the machine's column map."""
 
+import re
 import tempfile
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from pipeline.logs.messages.channel_sources import channel_table, stored_channel
 from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore
 from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
-from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog, timed_by_one_clock
+from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog, first_loss, timed_by_one_clock
 from pipeline.machine.specification import MachineSpecification
 
 NANOSECONDS_PER = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
@@ -27,6 +28,66 @@ SMALLEST_SLICE = 64  # rows; smallest slice of a damaged table that is tried
 LISTED_COLUMNS, LISTED_CHARACTERS = 24, 40
 BEYOND = "…beyond"  # holds what stands behind the last column of a CSV file's header
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+DECIMAL_COMMA = r"[+-]?\d+,\d+"
+MISSING = ("", "na", "n/a", "nan", "null", "none", "-")  # words that other programs write into empty cells
+
+
+@dataclass
+class _Cells:
+    """The cells of a table's columns, and those that hold no number.
+
+    Attributes:
+        n_strange: Cells with anything else than a number, by column; infinite numbers of channels, too.
+        first: The first of them: its row, counted from one, and its content.
+        n_missing: Empty cells, by column.
+    """
+
+    n_strange: dict[str, int] = field(default_factory=dict)
+    first: dict[str, tuple[int, str]] = field(default_factory=dict)
+    n_missing: dict[str, int] = field(default_factory=dict)
+
+    def numbers(
+        self, frame: polars.DataFrame, names: list[str], rows: np.ndarray, finite: bool = False
+    ) -> np.ndarray:
+        """Return columns as numbers, NaN for other cells, shape (n_rows, len(names)).
+
+        Args:
+            frame: Some rows of the table.
+            names: Of the columns.
+            rows: Their rows in the file, counted from one.
+            finite: Whether numbers that are not finite are strange too.
+        """
+        parts = []
+        for name in names:
+            column, text = frame[name], _stripped(frame[name])
+            number = text.cast(polars.Float64, strict=False)
+            is_missing = text.is_null()
+            if column.dtype == polars.String and number.null_count() > is_missing.sum():
+                is_missing |= number.is_null() & text.str.to_lowercase().is_in(MISSING)
+            value = number.fill_null(float("nan")).to_numpy()
+            is_strange = ~is_missing.to_numpy() & (
+                ~np.isfinite(value) if finite else number.is_null().to_numpy()
+            )
+            self.n_missing[name] = self.n_missing.get(name, 0) + int(is_missing.sum())
+            self.n_strange[name] = self.n_strange.get(name, 0) + int(is_strange.sum())
+            if is_strange.any() and name not in self.first:
+                place = int(is_strange.argmax())
+                self.first[name] = int(rows[place]), str(column[place])[:LISTED_CHARACTERS]
+            parts.append(value)
+        return np.stack(parts, axis=1)
+
+    def notes(self, file_name: str, channels: Collection[str]) -> Iterator[Note]:
+        """What is told of them; empty cells of positions and commands are usual and told by the rules for both."""
+        for name, (row, cell) in self.first.items():
+            of_channel, n = ("the channel's " if name in channels else ""), self.n_strange[name]
+            is_comma = re.fullmatch(DECIMAL_COMMA, cell.strip())
+            remedy = "write numbers " + ("with a decimal point" if is_comma else "or map another column")
+            what = f"cells of {of_channel}column {name} are not numbers: {n}, first `{cell}` in row {row}"
+            yield Note(NoteKind.left_out, f"{file_name}: {what}; {remedy}", n)
+        for name in channels:
+            if n := self.n_missing.get(name, 0):
+                text = f"{file_name}: cells of the channel's column {name} are empty: {n}"
+                yield Note(NoteKind.left_out, text, n, is_usual=True)
 
 
 def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStore) -> RawLog:
@@ -52,20 +113,19 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
     n_rows = n_unused = n_timed = n_long = 0
     example = ""  # of a time that is not understood
     damage: list[str] = []
-    n_strange: Counter[str] = Counter()  # by the channel's column: cells that are no number, and empty ones
-    n_missing: Counter[str] = Counter()
+    cells = _Cells()
     try:
         wanted = (columns.time, *positions, *commands)
         for frame in _batches(path, entry.format, wanted, place, damage, tuple(channels.values())):
+            rows = n_rows + 1 + np.arange(len(frame))
             n_rows += len(frame)
-            if BEYOND in frame.columns:
-                is_long = frame[BEYOND].is_not_null()
+            if BEYOND in frame.columns and (is_long := frame[BEYOND].is_not_null()).any():
                 n_long += int(is_long.sum())
-                frame = frame.filter(~is_long)
+                frame, rows = frame.filter(~is_long), rows[~is_long.to_numpy()]
             time_ns, has_time = _time_ns(frame[columns.time], NANOSECONDS_PER[columns.time_unit])
             streams = {
-                SAMPLES: to_positions(_numbers(frame, positions)),
-                COMMANDS: to_commands(_numbers(frame, commands)),
+                SAMPLES: to_positions(cells.numbers(frame, positions, rows)),
+                COMMANDS: to_commands(cells.numbers(frame, commands, rows)),
             }
             used = np.zeros(len(frame), bool)
             for table, values in streams.items():
@@ -74,10 +134,7 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
                 used |= chosen
             for name, column in channels.items():
                 if column in frame.columns:
-                    value = _numbers(frame, [column])[:, 0]
-                    is_missing = frame[column].is_null().to_numpy()
-                    n_missing[column] += int(is_missing.sum())
-                    n_strange[column] += int((~is_missing & ~np.isfinite(value)).sum())
+                    value = cells.numbers(frame, [column], rows, finite=True)[:, 0]
                     chosen = has_time & np.isfinite(value)
                     store.append(channel_table(name), {"time_ns": time_ns[chosen], "value": value[chosen]})
                     used |= chosen
@@ -98,8 +155,9 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
         )
     for what, found in (("positions", sampled), ("commands", commanded)):
         if not found or not len(found["time_ns"]):
+            told = first_loss(cells.notes(path.name, channels.values()))
             raise InputError(
-                f"{path}: no row holds a time and {what}; check the column map in {place}{unknown}"
+                f"{path}: no row holds a time and {what}; check the column map in {place}{unknown}{told}"
             )
     notes = [Note(NoteKind.damage, f"{path.name}: {text}") for text in damage]
     if n_long:
@@ -108,11 +166,7 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
     if n_unused:
         text = f"{path.name}: {n_unused} rows left out: they hold no time, or neither positions nor commands"
         notes.append(Note(NoteKind.left_out, text, n_unused))
-    for count, what, is_usual in ((n_strange, "not numbers", False), (n_missing, "empty", True)):
-        for column, n in count.items():
-            if n:
-                text = f"{path.name}: cells of the channel's column {column} are {what}: {n}"
-                notes.append(Note(NoteKind.left_out, text, n, is_usual))
+    notes += cells.notes(path.name, channels.values())
     found_channels = stored_channels(store, channels)
     counts = {path.name: n_rows}
     return timed_by_one_clock(entry.name, entry.path, sampled, commanded, counts, notes, found_channels)
@@ -245,14 +299,8 @@ def _copy_front(path: Path, end: int, folder: Path) -> Path:
     return copy
 
 
-def _numbers(frame: polars.DataFrame, names: list[str]) -> np.ndarray:
-    """Return columns as numbers, NaN for other cells, shape (n_rows, len(names))."""
-    parts = []
-    for name in names:
-        column = frame[name]
-        text = column.str.strip_chars() if column.dtype == polars.String else column
-        parts.append(text.cast(polars.Float64, strict=False).fill_null(float("nan")).to_numpy())
-    return np.stack(parts, axis=1)
+def _stripped(column: polars.Series) -> polars.Series:
+    return column.str.strip_chars() if column.dtype == polars.String else column
 
 
 def _time_ns(column: polars.Series, nanoseconds: int) -> tuple[np.ndarray, np.ndarray]:
@@ -265,7 +313,7 @@ def _time_ns(column: polars.Series, nanoseconds: int) -> tuple[np.ndarray, np.nd
     if (dtype := column.dtype).is_temporal():
         nanoseconds = _unit_of(dtype)
         column = column.to_physical()
-    text = column.str.strip_chars() if column.dtype == polars.String else column
+    text = _stripped(column)
     number = text.cast(polars.Float64, strict=False).fill_null(float("nan")).to_numpy()
     limit = MAXIMUM_TIME_NS // nanoseconds
     valid = np.isfinite(number) & (np.abs(number) < limit)

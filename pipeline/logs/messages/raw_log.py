@@ -42,6 +42,15 @@ def first_damage(notes: Iterable[Note]) -> str:
     return next((f"; damage: {note.text}" for note in notes if note.kind is NoteKind.damage), "")
 
 
+def first_loss(notes: Iterable[Note]) -> str:
+    """What is added to a refusal: the first note of damage, or else of a warning or a loss; empty without one."""
+    told = [note for note in notes if not note.is_usual]
+    likely = [
+        note.text for kind in (NoteKind.warning, NoteKind.left_out) for note in told if note.kind is kind
+    ]
+    return first_damage(told) or next((f"; {text}" for text in likely), "")
+
+
 @dataclass(frozen=True)
 class TargetPoses:
     """Target poses of the end effector in frame {B}.

@@ -189,7 +189,19 @@ def test_irregular_bursts_do_not_hide_a_clock_that_is_set_back(raw):
     times = times[np.arange(len(times)) // 5 * 5] + np.arange(len(times)) % 5 * 1000
     assert not len(stretches(times, None, GAP).back)
     times[500:] -= 5 * SECOND
-    assert steps_of_clock(times, stretches(times, None, GAP), GAP).tolist() == [True]
+    is_clock, is_decided = steps_of_clock(times, stretches(times, None, GAP), GAP)
+    assert is_clock.tolist() == [True] and is_decided
+
+
+def test_a_log_shuffled_throughout_tells_that_a_step_of_the_clock_would_not_be_seen(raw, make):
+    """Each message of 5 s stands anywhere within them, and from the middle on the clock was set back."""
+    stepped, rng = set_back(raw, 10.0, 3.0, True), np.random.default_rng(0)
+    joints, commands = (
+        np.lexsort((rng.random(n), np.arange(n) // (n // 4))) for n in (len(raw.q), len(raw.command))
+    )
+    told = texts(make(stored(stepped, joints, commands)))
+    assert "out of order throughout; whether the clock was set back too cannot be decided" in told
+    assert "joint samples are stored out of order of their log time; put in order" in told
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -197,6 +197,16 @@ def test_rows_are_those_of_numpy_whatever_the_sections():
         assert not notes
 
 
+def test_commands_at_one_time_give_one_row_whatever_the_sections():
+    at_ns = np.array([10, 10, 20, 20, 30], np.int64)
+    value = np.array([[0, 1, np.nan], [1, np.nan, 2], [0, 3, np.nan], [1, np.nan, 4], [0, 5, np.nan]])
+    for n_rows in range(1, 6):
+        parts = [Samples(at_ns[row : row + n_rows], value[row : row + n_rows]) for row in range(0, 5, n_rows)]
+        at, rows, _ = merged(parts, True, 10**9)
+        np.testing.assert_array_equal(at, [10, 20, 30])
+        np.testing.assert_array_equal(rows, [[1, 2], [3, 4], [5, 4]])
+
+
 def test_a_frame_that_stays_away_is_not_interpolated():
     times = [np.arange(0, 10**10, 10**8), np.arange(0, 10**9, 10**8)]
     (waiting, *later) = by_frame(times, [np.zeros(100), np.zeros(10)], np.arange(10, 110, 10))

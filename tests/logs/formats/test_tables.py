@@ -160,7 +160,47 @@ def test_cells_of_channels_that_are_no_numbers_are_told(table, tmp_path, machine
     np.testing.assert_array_equal(raw.channels["oil"].value, np.arange(len(table) - 2))
     told = {note.text: note.is_usual for note in raw.notes}
     prefix = f"a.{suffix}: cells of the channel's column oil are"
-    assert told == {f"{prefix} not numbers: 1": False, f"{prefix} empty: 1": True}
+    strange = f"{prefix} not numbers: 1, first `warm` in row 1; write numbers or map another column"
+    assert told == {strange: False, f"{prefix} empty: 1": True}
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+@pytest.mark.parametrize(
+    ("column", "cell", "remedy"),
+    [("q_arm", "0,512", "with a decimal point"), ("a_arm", "up", "or map another column")],
+)
+@pytest.mark.parametrize("n_bad", [3, 600])
+def test_words_and_decimal_commas_are_named_by_cell(
+    table, tmp_path, machine, config, loop_tracker, suffix, column, cell, remedy, n_bad
+):
+    """Few cost their rows and are told; many refuse the log, and the line names the first."""
+    n_bad = min(n_bad, len(table) - 7)
+    cells = [cell if 7 <= row < 7 + n_bad else str(value) for row, value in enumerate(table[column])]
+    cells[2] = "NA"  # which is how R writes an empty cell
+    (tmp_path / "logs").mkdir()
+    spoilt = table.with_columns(polars.Series(column, cells))
+    getattr(spoilt, f"write_{suffix}")(tmp_path / "logs" / f"a.{suffix}")
+    summary = ingest(machine, tmp_path / "logs", tmp_path / "out", config, loop_tracker)
+    told = [note.text for report in summary.reports for note in report.notes]
+    told += [failure.reason for failure in summary.failures]
+    expected = f"a.{suffix}: cells of column {column} are not numbers: {n_bad}, first `{cell}` in row 8"
+    (line,) = [text for text in told if expected in text]
+    assert line.endswith(f"write numbers {remedy}")
+    assert len(summary.failures) == (n_bad > 3)
+
+
+def test_positions_in_degrees_are_told_with_the_scale(table, tmp_path, machine, config, loop_tracker):
+    (tmp_path / "logs").mkdir()
+    in_degrees = polars.selectors.starts_with("q_") * (180 / np.pi)
+    table.with_columns(in_degrees).write_csv(tmp_path / "logs" / "a.csv")
+    for stated in ([], [np.pi / 180]):
+        described = replace(machine, joint_states=replace(machine.joint_states, scale=stated))
+        summary = ingest(described, tmp_path / "logs", tmp_path / f"out{len(stated)}", config, loop_tracker)
+        told = " ".join(text for report in summary.reports for text in report.warnings)
+        told += " ".join(failure.reason for failure in summary.failures)
+        assert (
+            "times its limits" in told and "look like degrees; set joint_states.scale to 0.01745" in told
+        ) == (not stated)
 
 
 @pytest.mark.parametrize("threshold", [float("nan"), float("inf"), -0.5])

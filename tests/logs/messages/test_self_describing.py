@@ -16,7 +16,7 @@ from pipeline.logs.messages.channel_sources import ChannelAdapter
 from pipeline.logs.messages.columns import MemoryStore
 from pipeline.logs.messages.command_sources import NamedCommands
 from pipeline.logs.messages.encodings import decode
-from pipeline.logs.messages.field_paths import EVERY, NO_TIME, number_at, stamps_ns, steps_of
+from pipeline.logs.messages.field_paths import EVERY, NO_TIME, number_at, stamp_paths, stamps_ns, steps_of
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
 from pipeline.logs.messages.message_definitions import DefinitionError
 from pipeline.logs.messages.mismatch import MismatchError
@@ -132,6 +132,22 @@ def test_stamps_of_every_convention():
         message = b'{"s": {"%s": 5, "%s": 7}}' % tuple(name.encode() for name in names)
         ((group,), _) = decode(block_of("json", message), (f"s.{names[0]}", f"s.{names[1]}"))
         assert stamps_ns(group, "s").tolist() == [5_000_000_007]
+
+
+@pytest.mark.parametrize(
+    ("text", "stamp"),
+    [
+        ("2024-05-06T07:08:09Z", 1_714_979_289_000_000_000),
+        ("2024-05-06T09:08:09.000000001+02:00", 1_714_979_289_000_000_001),
+        ("1969-12-31 23:59:59.5", -500_000_000),
+        ("07:08:09", NO_TIME),
+        ("2024-13-06T07:08:09Z", NO_TIME),
+    ],
+)
+def test_times_in_text_are_those_of_rfc_3339(text, stamp):
+    """As Protobuf writes time stamps in JSON; other texts are no times, and not zero."""
+    ((group,), _) = decode(block_of("json", b'{"timestamp": "%s"}' % text.encode()), stamp_paths())
+    assert stamps_ns(group).tolist() == [stamp]
 
 
 def test_seconds_may_have_a_fraction():

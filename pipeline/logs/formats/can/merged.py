@@ -41,7 +41,7 @@ def merged_rows(
 
 def _held(stream: Iterable[Samples], joints: list[list[int]]) -> Iterator[Samples]:
     era, last, has_come = -1, np.zeros(0), np.zeros(len(joints), bool)
-    for section in stream:
+    for section in _of_whole_instants(stream):
         if section.era != era:
             era, last, has_come = section.era, np.full(section.value.shape[1] - 1, np.nan), has_come & False
         values, is_known = np.tile(last, (len(section), 1)), np.ones(len(section), bool)
@@ -55,6 +55,23 @@ def _held(stream: Iterable[Samples], joints: list[list[int]]) -> Iterator[Sample
         is_known[:-1] &= np.diff(section.time_ns) > 0  # of frames at one time, the last row holds all
         last = values[-1] if len(values) else last
         yield Samples(section.time_ns, values, era)[is_known]
+
+
+def _of_whole_instants(stream: Iterable[Samples]) -> Iterator[Samples]:
+    """Divide a sorted stream so that frames of one time stand in one section."""
+    waiting: Samples | None = None
+    for section in stream:
+        if not len(section):
+            continue
+        if waiting is not None and waiting.era != section.era:
+            yield waiting
+            waiting = None
+        waiting = section if waiting is None else join([waiting, section])
+        n_settled = int(np.searchsorted(waiting.time_ns, waiting.time_ns[-1]))
+        yield waiting[:n_settled]
+        waiting = waiting[n_settled:]
+    if waiting is not None:
+        yield waiting
 
 
 def _interpolated(stream: Iterable[Samples], joints: list[list[int]], gap_ns: int) -> Iterator[Samples]:
