@@ -16,10 +16,12 @@ from pipeline.errors import InputError
 from pipeline.logs.conditioning.samples import Samples
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.can.detect import is_can_log
+from pipeline.logs.formats.can.frames import read_frames
 from pipeline.logs.formats.can.merged import merged_rows
 from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.formats.log_entry import LogFormat
 from pipeline.logs.ingest import ingest
+from pipeline.logs.messages.message_blocks import ReadingLedger
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.trajectories import make_trajectories
 from pipeline.machine.log_sources import CanSource, ChannelSource
@@ -413,3 +415,27 @@ def test_blf_over_many_containers_and_uncompressed(tmp_path, machine, short, rec
                 writer(message)
         raw = read(tmp_path / "a.blf", machine)
         assert len(raw.q) == len(short.q) and len(raw.command) == len(short.command) and not raw.notes
+
+
+@pytest.mark.parametrize("level", [0, 6])
+def test_a_wrong_length_in_a_blf_costs_its_container_or_frame_only(tmp_path, level):
+    """Bits of lengths, types and versions of containers and frames; python-can's reader is the reference."""
+    path, damaged = tmp_path / "a.blf", tmp_path / "b.blf"
+    with can.BLFWriter(path, compression_level=level) as writer:
+        writer.max_container_size = 1 << 10
+        for number in range(120):
+            writer(can.Message(timestamp=1.0 + number / 100, arbitration_id=5, data=bytes([number])))
+    content = path.read_bytes()
+    whole = [bytes(frame.data) for frame in can.BLFReader(path)]
+    places = [match.start() for match in re.finditer(b"LOBJ", content)]
+    most = len(whole) // len([place for place in places if content[place + 12] == 10]) + 2
+    for place in places:
+        for byte, bit in [(6, 3), (8, 6), (9, 4), (10, 1), (11, 7)]:  # length of the header; of the object
+            spoilt = bytearray(content)
+            spoilt[place + byte] ^= 1 << bit
+            damaged.write_bytes(spoilt)
+            ledger = ReadingLedger(damaged)
+            found = [bytes(frame.data) for frame in read_frames(damaged, ledger)]
+            lost = len(whole) - len(found)
+            assert set(found) <= set(whole) and lost <= most, (place, byte)
+            assert lost == 0 or any(note.kind is NoteKind.damage for note in ledger.notes)

@@ -56,35 +56,40 @@ def readable_pieces(opened: OpenedFile) -> Iterator[BytesIO]:
 
 
 def _containers(opened: OpenedFile, position: int) -> Iterator[tuple[int, bytes]]:
-    """Yield where each container stands and its decompressed content, or the front of a damaged one."""
-    file, ledger = opened.file, opened.ledger
+    """Yield where each container stands and its decompressed content, or the front of a damaged one.
+
+    Objects that stand in no container, as those of a plain container whose header is damaged, are yielded one by one.
+    """
     while position + OBJECT.size <= opened.size:
-        file.seek(position)
-        signature, _, _, size, kind = OBJECT.unpack(file.read(OBJECT.size))
-        is_long = kind == CONTAINER_TYPE and size > MAXIMUM_CONTAINER_BYTES
-        if signature != SIGNATURE or size < OBJECT.size or is_long:
-            following = _next_container(opened, position + 1)
-            ledger.damage(position, f"no BLF container stands here; {following - position} bytes are lost")
-            position = following
-            continue
-        if kind == CONTAINER_TYPE:
-            body = file.read(min(size - OBJECT.size, MAXIMUM_CONTAINER_BYTES))
-            if position + size > opened.size:
-                ledger.damage(
-                    position, f"the file ends within this container; {len(body)} of its bytes are there"
-                )
-            elif position + size + size % 4 < opened.size:
-                file.seek(position + size)
-                if SIGNATURE not in file.read(
-                    PADDING
-                ):  # the length is wrong: what is behind it would be skipped
-                    size = _next_container(opened, position + 1) - position
+        signature, _, _, size, kind = OBJECT.unpack(_bytes_at(opened, position, OBJECT.size))
+        following = position + size + size % 4
+        is_container = (signature, kind) == (SIGNATURE, CONTAINER_TYPE)
+        is_sound = is_container and (
+            following == opened.size or SIGNATURE in _bytes_at(opened, following, PADDING)
+        )
+        if not is_sound:
+            following = _next_object(opened, position + 1)
+        begin = position + OBJECT.size if is_container else position
+        body = _bytes_at(opened, begin, min(following - begin, MAXIMUM_CONTAINER_BYTES))
+        if signature != SIGNATURE:
+            opened.ledger.damage(position, f"no BLF container stands here; {len(body)} bytes are lost")
+        elif is_container:
+            if following == opened.size < position + size:
+                text = f"the file ends within this container; {len(body)} of its bytes are there"
+                opened.ledger.damage(position, text)
             yield position, _decompressed(body, position, opened)
-        position += size + size % 4
+        else:
+            yield position, body
+        position = following
 
 
-def _next_container(opened: OpenedFile, position: int) -> int:
-    """Where the next container may begin, or the file's size."""
+def _bytes_at(opened: OpenedFile, position: int, length: int) -> bytes:
+    opened.file.seek(position)
+    return opened.file.read(length)
+
+
+def _next_object(opened: OpenedFile, position: int) -> int:
+    """Where the next object may begin, or the file's size."""
     overlap = len(SIGNATURE) - 1
     while position < opened.size:
         opened.file.seek(position)
@@ -141,9 +146,10 @@ def _whole_objects(data: bytes, offset: int, opened: OpenedFile) -> tuple[list[b
             rest = data[begin:]
             break
         _, header_length, _, size, _ = OBJECT.unpack_from(data, begin)
-        if not OBJECT.size <= header_length <= size or size > MAXIMUM_OBJECT_BYTES:
-            n_lost += len(SIGNATURE)
-            position = begin + len(SIGNATURE)
+        swallowed = data.find(SIGNATURE, begin + len(SIGNATURE), begin + size)  # if its length is wrong
+        if swallowed >= 0 or not OBJECT.size <= header_length <= size or size > MAXIMUM_OBJECT_BYTES:
+            position = swallowed if swallowed >= 0 else begin + len(SIGNATURE)
+            n_lost += position - begin
             continue
         if begin + size > len(data):
             rest = data[begin:]

@@ -4,7 +4,7 @@ import logging
 import math
 import re
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -69,7 +69,7 @@ def _of_text(opened: OpenedFile, suffix: str) -> Iterator[can.Message]:
     lines = TextLines(opened.file, opened.ledger, _is_lost_asc if suffix == ".asc" else None)
     reader = reader_type(lines, **options)  # type: ignore[arg-type]
     is_within = False
-    with closing(lines), warnings_handled("can", _DamageHandler(lines)):
+    with closing(lines), warnings_handled("can", _DamageHandler(lines.damaged)):
         while True:
             if is_within and header:
                 lines.repeat(header)
@@ -93,23 +93,27 @@ def _is_lost_asc(line: str) -> bool:
 
 
 class _DamageHandler(logging.Handler):
-    """Counts the lines of which `python-can` only logs that it cannot read them."""
+    """Tells of the lines and objects of which `python-can` only logs that it cannot read them."""
 
-    def __init__(self, lines: TextLines) -> None:
+    def __init__(self, damaged: Callable[[str], None]) -> None:
         super().__init__(logging.WARNING)
-        self.lines = lines
+        self.damaged = damaged
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Count the last line."""
-        self.lines.damaged("is not read")
+        """Tell of the last one."""
+        self.damaged("is not read")
 
 
 def _of_blf(opened: OpenedFile) -> Iterator[can.Message]:
-    for piece in readable_pieces(opened):
-        try:
-            yield from can.BLFReader(piece)
-        except (*FAULTS, can.io.blf.BLFParseError, ArithmeticError) as error:
-            opened.ledger.damage(None, f"a container is not read to its end ({error})")
+    def lost(reason: str) -> None:
+        opened.ledger.damage(None, f"an object of a container {reason}; it is lost")
+
+    with warnings_handled("can", _DamageHandler(lost)):
+        for piece in readable_pieces(opened):
+            try:
+                yield from can.BLFReader(piece)
+            except (*FAULTS, can.io.blf.BLFParseError, ArithmeticError) as error:
+                opened.ledger.damage(None, f"a container is not read to its end ({error})")
 
 
 def _of_sqlite(opened: OpenedFile) -> Iterator[can.Message]:
