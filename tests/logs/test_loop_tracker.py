@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,7 @@ from hypothesis.extra import numpy as hnp
 from pipeline.errors import InputError
 from pipeline.logs import tracked_velocities
 from pipeline.logs.loop_tracker import LoopTrackerConfig, advance, initial_state
-from pipeline.logs.tracked_velocities import WORTH_COMPILING, track
+from pipeline.logs.tracked_velocities import track
 
 positions = hnp.arrays(
     np.float64,
@@ -69,10 +71,13 @@ def test_gains_must_be_positive():
         LoopTrackerConfig(10.0, -1.0)
 
 
-def test_compiled_and_interpreted_agree_bit_for_bit(loop_tracker):
-    q = np.random.default_rng(0).normal(size=(WORTH_COMPILING // 2, 2)).cumsum(axis=0)
-    interpreted = track(q[:-1], 0.05, loop_tracker)
-    np.testing.assert_array_equal(track(q, 0.05, loop_tracker)[:-1], interpreted)
+def test_compiled_and_interpreted_agree_bit_for_bit(loop_tracker, monkeypatch):
+    q = np.random.default_rng(0).normal(size=(100_000, 2)).cumsum(axis=0)
+    ways = []
+    for worth in (math.inf, 0):
+        monkeypatch.setattr(tracked_velocities, "WORTH_COMPILING", worth)
+        ways.append(track(q, 0.05, loop_tracker))
+    np.testing.assert_array_equal(*ways)
 
 
 def test_no_folder_for_compiled_code_can_be_written(monkeypatch):
@@ -83,7 +88,7 @@ def test_no_folder_for_compiled_code_can_be_written(monkeypatch):
     monkeypatch.setattr(CacheImpl, "_locator_classes", [])
     tracked_velocities._compiled.cache_clear()
     with pytest.raises(RuntimeError, match="no locator available"):
-        numba.njit(cache=True)(tracked_velocities._track)
+        numba.njit(cache=True)(tracked_velocities._follow)
     q = np.cumsum(np.random.default_rng(0).normal(size=(50, 2)), axis=0)
     config = LoopTrackerConfig(5.0, 50.0)
     expected = track(q, 0.05, config)

@@ -129,12 +129,11 @@ class ConditionedLog:
         self.notes += unit_warnings(self.raw, self.machine)
         n_command_eras = self.commands.finish()
         if self.n_eras == 0:
-            reasons = (
-                note.text for note in self.notes if note.text.startswith("joint samples: the position")
-            )
+            reasons = [note.text for note in self.notes if note.text.startswith("joint samples: ")]
+            has_values = not any(text.startswith("joint samples: the position") for text in reasons)
+            why = "none has a time" if has_values else "none holds a position for all joints"
             raise InputError(
-                f"{self.raw.path}: no joint sample is left of {len(self.raw.q)}: none holds a position for all joints"
-                f" ({'; '.join(reasons)})"
+                f"{self.raw.path}: no joint sample is left of {len(self.raw.q)}: {why} ({'; '.join(reasons)})"
             )
         if n_command_eras != self.n_eras:
             raise InputError(
