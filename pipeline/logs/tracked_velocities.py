@@ -44,11 +44,13 @@ def continue_tracking(
     Returns:
         The state after the last sample, and the velocity estimates, shape (T, n_joint).
     """
+    convert: Callable[[np.ndarray], Any] = np.ascontiguousarray
     if _Interpreted.n_samples + q.size < WORTH_COMPILING:
         _Interpreted.n_samples += q.size
-        follow, convert = _follow, np.ndarray.tolist  # Python's numbers are faster than NumPy's, one by one
+        follow: Callable[..., tuple[float, float]] = _follow
+        convert = np.ndarray.tolist  # Python's numbers are faster than NumPy's, one by one
     else:
-        follow, convert = _compiled(), np.ascontiguousarray
+        follow = _compiled()
     q_estimate, integral, velocity = state.q_estimate.copy(), state.integral.copy(), np.empty(q.shape)
     gains = (dt_s, config.proportional_gain, config.integral_gain)
     for joint, positions in enumerate(np.asarray(q, np.float64).T):

@@ -78,7 +78,7 @@ def _containers(opened: OpenedFile, position: int) -> Iterator[tuple[int, bytes]
                 text = f"the file ends within this container; {len(body)} of its bytes are there"
                 opened.ledger.damage(position, text)
             elif not is_sound:
-                text = f"the container's length, {size} bytes, is wrong; it is read up to the next one"
+                text = f"no BLF container stands here that has {size} bytes; it is read up to the next one"
                 opened.ledger.damage(position, text)
             yield position, _decompressed(body, position, opened)
         else:
