@@ -31,7 +31,11 @@ def add_table(entry: LogEntry, contents: Contents) -> None:
             polars.scan_parquet(path)
             if entry.format is LogFormat.parquet
             else polars.scan_csv(
-                path, infer_schema_length=None, truncate_ragged_lines=True, ignore_errors=True
+                path,
+                infer_schema_length=None,
+                truncate_ragged_lines=True,
+                ignore_errors=True,
+                encoding="utf8-lossy",
             )
         )
         frame = lazy.head(MAXIMUM_ROWS).collect()

@@ -256,3 +256,10 @@ def test_times_in_text_are_named(tmp_path):
     draft = draft_machine(describe(tmp_path), "")
     assert "  time: t  # holds text, and dates in text are not read" in draft
     assert "# Joint samples come at a rate that could not be measured." in draft
+
+
+def test_a_byte_that_is_no_text_does_not_hide_the_table(tmp_path):
+    """As ingest reads it."""
+    (tmp_path / "a.csv").write_bytes(b"t,q_a,operator\n0.0,0.1,J\xf6rg\n0.1,0.2,Ann\n")
+    (stream,) = describe(tmp_path).streams.values()
+    assert stream.n_messages == 2 and list(stream.fields) == ["t", "q_a", "operator"]
