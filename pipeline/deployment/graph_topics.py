@@ -1,4 +1,4 @@
-"""The graph's own topics in a bag, besides those of every log: requests of the servers, results, emergency stops.
+"""The graph's own topics in a bag, besides those of every log: requests of the servers, results, stops and releases.
 
 A second file of the bag holds them, so that the first one looks like any log. Types are those of the ROS package
 `hydraulic_arm`; a bag recorded on the ROS graph is read in the same way.
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.messages import EmergencyStop, GoalOutcome, JointCommand, ReachResult, Topic
+from pipeline.deployment.messages import EmergencyStop, GoalOutcome, JointCommand, ReachResult, Release, Topic
 from pipeline.deployment.transports.mcap_file import RecordedTopic, write_mcap_file
 from pipeline.logs.formats.bags import STORAGE_READERS
 from pipeline.logs.formats.log_entry import LogEntry
@@ -33,6 +33,7 @@ class GraphRecord(NamedTuple):
     requests: list[tuple[int, JointCommand]]
     results: list[tuple[int, ReachResult]]
     stops: list[tuple[int, EmergencyStop]]
+    releases: Sequence[tuple[int, Release]] = ()
 
 
 class _Kind(NamedTuple):
@@ -70,6 +71,11 @@ KINDS: Mapping[Topic, _Kind] = {
         "EmergencyStop",
         lambda m: {"stamp": m.stamp_ns, "rule": m.rule, "detail": m.detail},
         lambda r: EmergencyStop(_ns(r.stamp), r.rule, r.detail),
+    ),
+    Topic.release: _Kind(
+        "Release",
+        lambda m: {"stamp": m.stamp_ns, "stop": m.stop_ns},
+        lambda r: Release(_ns(r.stamp), _ns(r.stop)),
     ),
 }
 TOPICS = {f"/{topic}": topic for topic in KINDS}
@@ -129,7 +135,7 @@ def _ros(store: Typestore, topic: Topic, message: Any) -> "Msg":
     kind = KINDS[topic]
     time_type = store.types["builtin_interfaces/msg/Time"]
     fields = kind.fields(message)
-    for name in {"stamp", "observed"} & fields.keys():
+    for name in {"stamp", "observed", "stop"} & fields.keys():
         fields[name] = time_type(sec=fields[name] // NANOSECONDS, nanosec=fields[name] % NANOSECONDS)
     return store.types[_full_name(kind)](**fields)
 

@@ -23,7 +23,9 @@ class Topic(enum.StrEnum):
         "requested_commands"  # JointCommand, servers -> control_supervisor, control_interface
     )
     joint_commands = "joint_commands"  # MachineCommand, control_interface -> drivers, logs
-    emergency_stop = "emergency_stop"  # EmergencyStop, control_supervisor -> all that act
+    emergency_stop = "emergency_stop"  # EmergencyStop, control_supervisor, control_interface -> all that act
+    reset = "reset"  # Reset, operator -> control_supervisor
+    release = "release"  # Release, control_supervisor -> all that act
     supervisor_state = "supervisor_state"  # SupervisorState, control_supervisor -> control_interface
     can_to_machine = "can_to_machine"  # CanFrame, bobcat_e10_driver -> emcb_200u_driver
     can_from_machine = "can_from_machine"  # CanFrame, emcb_200u_driver -> bobcat_e10_driver
@@ -126,7 +128,7 @@ class MachineCommand:
 
 @dataclass(frozen=True)
 class EmergencyStop:
-    """The supervisor's stop: the violated rule, and details."""
+    """A stop, which its stamp identifies: the violated rule, and details."""
 
     stamp_ns: int
     rule: str
@@ -134,11 +136,28 @@ class EmergencyStop:
 
 
 @dataclass(frozen=True)
+class Reset:
+    """The operator acknowledges the stop with the stamp `stop_ns`."""
+
+    stamp_ns: int
+    stop_ns: int
+
+
+@dataclass(frozen=True)
+class Release:
+    """The supervisor ends the stop with the stamp `stop_ns`, and all before it."""
+
+    stamp_ns: int
+    stop_ns: int
+
+
+@dataclass(frozen=True)
 class SupervisorState:
-    """Sign of life of the supervisor; `rule` is the violated one, empty before a stop."""
+    """Sign of life of the supervisor; rule and stamp of the stop in force, empty and 0 without one."""
 
     stamp_ns: int
     rule: str
+    stop_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -168,6 +187,8 @@ Message = (
     | JointCommand
     | MachineCommand
     | EmergencyStop
+    | Reset
+    | Release
     | SupervisorState
     | CanFrame
     | MachineOutputs

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS
+from pipeline.deployment.components.control_interface import OWN_RULES
 from pipeline.deployment.graph_topics import GraphRecord
 from pipeline.deployment.messages import GoalOutcome, JointCommand
 from pipeline.logs.messages.columns import as_array
@@ -83,7 +84,12 @@ def safety_events(name: str, raw: RawLog, record: GraphRecord) -> dict[str, Any]
     command_times, values = as_array(raw.command_log_time_ns), as_array(raw.command)
     begin_ns = min(int(as_array(raw.joint_log_time_ns)[0]), int(command_times[0]))
     events: list[dict[str, Any]] = [
-        {"who": "control_supervisor", "rule": stop.rule, "detail": stop.detail, "time_ns": time_ns}
+        {
+            "who": "control_interface" if stop.rule in OWN_RULES else "control_supervisor",
+            "rule": stop.rule,
+            "detail": stop.detail,
+            "time_ns": time_ns,
+        }
         for time_ns, stop in record.stops
     ] + [
         {"who": "autonomous_server", "rule": str(result.outcome), "detail": "", "time_ns": time_ns}
@@ -93,14 +99,15 @@ def safety_events(name: str, raw: RawLog, record: GraphRecord) -> dict[str, Any]
     for event in events:
         event["log"] = name
         event["t"] = (event["time_ns"] - begin_ns) / NANOSECONDS
-    stopped_ns = record.stops[0][0] if record.stops else None
-    moves = np.any(values != 0, axis=1)
-    after = 0 if stopped_ns is None else int((moves & (command_times > stopped_ns)).sum())
+    is_stopped = np.zeros(len(command_times), bool)
+    for time_ns, stop in record.stops:
+        released = (t for t, release in record.releases if release.stop_ns >= stop.stamp_ns)
+        is_stopped |= (command_times > time_ns) & (command_times <= min(released, default=command_times[-1]))
     return {
         "outcomes": dict(Counter(str(result.outcome) for _, result in record.results)),
         "events": sorted(events, key=lambda event: event["time_ns"]),
         "emergency_stops": len(record.stops),
-        "commands_after_stop": after,
+        "commands_after_stop": int((np.any(values != 0, axis=1) & is_stopped).sum()),
     }
 
 

@@ -70,6 +70,7 @@ class SupervisorConfig:
         maximum_stop_s: longest command of a joint at an end stop, during which oil flows over the relief valve.
         prediction_s: prediction horizon of self-collision at the present velocity.
         clearance_m: least distance between links that are not neighbours.
+        neutral_s: time for which sticks and commands are neutral before an acknowledged stop is released.
     """
 
     rules: list[str]
@@ -89,6 +90,7 @@ class SupervisorConfig:
     maximum_stop_s: float
     prediction_s: float
     clearance_m: float
+    neutral_s: float
 
     def __post_init__(self) -> None:
         _check_positive(
@@ -104,6 +106,7 @@ class SupervisorConfig:
             "maximum_speed",
             "frozen_after_s",
             "maximum_stop_s",
+            "neutral_s",
         )
         for name in (
             "clock_tolerance_s",

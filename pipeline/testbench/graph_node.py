@@ -9,10 +9,9 @@ import numpy as np
 
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
-from pipeline.deployment.components.control_supervisor import ControlSupervisor
+from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import ControllerState
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
-from pipeline.deployment.components.supervisor_rules import build_rules
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.compose import graph_parts
@@ -59,8 +58,7 @@ def component(settings: NodeSettings, name: str) -> Component:
     if name == "control_interface":
         return ControlInterface(machine, deployment.interface)
     if name == "control_supervisor":
-        rules = build_rules(machine, deployment.supervisor, settings.machine_directory)
-        return ControlSupervisor(rules, deployment.supervisor.period_s)
+        return supervise(machine, deployment, settings.machine_directory)
     if name == "teleoperation_server":
         return TeleoperationServer(machine, deployment.teleoperation)
     if name == JOYSTICK:

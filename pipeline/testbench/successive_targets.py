@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.deployment.component import Component, nanoseconds
-from pipeline.deployment.components.control_supervisor import ControlSupervisor
+from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import ControllerKind
 from pipeline.deployment.components.goals import known_configurations
 from pipeline.deployment.components.recording import Recorder
-from pipeline.deployment.components.supervisor_rules import build_rules
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.compose import GraphSettings, controller_delays, graph_parts
 from pipeline.deployment.successive import run_successive
@@ -80,8 +79,7 @@ class Pursuit:
         machine, rules = settings.machine, settings.deployment.supervisor
         supervisor: tuple[Component, ...] = ()
         if rules.rules:
-            built = build_rules(machine, rules, settings.machine_directory)
-            supervisor = (ControlSupervisor(built, rules.period_s),)
+            supervisor = (supervise(machine, settings.deployment, settings.machine_directory),)
         return run_successive(
             self.parts.with_goals(known_configurations(self.parts.task.arm, targets)),
             controller_delays(settings),

@@ -11,9 +11,9 @@ from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_se
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.components.autonomous_server import AutonomousServer
 from pipeline.deployment.components.control_interface import ControlInterface
-from pipeline.deployment.components.control_supervisor import ControlSupervisor
+from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import ControllerState
-from pipeline.deployment.components.supervisor_rules import RULES, build_rules
+from pipeline.deployment.components.supervisor_rules import RULES
 from pipeline.deployment.components.termination import TerminalConditions
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.drivers.bobcat_e10_driver import MachineDriver
@@ -139,7 +139,7 @@ def can_graph(
     frames = CanFrames(bobcat(), MACHINE_DIRECTORY)
     return [
         server(controller, config),
-        ControlSupervisor(build_rules(bobcat(), supervisor, MACHINE_DIRECTORY), supervisor.period_s),
+        supervise(bobcat(), dataclasses.replace(config, supervisor=supervisor), MACHINE_DIRECTORY),
         ControlInterface(bobcat(), config.interface),
         MachineDriver(bobcat(), frames, estimator()),
         CanDriver(bus, config.driver),

@@ -37,11 +37,9 @@ def build(name: str, port: int) -> Component:
 
         return ControlInterface(machine, config().interface)
     if name == "control_supervisor":
-        from pipeline.deployment.components.control_supervisor import ControlSupervisor
-        from pipeline.deployment.components.supervisor_rules import build_rules
+        from pipeline.deployment.components.control_supervisor import supervise
 
-        supervisor = config().supervisor
-        return ControlSupervisor(build_rules(machine, supervisor, MACHINE_DIRECTORY), supervisor.period_s)
+        return supervise(machine, config(), MACHINE_DIRECTORY)
     if name == "emcb_200u_driver":
         from pipeline.deployment.drivers.emcb_200u_driver import CanDriver
 

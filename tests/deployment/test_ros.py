@@ -36,7 +36,9 @@ EXAMPLES = {
     Topic.machine_outputs: m.MachineOutputs(NOW, np.array([0.0, 1.0, -1.0, 0.0])),
     Topic.can_to_machine: m.CanFrame(NOW, 0x201, b"\x01\x02\x03"),
     Topic.can_from_machine: m.CanFrame(NOW, 0x301, bytes(range(8))),
-    Topic.supervisor_state: m.SupervisorState(NOW, "joint_limits"),
+    Topic.supervisor_state: m.SupervisorState(NOW, "joint_limits", NOW - 1),
+    Topic.reset: m.Reset(NOW, NOW - 1),
+    Topic.release: m.Release(NOW, NOW - 1),
 }
 
 

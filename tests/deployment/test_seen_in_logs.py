@@ -17,6 +17,7 @@ from pipeline.deployment.messages import (
     JointState,
     MachineCommand,
     ReachResult,
+    Release,
     TargetPose,
     Topic,
 )
@@ -49,6 +50,7 @@ def bag(tmp_path_factory) -> Path:
         recorder(Topic.joint_commands, MachineCommand(sent_ns + 2 * MS, values), sent_ns + 2 * MS)
     stop_ns = BEGIN_NS + 50 * MS * (N // 2)
     recorder(Topic.emergency_stop, EmergencyStop(stop_ns, "joint_limits", "swing at 0.950 rad"), stop_ns)
+    recorder(Topic.release, Release(stop_ns + 1000 * MS, stop_ns - 1), stop_ns + 1000 * MS)
     recorder(Topic.result, ReachResult(stop_ns + MS, 0, GoalOutcome.stopped, N // 2), stop_ns + MS)
     recorder.write(folder / "logs/drive", bobcat())
     return folder / "logs"
@@ -97,6 +99,14 @@ def test_safety_events_say_who_which_rule_and_when(bag, capsys) -> None:
     assert safety["outcomes"] == {"stopped": 1} and safety["emergency_stops"] == 1
     assert safety["commands_after_stop"] == 2  # a graph whose interface did not mute
     assert "emergency stop after 1.25 s of drive: joint_limits" in capsys.readouterr().out
+    raw, record = read_log(entry, bobcat()), read_graph_topics(entry)
+    ((stop_ns, stop),) = record.stops
+    released_ns = stop_ns + 50 * MS  # one of both commands is before it
+    of_another, of_this = ((released_ns, Release(released_ns, stop.stamp_ns - early)) for early in (1, 0))
+    for releases, n_after in ([of_another], 2), ([of_this], 1):
+        assert (
+            safety_events("drive", raw, record._replace(releases=releases))["commands_after_stop"] == n_after
+        )
     both = safety_seen([safety, safety])
     assert both["outcomes"] == {"stopped": 2} and len(both["events"]) == 4
 
@@ -105,7 +115,7 @@ def test_a_bag_without_the_graph_s_topics_tells_what_any_log_tells(bag, tmp_path
     (entry,) = find_logs(bag)
     raw, nothing = (
         read_log(entry, bobcat()),
-        read_graph_topics(entry)._replace(requests=[], results=[], stops=[]),
+        read_graph_topics(entry)._replace(requests=[], results=[], stops=[], releases=[]),
     )
     samples = delay_samples(raw, nothing)
     assert set(samples) == {

@@ -16,6 +16,7 @@ from pipeline.deployment.components.commands import is_command
 from pipeline.deployment.components.controllers import Controller, ControllerState
 from pipeline.deployment.components.goals import GoalSolver
 from pipeline.deployment.components.state_buffers import StateBuffers
+from pipeline.deployment.components.stop_latch import StopLatch
 from pipeline.deployment.components.termination import GoalWatch, TerminalConditions
 from pipeline.deployment.messages import (
     CancelGoal,
@@ -26,6 +27,7 @@ from pipeline.deployment.messages import (
     Message,
     ReachGoal,
     ReachResult,
+    Release,
     TargetPose,
     Topic,
 )
@@ -34,17 +36,19 @@ from pipeline.machine.specification import MachineSpecification
 
 
 class AimRequest(NamedTuple):
-    """Request for a goal's configuration, starting from the present one, (n_joint,)."""
+    """Request for a goal's configuration, starting from the present one, (n_joint,); `closings` of the latch."""
 
     goal: ReachGoal
     q: np.ndarray
+    closings: int
 
 
 class Aim(NamedTuple):
-    """Result: the target's configuration, (n_joint,), or None."""
+    """Result: the target's configuration, (n_joint,), or None; `closings` of the request."""
 
     goal: ReachGoal
     target: np.ndarray | None
+    closings: int
 
 
 class DecisionRequest(NamedTuple):
@@ -76,10 +80,13 @@ class _GoalPursuit:
 
 
 class AutonomousServer(ComputingComponent):
-    """Pursues one goal at a time; a new goal replaces it without a stop. Unreachable poses are refused."""
+    """Pursues one goal at a time; a new goal replaces it without a stop. Unreachable poses are refused.
+
+    A goal that was given before a stop, or while it is in force, ends as stopped: its release starts no motion.
+    """
 
     name = "autonomous_server"
-    subscriptions = (Topic.joint_states, Topic.goal, Topic.cancel, Topic.emergency_stop)
+    subscriptions = (Topic.joint_states, Topic.goal, Topic.cancel, Topic.emergency_stop, Topic.release)
 
     def __init__(
         self,
@@ -116,7 +123,7 @@ class AutonomousServer(ComputingComponent):
         self._state: JointState | None = None
         self._pursuit: _GoalPursuit | None = None
         self._waiting: ReachGoal | None = None
-        self._is_stopped = False
+        self._latch = StopLatch()
 
     def rehearse(self, state: ControllerState, position: np.ndarray, quaternion: np.ndarray) -> None:
         """Run all functions of a goal once, so that nothing is compiled while the machine moves.
@@ -138,14 +145,17 @@ class AutonomousServer(ComputingComponent):
         if isinstance(message, JointState):
             self._state = message
         elif isinstance(message, ReachGoal):
+            if self._latch.is_closed:
+                return (self._refuse(message, GoalOutcome.stopped, now_ns),)
             self._waiting = message
         elif isinstance(message, CancelGoal):
             if self._pursuit is not None and self._pursuit.goal_id == message.goal_id:
                 return self._finish(GoalOutcome.cancelled, now_ns)
         elif isinstance(message, EmergencyStop):
-            self._is_stopped = True
-            if self._pursuit is not None:
-                return self._finish(GoalOutcome.stopped, now_ns)
+            self._latch.hear(message)
+            return self._end_all(now_ns)
+        elif isinstance(message, Release):
+            self._latch.hear(message)
         return ()
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
@@ -154,7 +164,7 @@ class AutonomousServer(ComputingComponent):
             return ()
         outputs: list[Output] = []
         if self._waiting is not None:
-            outputs.append(Computation(AimRequest(self._waiting, self._state.position)))
+            outputs.append(Computation(AimRequest(self._waiting, self._state.position, self._latch.closings)))
             self._waiting = None
         state = self._state
         self._buffers.push(state.position, state.velocity, self._command)
@@ -183,7 +193,8 @@ class AutonomousServer(ComputingComponent):
         """Solve for a goal's configuration, or request a decision."""
         if isinstance(request, AimRequest):
             goal = request.goal
-            return Aim(goal, self._solve_goal(goal.position, goal.quaternion, request.q))
+            target = self._solve_goal(goal.position, goal.quaternion, request.q)
+            return Aim(goal, target, request.closings)
         return Decision(request.goal_id, request.observed_ns, self._controller.decide(request.state))
 
     def on_computed(self, result: Aim | Decision, now_ns: int) -> Sequence[Output]:
@@ -203,9 +214,10 @@ class AutonomousServer(ComputingComponent):
     def _begin(self, aim: Aim, now_ns: int) -> Sequence[Output]:
         assert self._state is not None
         goal = aim.goal
-        if self._is_stopped or aim.target is None:
-            outcome = GoalOutcome.stopped if self._is_stopped else GoalOutcome.refused
-            return (Publication(Topic.result, ReachResult(now_ns, goal.goal_id, outcome, 0)),)
+        if aim.closings != self._latch.closings:
+            return (self._refuse(goal, GoalOutcome.stopped, now_ns),)
+        if aim.target is None:
+            return (self._refuse(goal, GoalOutcome.refused, now_ns),)
         ended: list[Output] = []
         if self._pursuit is not None:
             replaced = ReachResult(now_ns, self._pursuit.goal_id, GoalOutcome.cancelled, self._pursuit.ticks)
@@ -214,6 +226,15 @@ class AutonomousServer(ComputingComponent):
         watch = self._conditions.begin(goal.position, goal.quaternion)
         self._pursuit = _GoalPursuit(goal.goal_id, aim.target, watch, 0, self._state.stamp_ns)
         return [*ended, Publication(Topic.target_pose, TargetPose(now_ns, goal.position, goal.quaternion))]
+
+    def _end_all(self, now_ns: int) -> Sequence[Output]:
+        """End the goal in pursuit, and the one that waits for its configuration."""
+        waiting, self._waiting = self._waiting, None
+        ended = list(self._finish(GoalOutcome.stopped, now_ns)) if self._pursuit is not None else []
+        return [*ended, *([self._refuse(waiting, GoalOutcome.stopped, now_ns)] if waiting else [])]
+
+    def _refuse(self, goal: ReachGoal, outcome: GoalOutcome, now_ns: int) -> Publication:
+        return Publication(Topic.result, ReachResult(now_ns, goal.goal_id, outcome, 0))
 
     def _finish(self, outcome: GoalOutcome, now_ns: int) -> Sequence[Output]:
         assert self._pursuit is not None

@@ -1,54 +1,145 @@
 """`control_supervisor`: watches commands and joint states, and stops the machine (paper, appendix)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
 
 from pipeline.deployment.component import Component, Output, Publication, nanoseconds
-from pipeline.deployment.components.supervisor_rules import Rule
+from pipeline.deployment.components.supervisor_rules import Rule, build_rules
 from pipeline.deployment.messages import (
     EmergencyStop,
     JointCommand,
     JointState,
+    Joystick,
     Message,
+    Release,
+    Reset,
     SupervisorState,
     Topic,
 )
+from pipeline.deployment.settings import DeploymentConfig, SupervisorConfig, TeleoperationConfig
+from pipeline.machine.specification import MachineSpecification
 
 
 class ControlSupervisor(Component):
-    """Checks every rule at every message and tick; the first violation stops the machine permanently.
+    """Checks every rule at every message and tick; the first violation stops the machine until a reset.
 
-    Afterwards its sign of life names the rule, which compensates for a lost emergency signal.
+    A reset has two steps. The operator acknowledges the stop by its stamp. From then on all rules are checked anew,
+    and sticks and requested commands have to be neutral for `neutral_s`; only then is the stop released. A further
+    violation in between is a further stop, with a stamp of its own. While a stop is in force, the sign of life names
+    it, which compensates for a lost emergency signal.
     """
 
     name = "control_supervisor"
-    subscriptions = (Topic.requested_commands, Topic.joint_states)
+    subscriptions = (
+        Topic.requested_commands,
+        Topic.joint_states,
+        Topic.joystick,
+        Topic.emergency_stop,
+        Topic.reset,
+    )
 
-    def __init__(self, rules: Mapping[str, Rule], period_s: float) -> None:
-        self.period_ns = nanoseconds(period_s)
-        self._rules = rules
+    def __init__(
+        self,
+        machine: MachineSpecification,
+        new_rules: Callable[[], Mapping[str, Rule]],
+        config: SupervisorConfig,
+        teleoperation: TeleoperationConfig,
+    ) -> None:
+        """A supervisor without a stop.
+
+        Args:
+            machine: its joints.
+            new_rules: the rules in their first state; called at the start and at every acknowledgement.
+            config: periods.
+            teleoperation: axes of the sticks, and the threshold within which they are neutral.
+        """
+        self.period_ns = nanoseconds(config.period_s)
+        self._neutral_ns = nanoseconds(config.neutral_s)
+        self._axes = np.array(teleoperation.axes[: machine.n_joint])
+        self._threshold = teleoperation.threshold
+        self._new_rules = new_rules
+        self._rules = new_rules()
+        self._are_sticks_neutral = True
+        self._neutral_since_ns: int | None = None  # None: not acknowledged
+        self._latest_stop_ns = self._released_ns = -1
         self.stop: EmergencyStop | None = None
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
-        """Check a command or a joint state."""
+        """Check a command or a joint state, take over another component's stop, or begin a reset."""
         if isinstance(message, JointCommand):
+            if np.any(message.values):
+                self._begin_waiting(now_ns)
             return self._judge(
                 now_ns, {n: rule.on_command(message, now_ns) for n, rule in self._rules.items()}
             )
         if isinstance(message, JointState):
             return self._judge(now_ns, {n: rule.on_state(message, now_ns) for n, rule in self._rules.items()})
+        if isinstance(message, Joystick):
+            self._are_sticks_neutral = self._are_neutral(message)
+            self._wait_for_sticks(now_ns)
+        elif isinstance(message, EmergencyStop):
+            if message.stamp_ns > self._latest_stop_ns:
+                self._stop(message)
+        elif isinstance(message, Reset):
+            return self._reset(message, now_ns)
         return ()
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
-        """Check for missing messages, and send a sign of life."""
-        stop = self._judge(now_ns, {name: rule.on_tick(now_ns) for name, rule in self._rules.items()})
-        rule = self.stop.rule if self.stop else ""
-        return [*stop, Publication(Topic.supervisor_state, SupervisorState(now_ns, rule))]
+        """Check for missing messages, release a stop whose time is over, and send a sign of life."""
+        outputs = [*self._judge(now_ns, {name: rule.on_tick(now_ns) for name, rule in self._rules.items()})]
+        self._wait_for_sticks(now_ns)
+        since_ns = self._neutral_since_ns
+        if self.stop is not None and since_ns is not None and now_ns - since_ns >= self._neutral_ns:
+            self._released_ns = self.stop.stamp_ns
+            self.stop = self._neutral_since_ns = None
+            outputs.append(Publication(Topic.release, Release(now_ns, self._released_ns)))
+        rule, stop_ns = (self.stop.rule, self.stop.stamp_ns) if self.stop else ("", 0)
+        return [*outputs, Publication(Topic.supervisor_state, SupervisorState(now_ns, rule, stop_ns))]
+
+    def _reset(self, reset: Reset, now_ns: int) -> Sequence[Output]:
+        if self.stop is None:  # repeated by an operator who missed the release
+            is_known = reset.stop_ns <= self._released_ns
+            return (Publication(Topic.release, Release(now_ns, self._released_ns)),) if is_known else ()
+        if reset.stop_ns == self.stop.stamp_ns and self._neutral_since_ns is None:
+            self._rules = self._new_rules()
+            self._neutral_since_ns = now_ns
+        return ()
+
+    def _are_neutral(self, sticks: Joystick) -> bool:
+        if len(sticks.axes) <= self._axes.max():
+            return False
+        return bool((np.abs(np.asarray(sticks.axes, float)[self._axes]) <= self._threshold).all())
+
+    def _wait_for_sticks(self, now_ns: int) -> None:
+        if not self._are_sticks_neutral:
+            self._begin_waiting(now_ns)
+
+    def _begin_waiting(self, now_ns: int) -> None:
+        if self._neutral_since_ns is not None:
+            self._neutral_since_ns = now_ns
 
     def _judge(self, now_ns: int, objections: Mapping[str, str | None]) -> Sequence[Output]:
-        if self.stop is not None:
+        if self.stop is not None and self._neutral_since_ns is None:
             return ()
         for name, detail in objections.items():
             if detail is not None:
-                self.stop = EmergencyStop(now_ns, name, detail)
-                return (Publication(Topic.emergency_stop, self.stop),)
+                stop = EmergencyStop(max(now_ns, self._latest_stop_ns + 1), name, detail)
+                self._stop(stop)
+                return (Publication(Topic.emergency_stop, stop),)
         return ()
+
+    def _stop(self, stop: EmergencyStop) -> None:
+        self.stop, self._latest_stop_ns, self._neutral_since_ns = stop, stop.stamp_ns, None
+
+
+def supervise(machine: MachineSpecification, config: DeploymentConfig, directory: Path) -> ControlSupervisor:
+    """A supervisor with the configured rules; `directory` is where conf/machine lies.
+
+    Raises:
+        InputError: a rule is unknown.
+    """
+    new_rules = partial(build_rules, machine, config.supervisor, directory)
+    return ControlSupervisor(machine, new_rules, config.supervisor, config.teleoperation)

@@ -13,6 +13,7 @@ from pipeline.deployment.messages import (
     MachineCommand,
     Message,
     ReachResult,
+    Release,
     TargetPose,
     Topic,
 )
@@ -33,6 +34,7 @@ class Recorder:
     requests: list[tuple[int, JointCommand]] = field(default_factory=list)
     results: list[ReachResult] = field(default_factory=list)
     stops: list[EmergencyStop] = field(default_factory=list)
+    releases: list[Release] = field(default_factory=list)
 
     def __call__(self, topic: Topic, message: Message, time_ns: int) -> None:
         """Store a message."""
@@ -48,6 +50,8 @@ class Recorder:
             self.results.append(message)
         elif isinstance(message, EmergencyStop):
             self.stops.append(message)
+        elif isinstance(message, Release):
+            self.releases.append(message)
 
     def target_poses(self) -> TargetPoses:
         """The targets in the form of logs."""
@@ -81,6 +85,7 @@ class Recorder:
             self.requests,
             [(result.stamp_ns, result) for result in self.results],
             [(stop.stamp_ns, stop) for stop in self.stops],
+            [(release.stamp_ns, release) for release in self.releases],
         )
         if any(record):
             add_graph_topics(path, record)

@@ -5,19 +5,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.deployment.component import Component, Output, Publication, nanoseconds
-from pipeline.deployment.messages import EmergencyStop, JointCommand, Joystick, Message, Topic
+from pipeline.deployment.components.stop_latch import StopLatch
+from pipeline.deployment.messages import EmergencyStop, JointCommand, Joystick, Message, Release, Topic
 from pipeline.deployment.settings import TeleoperationConfig
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
 
 class TeleoperationServer(Component):
-    """Sends commands at the control frequency while sticks are deflected, and a last one on their release.
+    """Sends commands at the control frequency while sticks are deflected, and a last one when they are let go.
 
     A silent joystick, or one with missing axes, counts as released.
     """
 
     name = "teleoperation_server"
-    subscriptions = (Topic.joystick, Topic.emergency_stop)
+    subscriptions = (Topic.joystick, Topic.emergency_stop, Topic.release)
 
     def __init__(self, machine: MachineSpecification, config: TeleoperationConfig) -> None:
         """An interpreter for one machine.
@@ -33,22 +34,23 @@ class TeleoperationServer(Component):
         self._sticks: Joystick | None = None
         self._received_ns = 0
         self._is_moving = False
-        self._is_stopped = False
+        self._latch = StopLatch()
         self._sequence = 0
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
-        """Store the sticks' state; after an emergency stop, send no more commands."""
+        """Store the sticks' state; from an emergency stop to its release, send no commands."""
         if isinstance(message, Joystick):
             self._sticks, self._received_ns = message, now_ns
-        elif isinstance(message, EmergencyStop):
-            self._is_stopped = True
+        elif isinstance(message, EmergencyStop | Release):
+            self._latch.hear(message)
+            self._is_moving = False
         return ()
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
         """Send the command of the sticks."""
         values = self.command(now_ns)
         moves = bool(values.any())
-        if self._is_stopped or not (moves or self._is_moving):
+        if self._latch.is_closed or not (moves or self._is_moving):
             return ()
         self._is_moving = moves
         self._sequence += 1

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from pipeline.deployment.component import Component, Output, Publication
 from pipeline.deployment.components.commands import is_command
+from pipeline.deployment.components.stop_latch import StopLatch
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.drivers.can_frames import CanFrames
 from pipeline.deployment.messages import (
@@ -12,6 +13,7 @@ from pipeline.deployment.messages import (
     JointState,
     MachineCommand,
     Message,
+    Release,
     Topic,
 )
 from pipeline.machine.specification import MachineSpecification
@@ -20,11 +22,12 @@ from pipeline.machine.specification import MachineSpecification
 class MachineDriver(Component):
     """Commands become frames; encoder frames become joint states with velocities of the loop tracker.
 
-    An emergency stop becomes the emergency frame, and no command frame is sent after it.
+    An emergency stop becomes the emergency frame, and no command frame is sent until its release, which becomes the
+    release frame if the machine's DBC file defines one.
     """
 
     name = "bobcat_e10_driver"
-    subscriptions = (Topic.joint_commands, Topic.emergency_stop, Topic.can_from_machine)
+    subscriptions = (Topic.joint_commands, Topic.emergency_stop, Topic.release, Topic.can_from_machine)
 
     def __init__(
         self, machine: MachineSpecification, frames: CanFrames, estimator: VelocityEstimator
@@ -33,19 +36,23 @@ class MachineDriver(Component):
         self._frames = frames
         self._estimator = estimator
         self._counter = 0
-        self._is_stopped = False
+        self._latch = StopLatch()
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
         """Translate."""
         if isinstance(message, MachineCommand):
-            if self._is_stopped or not is_command(self._machine, message.values):
+            if self._latch.is_closed or not is_command(self._machine, message.values):
                 return ()  # the machine's controller zeroes its outputs without frames
             self._counter += 1
             frame = self._frames.command(message.values, self._counter, now_ns)
             return (Publication(Topic.can_to_machine, frame),)
         if isinstance(message, EmergencyStop):
-            self._is_stopped = True
+            self._latch.hear(message)
             return (Publication(Topic.can_to_machine, self._frames.emergency(now_ns)),)
+        if isinstance(message, Release):
+            self._latch.hear(message)
+            frame_of_release = None if self._latch.is_closed else self._frames.release(now_ns)
+            return (Publication(Topic.can_to_machine, frame_of_release),) if frame_of_release else ()
         if isinstance(message, CanFrame):
             position = self._frames.read_encoders(message)
             if position is not None:

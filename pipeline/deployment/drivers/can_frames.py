@@ -3,6 +3,7 @@
 Signals are named after the machine's joints: `command_<joint>`, `position_<joint>`.
 """
 
+import dataclasses
 from pathlib import Path
 
 import cantools
@@ -30,6 +31,8 @@ class CanFrames:
             assert isinstance(database, cantools.database.Database)
             self._emergency = database.get_message_by_name("EMERGENCY")
             self._command = database.get_message_by_name("COMMAND")
+            names = {frame.name for frame in database.messages}
+            self._release = database.get_message_by_name("RELEASE") if "RELEASE" in names else None
             self._encoders = database.get_message_by_name("ENCODERS")
         except FileNotFoundError:
             raise InputError(f"{path}: no such file; describe the machine's CAN frames there") from None
@@ -54,6 +57,12 @@ class CanFrames:
         """Frame that zeroes the outputs."""
         return CanFrame(now_ns, self._emergency.frame_id, self._emergency.encode({"stop": 1}))
 
+    def release(self, now_ns: int) -> CanFrame | None:
+        """Frame that ends a stop; None if the machine has no such frame and is restarted instead."""
+        if self._release is None:
+            return None
+        return CanFrame(now_ns, self._release.frame_id, self._release.encode({"release": 1}))
+
     def encoders(self, position: np.ndarray, now_ns: int) -> CanFrame:
         """Frame of encoder readings, rad, (n_joint,)."""
         signals = {f"position_{name}": float(v) for name, v in zip(self._joints, position, strict=True)}
@@ -70,6 +79,10 @@ class CanFrames:
     def is_emergency(self, frame: CanFrame) -> bool:
         """Whether the frame zeroes the outputs, whatever its content: in doubt, stop."""
         return frame.identifier == self._emergency.frame_id
+
+    def is_release(self, frame: CanFrame) -> bool:
+        """Whether the frame ends a stop; only the exact frame does."""
+        return self._release is not None and dataclasses.replace(frame, stamp_ns=0) == self.release(0)
 
     def _read(self, frame: CanFrame, message: cantools.database.Message, prefix: str) -> np.ndarray | None:
         if frame.identifier != message.frame_id or len(frame.data) != message.length:

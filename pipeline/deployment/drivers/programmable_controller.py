@@ -1,7 +1,7 @@
 """A simulated PLC of the machine, on a CAN bus: holds its set-points, and zeroes them when in doubt.
 
 According to the paper, the real one maps discrete commands to current set-points of the electro-valves. Its stop is
-assumed, as usual for machine controllers: it zeroes its outputs on an emergency frame until it is restarted, and
+assumed, as usual for machine controllers: it zeroes its outputs on an emergency frame until a release frame, and
 without command frames.
 """
 
@@ -43,6 +43,8 @@ class ProgrammableController(Component):
             command = self._frames.read_command(frame)
             if self._frames.is_emergency(frame):
                 self._is_stopped = True
+            elif self._frames.is_release(frame):
+                self._is_stopped, self.output = False, np.zeros_like(self.output)
             elif command is not None:
                 self.output, self._received_ns = command, now_ns
         if self._is_stopped or now_ns - self._received_ns > self._timeout_ns:

@@ -26,6 +26,7 @@ from pipeline.deployment.messages import (
     MachineCommand,
     ReachGoal,
     ReachResult,
+    Release,
     SupervisorState,
     TargetPose,
     Topic,
@@ -137,6 +138,22 @@ def test_nothing_is_pursued_after_an_emergency_stop() -> None:
     harness.tick(10)
     assert [r.outcome for r in harness.of(ReachResult)] == [GoalOutcome.stopped]
     assert harness.of(JointCommand) == []
+
+
+def test_a_release_begins_no_goal_from_before_it() -> None:
+    harness = Harness()
+    harness.tick()
+    harness.server.on_message(Topic.goal, GOAL, harness.now_ns)
+    (solving,) = harness.server.on_timer(harness.now_ns)
+    for message in (EmergencyStop(7, "rule", ""), Release(8, 6), Release(9, 7)):
+        harness.message(Topic.release, message)
+    harness.take(harness.server.on_computed(harness.server.compute(solving.request), harness.now_ns))
+    harness.tick(10)
+    assert [r.outcome for r in harness.of(ReachResult)] == [GoalOutcome.stopped]
+    assert harness.of(JointCommand) == []
+    harness.message(Topic.goal, GOAL)
+    harness.tick(4)
+    assert harness.of(JointCommand)
 
 
 def conditions(**changes) -> TerminalConditions:
@@ -307,7 +324,19 @@ def test_the_plc_holds_its_set_point_and_zeroes_it(emergency: bool) -> None:
         assert held_s == pytest.approx(0.0 if emergency else config.command_timeout_s, abs=1e-9)
         send(frames.command(np.array([1, 0, 0, 0]), 2, 0))
         plc.on_timer(40 * cycle_ns)
-        assert bool(plc.output.any()) is not emergency  # an emergency lasts
+        assert bool(plc.output.any()) is not emergency  # an emergency lasts, ...
+        release = frames.release(0)
+        for n, (frame, moves) in enumerate(
+            [
+                (dataclasses.replace(release, data=b"\0"), not emergency),
+                (frames.command(np.array([1, 0, 0, 0]), 3, 0), not emergency),
+                (release, False),  # ... until the exact frame ends it, with outputs at rest
+                (frames.command(np.array([1, 0, 0, 0]), 4, 0), True),
+            ]
+        ):
+            send(frame)
+            plc.on_timer((41 + n) * cycle_ns)
+            assert bool(plc.output.any()) == moves
 
 
 def test_a_machine_without_frames_is_told_so(tmp_path) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import nanoseconds
-from pipeline.deployment.components.control_supervisor import ControlSupervisor
+from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.self_collision import SelfCollision
 from pipeline.deployment.components.supervisor_rules import (
     CommandDelay,
@@ -227,8 +227,7 @@ def test_a_hammer_folded_into_the_boom_is_a_collision() -> None:
 
 
 def test_the_supervisor_stops_once_and_goes_on_saying_so() -> None:
-    config = supervised().supervisor
-    supervisor = ControlSupervisor(build_rules(bobcat(), config, MACHINE_DIRECTORY), config.period_s)
+    supervisor = supervise(bobcat(), supervised(), MACHINE_DIRECTORY)
     outputs = [
         *supervisor.on_message(Topic.requested_commands, command(values=(2, 0, 0, 0)), 0),
         *supervisor.on_message(Topic.requested_commands, command(values=(2, 0, 0, 0)), 0),

@@ -17,10 +17,9 @@ from mcap_ros2.decoder import DecoderFactory
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
-from pipeline.deployment.components.control_supervisor import ControlSupervisor
+from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.recording import Recorder
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
-from pipeline.deployment.components.supervisor_rules import build_rules
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.messages import GoalOutcome, JointState, MachineCommand, ReachResult, Topic
@@ -80,7 +79,7 @@ def test_sticks_move_the_machine_until_an_emergency_stop(is_stopped: bool) -> No
     components = [
         ScriptedJoystick(bobcat(), config.teleoperation, Always(np.array([1, 0, -1, 0]))),
         TeleoperationServer(bobcat(), config.teleoperation),
-        ControlSupervisor(build_rules(bobcat(), limits, MACHINE_DIRECTORY), limits.period_s),
+        supervise(bobcat(), dataclasses.replace(config, supervisor=limits), MACHINE_DIRECTORY),
         ControlInterface(bobcat(), config.interface),
         SimulationDriver(machine, bobcat().n_joint, config.driver, estimator()),
     ]

@@ -22,6 +22,7 @@ RECORDED = (
     Topic.target_pose,
     Topic.requested_commands,
     Topic.emergency_stop,
+    Topic.release,
     Topic.machine_outputs,
 )
 

@@ -19,6 +19,8 @@ from pipeline.deployment.messages import (
     MachineCommand,
     MachineOutputs,
     Message,
+    Release,
+    Reset,
     SupervisorState,
     TargetPose,
     Topic,
@@ -156,8 +158,18 @@ def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
         ),
         Topic.supervisor_state: (
             own["SupervisorState"],
-            lambda m: own["SupervisorState"](ros_time(m.stamp_ns), m.rule),
-            lambda ros, now_ns: SupervisorState(ros.stamp.to_nsec(), ros.rule),
+            lambda m: own["SupervisorState"](ros_time(m.stamp_ns), m.rule, ros_time(m.stop_ns)),
+            lambda ros, now_ns: SupervisorState(ros.stamp.to_nsec(), ros.rule, ros.stop.to_nsec()),
+        ),
+        Topic.reset: (
+            own["Reset"],
+            lambda m: own["Reset"](ros_time(m.stamp_ns), ros_time(m.stop_ns)),
+            lambda ros, now_ns: Reset(ros.stamp.to_nsec(), ros.stop.to_nsec()),
+        ),
+        Topic.release: (
+            own["Release"],
+            lambda m: own["Release"](ros_time(m.stamp_ns), ros_time(m.stop_ns)),
+            lambda ros, now_ns: Release(ros.stamp.to_nsec(), ros.stop.to_nsec()),
         ),
         Topic.machine_outputs: (
             own["MachineOutputs"],

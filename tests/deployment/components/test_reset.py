@@ -1,0 +1,167 @@
+"""The reset after a stop, explored exhaustively: every order of up to six events, as a state machine."""
+
+import dataclasses
+import itertools
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pytest
+
+from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.deployment.component import Component, Publication, nanoseconds
+from pipeline.deployment.components.control_interface import ControlInterface
+from pipeline.deployment.components.control_supervisor import supervise
+from pipeline.deployment.components.teleoperation_server import TeleoperationServer
+from pipeline.deployment.messages import (
+    EmergencyStop,
+    JointCommand,
+    Joystick,
+    MachineCommand,
+    Reset,
+    Topic,
+)
+from tests.deployment.machines import bobcat, paper
+
+MACHINE, PAPER = bobcat(), paper()
+TICK_S = MACHINE.dt_s
+NEUTRAL_TICKS = 2
+CONFIG = dataclasses.replace(
+    PAPER,
+    supervisor=dataclasses.replace(
+        PAPER.supervisor, rules=["command_value"], neutral_s=NEUTRAL_TICKS * TICK_S, period_s=TICK_S
+    ),
+    interface=dataclasses.replace(
+        PAPER.interface, supervised=True, maximum_supervisor_silence_s=1.5 * TICK_S
+    ),
+)
+# A violation, the acknowledgement of the stop, sticks, another server's command, a tick; the acknowledgement of a
+# former stop, and a supervisor that is killed and started again.
+EVENTS = ("violation", "acknowledge", "deflect", "let_go", "command", "tick", "old", "restart")
+
+
+class Graph:
+    """Supervisor, interface and teleoperation without delays, and what the requirement says of each moment."""
+
+    def __init__(self) -> None:
+        self.teleoperation = TeleoperationServer(MACHINE, CONFIG.teleoperation)
+        self.interface = ControlInterface(MACHINE, CONFIG.interface)
+        self.supervisor = supervise(MACHINE, CONFIG, MACHINE_DIRECTORY)
+        self.now_ns, self.sequence, self.stops = 0, 0, [0]
+        self.moved: list[np.ndarray] = []
+        # The requirement, written down without the components: when motion is allowed.
+        self.is_stopped = self.is_acknowledged = self.is_deflected = False
+        self.neutral_ticks = 0
+        self._tick()
+
+    @property
+    def components(self) -> tuple[Component, ...]:
+        return self.supervisor, self.interface, self.teleoperation
+
+    def happen(self, event: str) -> None:
+        self.now_ns += 1
+        self.moved.clear()
+        if event in ("violation", "command"):
+            self.sequence += 1
+            values = np.array([2.0 if event == "violation" else 1.0, 0, 0, 0], np.float32)
+            command = JointCommand(self.now_ns, "server", self.sequence, self.now_ns, values)
+            self._require(stops=event == "violation")
+            self._send(Publication(Topic.requested_commands, command))
+        elif event in ("deflect", "let_go"):
+            self.is_deflected = event == "deflect"
+            if self.is_deflected:
+                self.neutral_ticks = 0
+            self._stick()
+        elif event in ("acknowledge", "old"):
+            stop_ns = self.stops[-1] if event == "acknowledge" else self.stops[max(len(self.stops) - 2, 0)]
+            if event == "acknowledge" and self.is_stopped and not self.is_acknowledged:
+                self.is_acknowledged, self.neutral_ticks = True, 0
+            self._send(Publication(Topic.reset, Reset(self.now_ns, stop_ns)))
+        elif event == "restart":
+            self.supervisor = supervise(MACHINE, CONFIG, MACHINE_DIRECTORY)
+            self.is_acknowledged = False
+        else:
+            self._tick()
+
+    def _require(self, stops: bool) -> None:
+        self.neutral_ticks = 0
+        if stops:
+            self.is_stopped, self.is_acknowledged = True, False
+
+    def _tick(self) -> None:
+        self.now_ns += nanoseconds(TICK_S)
+        self._stick()
+        if self.is_acknowledged and not self.is_deflected:
+            self.neutral_ticks += 1
+            if self.neutral_ticks >= NEUTRAL_TICKS:
+                self.is_stopped = self.is_acknowledged = False
+        for component in self.components:
+            self._send(*component.on_timer(self.now_ns))
+
+    def _stick(self) -> None:
+        axes = np.zeros(8)
+        axes[CONFIG.teleoperation.axes[1]] = float(self.is_deflected)
+        self._send(Publication(Topic.joystick, Joystick(self.now_ns, axes)))
+
+    def _send(self, *outputs: Publication) -> None:
+        queue = deque(outputs)
+        while queue:
+            topic, message = queue.popleft()
+            if isinstance(message, EmergencyStop):
+                self.stops += [message.stamp_ns] if message.stamp_ns > self.stops[-1] else []
+            if isinstance(message, MachineCommand) and np.any(message.values):
+                self.moved.append(message.values)
+            for component in self.components:
+                if topic in component.subscriptions:
+                    queue += component.on_message(topic, message, self.now_ns)
+
+
+def explore(alphabet: Sequence[str], length: int) -> Iterator[tuple[tuple[str, ...], Graph]]:
+    """Graphs after each order of so many events, a stop before them; the requirement is checked at every event."""
+    for events in itertools.product(alphabet, repeat=length):
+        graph = Graph()
+        graph.happen("violation")
+        assert graph.interface.is_muted
+        for event in events:
+            was_stopped = graph.is_stopped
+            graph.happen(event)
+            if was_stopped and event != "tick":
+                assert not graph.moved, events
+            if graph.moved:
+                assert not graph.is_stopped, events
+                assert graph.is_deflected or event == "command", events  # nothing is left over
+        yield events, graph
+
+
+@pytest.mark.parametrize(
+    ("alphabet", "length"), [(EVENTS, 4), pytest.param(EVENTS[:6], 6, marks=pytest.mark.long)]
+)
+def test_no_order_of_events_moves_the_machine_before_the_sticks_were_neutral(
+    alphabet: Sequence[str], length: int
+) -> None:
+    released = {events for events, graph in explore(alphabet, length) if not graph.interface.is_muted}
+    assert ("acknowledge", *["tick"] * (length - 1)) in released
+    assert all("acknowledge" in events and events.count("tick") >= NEUTRAL_TICKS for events in released)
+
+
+def test_the_sticks_move_the_machine_again_after_a_reset() -> None:
+    graph = Graph()
+    for event in ("deflect", "violation", "acknowledge", "tick", "tick", "tick"):
+        graph.happen(event)
+    assert graph.interface.is_muted  # the stick was held all the time
+    for event in ("let_go", "tick", "tick"):
+        graph.happen(event)
+    assert not graph.interface.is_muted and not graph.moved
+    for event in ("deflect", "tick"):
+        graph.happen(event)
+    assert graph.moved
+
+
+def test_a_repeated_reset_repeats_a_lost_release() -> None:
+    graph = Graph()
+    for event in ("violation", "acknowledge"):
+        graph.happen(event)
+    graph.supervisor.on_timer(graph.now_ns + nanoseconds(NEUTRAL_TICKS * TICK_S))  # its messages are lost
+    assert graph.supervisor.stop is None and graph.interface.is_muted
+    graph.happen("acknowledge")
+    assert not graph.interface.is_muted
