@@ -17,10 +17,11 @@ from benchmarks.closed_loop.truth import Truth, from_content
 from pipeline.configuration.load import load_section
 from pipeline.discrepancy.diagnosis.fingerprint import code_fingerprint
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
 
-SECTION = "close_loop"
+SECTIONS = {"close_loop": CloseLoopConfig, "identify": IdentifyConfig}
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,8 @@ class Record:
 def fingerprint() -> str:
     """Of the code and the settings that decide what `close_loop` answers."""
     digest = hashlib.sha256(code_fingerprint().encode())
-    digest.update(json.dumps(asdict(load_section(SECTION, CloseLoopConfig)), sort_keys=True).encode())
+    for section, schema in SECTIONS.items():
+        digest.update(json.dumps(asdict(load_section(section, schema)), sort_keys=True).encode())
     return digest.hexdigest()[:12]
 
 

@@ -205,16 +205,19 @@ def _reaching(machine: MachineSpecification, profile: str) -> ReachingSettings:
 
 def close_loop(
     machine: MachineSpecification,
-    model: str | Path,
+    model: str | Path | None,
     nominal: Sequence[Trajectory],
     measured: Sequence[Trajectory],
     profile: str = "default",
 ) -> ClosedLoop:
-    """Find what has changed between the logs that a saved model describes and newer ones.
+    """Find what has changed between the logs that a model describes and newer ones.
 
     Example:
         >>> result = close_loop(machine, "model", trajectories, read_logs(machine, "newer_logs"))
         >>> verdict, effects = result.document["verdict"], result.document["effects"]
+
+    Args:
+        model: Folder of the model; None: a model of kind nfir_dqdot is identified from `nominal`.
 
     Raises:
         InputError: The model is of another machine, or has effects already.
@@ -222,8 +225,10 @@ def close_loop(
     """
     from pipeline.discrepancy.close_loop import close_loop as close_loop_on
     from pipeline.discrepancy.settings import CloseLoopConfig
+    from pipeline.dynamics.settings import IdentifyConfig
     from pipeline.effects.unaugmented_model import load_plain_model_of
 
-    dynamics, parameters = load_plain_model_of(Path(model), machine)
+    given = None if model is None else load_plain_model_of(Path(model), machine)
     config = load_section("close_loop", CloseLoopConfig, profile)
-    return close_loop_on(nominal, measured, machine, dynamics, parameters, config)
+    identify = load_section("identify", IdentifyConfig, profile)
+    return close_loop_on(nominal, measured, machine, given, config, identify)

@@ -22,6 +22,7 @@ from pipeline.discrepancy.verdict.result import ClosedLoop
 from pipeline.discrepancy.verdict.verdict import Verdict
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
@@ -30,22 +31,22 @@ def close_loop(
     nominal: Sequence[Trajectory],
     measured: Sequence[Trajectory],
     machine: MachineSpecification,
-    model: DynamicsModel,
-    parameters: Parameters,
+    model: tuple[DynamicsModel, Parameters] | None,
     config: CloseLoopConfig,
+    identify: IdentifyConfig,
     log: Callable[[str], None] = lambda _: None,
     nominal_behaviour: NominalBehaviour | None = None,
     kept: Path | None = None,
 ) -> ClosedLoop:
-    """Find the effects that `model` lacks of the machine that was measured.
+    """Find the effects that a model lacks of the machine that was measured.
 
     Args:
         nominal: Logs of the machine that the model describes.
         measured: Logs of the machine as it is.
         machine: Its specification.
-        model: The frozen model f_θ.
-        parameters: θ.
+        model: The frozen model f_θ and θ; None: the diagnosis model, so that one model is diagnosed and corrected.
         config: Section `close_loop`.
+        identify: Section `identify`, by which the diagnosis model is trained.
         log: Called with one sentence per step.
         nominal_behaviour: What the nominal logs say, if it has been learned for other measured logs already.
         kept: File that keeps it; see `learn_nominal_behaviour`.
@@ -55,10 +56,14 @@ def close_loop(
         UnusableLogs: The logs are too short.
     """
     journal = Journal(log)
-    logs = prepare(nominal, measured, machine, config)
+    logs = prepare(nominal, measured, machine, config, identify)
     diagnosis = diagnose(logs, nominal_behaviour, kept, journal)
     selection = select(diagnosis, journal)
     acceptance = accept(diagnosis, selection, journal)
-    correction = correct(model, parameters, diagnosis, selection, acceptance, journal)
+    own = diagnosis.nominal.diagnosis
+    frozen, parameters = model or (own.model, own.parameters)
+    correction = correct(frozen, parameters, diagnosis, selection, acceptance, journal)
     verdict = Verdict(diagnosis, selection, acceptance, correction)
-    return ClosedLoop(document_of(verdict), correction.active, report_data_of(verdict, journal))
+    return ClosedLoop(
+        document_of(verdict), frozen, parameters, correction.active, report_data_of(verdict, journal)
+    )

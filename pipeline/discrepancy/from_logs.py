@@ -12,7 +12,6 @@ from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.discrepancy.verdict.files import LoopReport, write_closed_loop, write_note
 from pipeline.discrepancy.verdict.result import ClosedLoop
 from pipeline.dynamics.judgement import seen_again
-from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
 from pipeline.logs.formats.discover import is_empty_folder
@@ -32,7 +31,7 @@ class LoopInputs:
         nominal: Folder of logs of the machine that the model describes.
         measured: Folder of logs of the machine as it is.
         model: Folder of the model; None: it is identified from the nominal logs.
-        kind: What is identified then, `mlp_dqdot` for example.
+        kind: What is identified then, `nfir_dqdot` for example.
         learned: File that keeps what is learned of the nominal logs alone; None: it is not kept.
     """
 
@@ -53,7 +52,7 @@ def close_loop_on_logs(
     settings: CloseLoopConfig,
     log: Callable[[str], None] = lambda _: None,
     allow_empty: bool = False,
-) -> tuple[ClosedLoop, DynamicsModel, list[Trajectory]] | None:
+) -> tuple[ClosedLoop, list[Trajectory]] | None:
     """Write `closed_loop.json`, `report_data.npz`, `model_before` and `model_after` into `output`.
 
     Args:
@@ -68,7 +67,7 @@ def close_loop_on_logs(
         allow_empty: Whether a note takes the place of the result where no logs are measured.
 
     Returns:
-        The result, the model that the loop was closed on, and the nominal trajectories; None for a note.
+        The result and the nominal trajectories; None for a note.
 
     Raises:
         InputError: Logs or model cannot be used, or a file cannot be written.
@@ -91,9 +90,9 @@ def close_loop_on_logs(
     model = nominal_model(inputs.model, inputs.kind, nominal, machine, settings, identify)
     log(f"{len(nominal)} nominal and {len(measured)} measured trajectories")
     try:
-        result = close_loop(nominal, measured, machine, *model, settings, log, kept=inputs.learned)
+        result = close_loop(nominal, measured, machine, model, settings, identify, log, kept=inputs.learned)
     except UnusableLogs as error:
         raise InputError(f"{error.which}={getattr(inputs, error.which)}: {error.why}") from None
     report = LoopReport(machine.name, inputs.nominal, inputs.measured, result.evidence)
-    write_closed_loop(output, result, *model, nominal, report)
-    return result, model[0], nominal
+    write_closed_loop(output, result, nominal, report)
+    return result, nominal

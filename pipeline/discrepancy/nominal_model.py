@@ -1,8 +1,9 @@
-"""The model that the loop is closed on: the one that was given, or one identified from the nominal logs."""
+"""The model that the loop is closed on, where it is not the diagnosis model itself."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
+from pipeline.discrepancy.diagnosis.diagnosis_model import KIND
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.dynamics.model.network import Parameterization, Parameters
@@ -21,12 +22,12 @@ def nominal_model(
     machine: MachineSpecification,
     close_loop: CloseLoopConfig,
     identify: IdentifyConfig,
-) -> tuple[DynamicsModel, Parameters]:
-    """Load the model, or identify it.
+) -> tuple[DynamicsModel, Parameters] | None:
+    """Load the model, or identify one of the paper's kinds; None where the diagnosis model is of the kind asked for.
 
     Args:
         given: Folder of the model; None: it is identified.
-        kind: What is identified, `mlp_dqdot` for example.
+        kind: What is identified, `nfir_dqdot` for example.
         nominal: Logs of the machine that the model describes.
         machine: The machine.
         close_loop: Section `close_loop`; its `baseline` says how one of the paper's kinds is trained.
@@ -44,7 +45,7 @@ def nominal_model(
         raise InputError(
             f"kind={kind}: not a model kind; use mlp_dq, mlp_dqdot, kan_dq, kan_dqdot or nfir_dqdot"
         ) from error
-    is_fir = parts[0] is Parameterization.nfir
-    training = identify.training_of(kind) if is_fir else close_loop.baseline
-    result = fit(nominal, machine, *parts, training, identify, close_loop.seed)
+    if parts == KIND:
+        return None
+    result = fit(nominal, machine, *parts, close_loop.baseline, identify, close_loop.seed)
     return result.model, result.parameters

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 
 from pipeline.discrepancy.acceptance.gate import GateConfig
 from pipeline.discrepancy.baselines.continued_training import BaselinesConfig
-from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModelConfig
 from pipeline.discrepancy.diagnosis.splits import SplitConfig
 from pipeline.discrepancy.families.uncorrectable import refuse_unknown
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
@@ -17,8 +16,7 @@ class CloseLoopConfig:
 
     Attributes:
         seed: Of all networks, and of resampling.
-        baseline: Training of the model, where none is given.
-        diagnosis: Training of the diagnosis model.
+        baseline: Training of the model, where none is given and one of the paper's kinds is asked for.
         split: Of the measured rows.
         search: Thresholds of the search.
         gate: Thresholds of the gate.
@@ -28,7 +26,6 @@ class CloseLoopConfig:
 
     seed: int
     baseline: TrainingConfig
-    diagnosis: DiagnosisModelConfig
     split: SplitConfig
     search: EffectSearchConfig
     gate: GateConfig

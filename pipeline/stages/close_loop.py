@@ -51,9 +51,9 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
         inputs, output, machine, *settings, configuration.close_loop, say, configuration.allow_empty
     )
     if closed is not None:
-        result, model, nominal = closed
+        result, nominal = closed
         run.inputs(inputs.nominal, inputs.measured)
-        publish_closed_loop(run, output, result.document, model, machine.name, max(nominal, key=len))
+        publish_closed_loop(run, output, result.document, result.model, machine.name, max(nominal, key=len))
         say(f"verdict {result.document['verdict']}")
     if configuration.page:
         write_page("closed_loop", output)

@@ -99,10 +99,12 @@ def model(nominal: list[Trajectory]) -> tuple[DynamicsModel, Parameters]:
     return result.model, result.parameters
 
 
-def settings() -> CloseLoopConfig:
-    """A smaller budget."""
-    config = load_section("close_loop", CloseLoopConfig, "paper")
-    return replace(config, diagnosis=replace(config.diagnosis, updates=800))
+def settings() -> tuple[CloseLoopConfig, IdentifyConfig]:
+    """With a smaller budget of the diagnosis model."""
+    identify = load_section("identify", IdentifyConfig, "paper")
+    training = replace(identify.training_of("nfir_dqdot"), maximum_epochs=80)
+    identify = replace(identify, selected={"nfir_dqdot": training})
+    return load_section("close_loop", CloseLoopConfig, "paper"), identify
 
 
 @pytest.fixture(autouse=True)
@@ -116,7 +118,7 @@ def untrained_baselines(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def usual(nominal: list[Trajectory]) -> NominalBehaviour:
     """What the nominal logs say, learned once for all measured ones."""
-    return learn_nominal_behaviour(nominal, MACHINE, settings())
+    return learn_nominal_behaviour(nominal, MACHINE, *settings())
 
 
 Model = tuple[DynamicsModel, Parameters]
@@ -126,14 +128,14 @@ def close(
     nominal: list[Trajectory], measured: list[Trajectory], model: Model, usual: NominalBehaviour
 ) -> dict[str, Any]:
     """The content of closed_loop.json."""
-    return close_loop(nominal, measured, MACHINE, *model, settings(), nominal_behaviour=usual).document
+    return close_loop(nominal, measured, MACHINE, model, *settings(), nominal_behaviour=usual).document
 
 
 @pytest.mark.long
 def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
     measured = [record("measured_1", 11, 4000, slower=0.7), record("measured_2", 12, 4000, slower=0.7)]
     journal = Journal()
-    logs = prepare(nominal, measured, MACHINE, settings())
+    logs = prepare(nominal, measured, MACHINE, *settings())
     diagnosis = diagnose(logs, None, None, journal)  # which learns for itself what nominal logs say
     np.testing.assert_array_equal(diagnosis.nominal.floor, usual.floor)
     selection = select(diagnosis, journal)
@@ -226,6 +228,6 @@ def test_nothing_is_found_where_nothing_changed(nominal, model, usual) -> None: 
 def test_logs_too_short_to_hold_anything_back_are_refused_at_once(nominal, model) -> None:  # type: ignore[no-untyped-def]
     measured = [record("measured", 31, 300)]
     with pytest.raises(InputError, match="too short"):
-        prepare(nominal, measured, MACHINE, settings())  # before anything is learned
+        prepare(nominal, measured, MACHINE, *settings())  # before anything is learned
     with pytest.raises(InputError, match="too short"):
-        close_loop(nominal, measured, MACHINE, *model, settings())
+        close_loop(nominal, measured, MACHINE, model, *settings())

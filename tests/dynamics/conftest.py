@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
+from pipeline.dynamics.model.fir_specification import FirSpecification
 from pipeline.dynamics.settings import IdentifyConfig, Optimiser, TrainingConfig
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointKind, JointSpecification, MachineSpecification
@@ -27,6 +28,25 @@ def make_specification(parameterization, target, lags=LAGS, hidden=(5, 4)) -> Mo
         velocity_limit=[0.7, 0.1],
         residual_scale=[0.02, 0.003],
     )
+
+
+def make_fir_specification(limit: float, speed: np.ndarray, lags: int, **changes) -> FirSpecification:
+    """Joints between ± limit, at this usual speed; stops are nowhere."""
+    n_joint = len(speed)
+    values = vars(make_specification("mlp", "dqdot", lags)) | {
+        "parameterization": "nfir",
+        "joints": [f"joint_{number}" for number in range(n_joint)],
+        "position_lower": [-limit] * n_joint,
+        "position_upper": [limit] * n_joint,
+        "velocity_limit": list(speed),
+        "residual_scale": list(speed),
+        "members": 2,
+        "member_hidden": [4],
+        "demand_beyond": [],
+        "stop_lower": [None] * n_joint,
+        "stop_upper": [None] * n_joint,
+    }
+    return FirSpecification(**(values | changes))
 
 
 def make_trajectory(q, qd, a, n_validation=0, name="log") -> Trajectory:

@@ -59,7 +59,9 @@ def diagnose(
     """
     machine, config, sequences = logs.machine, logs.config, logs.sequences
     if nominal is None:
-        nominal = learn_nominal_behaviour(logs.nominal, machine, config, journal.end_part, kept)
+        nominal = learn_nominal_behaviour(
+            logs.nominal, machine, config, logs.identify, journal.end_part, kept
+        )
     journal.log(
         "On nominal logs that its members did not see, the diagnosis model is off by "
         + ", ".join(
@@ -86,7 +88,7 @@ def diagnose(
     rows = in_blocks(used, (logs.label == Purpose.select).astype(int))
     confirm = sequences.is_row & (logs.label == Purpose.confirm)
     held_out = in_blocks(confirm, alternating_folds(confirm, block_rows, FOLD_ROWS))
-    moving = np.abs(simulation.velocities([NOMINAL])[0]) > MOVING_SHARE * nominal.diagnosis.scales.speed
+    moving = np.abs(simulation.velocities([NOMINAL])[0]) > MOVING_SHARE * nominal.setting.speed_scale
     is_used = moving & rows.is_used[..., None]
     n_known = (is_used & is_known).sum(axis=(0, 1))
     moving_s = n_known * machine.dt_s

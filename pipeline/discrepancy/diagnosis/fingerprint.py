@@ -3,7 +3,7 @@
 import hashlib
 from pathlib import Path
 
-DECISIVE = ("discrepancy", "effects")  # packages of `pipeline` that decide what is answered
+DECISIVE = ("discrepancy", "dynamics", "effects")  # packages of `pipeline` that decide what is answered
 
 
 def code_fingerprint() -> str:

@@ -9,7 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, is_known, train_diagnosis_model
+from pipeline.discrepancy.diagnosis.diagnosis_model import (
+    DiagnosisModel,
+    train_diagnosis_model,
+    training_of_diagnosis,
+)
 from pipeline.discrepancy.diagnosis.floor_at_rest import floor_at_rest
 from pipeline.discrepancy.diagnosis.nominal_cache import (
     Learned,
@@ -23,8 +27,10 @@ from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, alternating_folds, averaged, rows_in_blocks
 from pipeline.discrepancy.diagnosis.sequences import Sequences, side_by_side
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
+from pipeline.discrepancy.diagnosis.training_support import is_known
 from pipeline.discrepancy.selection.candidate import Nominal
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.effects.catalogue import known_for
 from pipeline.effects.effect import Effect, Setting
 from pipeline.logs.tuples import Trajectory
@@ -40,6 +46,7 @@ class NominalBehaviour:
     Attributes:
         diagnosis: Speeds from commands and positions, with the members that did not see a row.
         setting: What wrappers need to know of the machine.
+        is_switched: Whether commands are -1, 0 or 1, so that their number says what joints ask for together.
         effects: Those of the catalogue that are tried.
         sequences: All nominal rows.
         simulation: Of as many of them as the search is tried on.
@@ -53,6 +60,7 @@ class NominalBehaviour:
 
     diagnosis: DiagnosisModel
     setting: Setting
+    is_switched: bool
     effects: list[type[Effect]]
     sequences: Sequences
     simulation: Simulation
@@ -65,13 +73,14 @@ class NominalBehaviour:
 
     def shows(self, rows: Sequences) -> np.ndarray:
         """(B, T, n_joint) bool: where nominal logs show how a joint moves."""
-        return is_known(self.sequences, rows, self.diagnosis.scales, self.diagnosis.is_switched)
+        return is_known(self.sequences, rows, self.setting, self.is_switched)
 
 
 def learn_nominal_behaviour(
     nominal: Sequence[Trajectory],
     machine: MachineSpecification,
     config: CloseLoopConfig,
+    identify: IdentifyConfig,
     end_part: Callable[[str], None] = lambda _: None,
     kept: Path | None = None,
 ) -> NominalBehaviour:
@@ -81,6 +90,7 @@ def learn_nominal_behaviour(
         nominal: Logs of the machine as it was.
         machine: The machine.
         config: Section `close_loop`.
+        identify: Section `identify`.
         end_part: Called with each part's name at its end.
         kept: File of what was learned of the same logs before (`nominal_cache.py`); rewritten if they are others.
 
@@ -88,28 +98,27 @@ def learn_nominal_behaviour(
         InputError: That file is damaged, or cannot be written.
         UnusableLogs: The logs are too short.
     """
-    known_as = identity(nominal, machine, config)
+    known_as = identity(nominal, machine, config, identify)
     known = load_learned(kept, known_as) if kept is not None else None
-    every = side_by_side(nominal, machine.dt_s, config.diagnosis.lags)
-    lower, upper = machine.lower, machine.upper
+    history_rows = training_of_diagnosis(identify).lags + 1
+    every = side_by_side(nominal, machine.dt_s, history_rows)
     is_switched = machine.command_kind is CommandKind.discrete
     diagnosis = (
         known.diagnosis
         if known is not None
-        else train_diagnosis_model(
-            every, lower, upper, machine.dt_s, config.diagnosis, config.seed, is_switched
-        )
+        else train_diagnosis_model(nominal, every.q.shape[1], machine, identify, config.seed)
     )
-    setting = Setting(machine.dt_s, lower, upper, diagnosis.scales.speed)
+    speed = np.array(diagnosis.model.specification.residual_scale)
+    setting = Setting(machine.dt_s, machine.lower, machine.upper, speed)
     effects = [e for f, e in known_for(machine.command_kind).items() if f not in config.exclude]
     end_part("diagnosis model")
     # More nominal rows than this make the null no better known, but the search on them slow.
-    n_rows = config.search.nominal_rows // len(every.is_row) + config.diagnosis.lags
+    n_rows = config.search.nominal_rows // len(every.is_row) + history_rows
     sequences = Sequences(*(column[:, :n_rows] for column in every))
     simulation = Simulation(diagnosis, sequences, effects, setting, diagnosis.left_out[..., :n_rows])
     phases = sampling_phases(simulation, sequences.is_row)
     simulation = simulation.with_phases(phases)
-    weight = is_known(every, sequences, diagnosis.scales, is_switched)
+    weight = is_known(every, sequences, setting, is_switched)
     residual = (averaged(weight.astype(float), sequences.is_row) > 0.999) * averaged(
         sequences.velocity - simulation.velocities([NOMINAL])[0], sequences.is_row
     )
@@ -126,5 +135,16 @@ def learn_nominal_behaviour(
             save_learned(kept, Learned(diagnosis, null, present), known_as)
     end_part("search on nominal logs")
     return NominalBehaviour(
-        diagnosis, setting, effects, every, simulation, rows, phases, floor, at_rest, null, present
+        diagnosis,
+        setting,
+        is_switched,
+        effects,
+        every,
+        simulation,
+        rows,
+        phases,
+        floor,
+        at_rest,
+        null,
+        present,
     )

@@ -10,17 +10,21 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
+from flax import serialization
 
-from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, Scales
+from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, training_of_diagnosis
 from pipeline.discrepancy.diagnosis.fingerprint import code_fingerprint
 from pipeline.discrepancy.selection.candidate import Candidate, Misfit, Nominal
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir_specification import FirSpecification
+from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole
 from pipeline.logs.tuples import Trajectory
@@ -55,13 +59,19 @@ class Learned(NamedTuple):
     present: tuple[str, ...]
 
 
-def identity(nominal: Sequence[Trajectory], machine: MachineSpecification, config: CloseLoopConfig) -> str:
+def identity(
+    nominal: Sequence[Trajectory],
+    machine: MachineSpecification,
+    config: CloseLoopConfig,
+    identify: IdentifyConfig,
+) -> str:
     """Of all that it follows from: logs, machine, settings and code."""
-    settings = {"seed": config.seed, "diagnosis": asdict(config.diagnosis), "search": asdict(config.search)}
+    settings = {"seed": config.seed, "search": asdict(config.search)}
+    settings |= {"identify": asdict(replace(identify, selected={"": training_of_diagnosis(identify)}))}
     settings |= {"dt_s": machine.dt_s, "command_kind": machine.command_kind, "code": code_fingerprint()}
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
     columns = [machine.lower, machine.upper]
-    columns += [column for t in nominal for column in (t.q, t.a, t.t_s, t.stamp_ns)]
+    columns += [column for t in nominal for column in (t.q, t.qd, t.a, t.t_s, t.stamp_ns, t.is_validation)]
     for column in columns:
         digest.update(f"{column.shape} {column.dtype}".encode() + np.ascontiguousarray(column).tobytes())
     return digest.hexdigest()
@@ -76,17 +86,13 @@ def save_learned(path: Path, learned: Learned, known_as: str) -> None:
     diagnosis = learned.diagnosis
     content = {
         "identity": known_as,
-        "lags": diagnosis.lags,
-        "dt_s": diagnosis.dt_s,
-        "is_switched": diagnosis.is_switched,
+        "specification": asdict(diagnosis.model.specification),
         "present": learned.present,
         "null": [_to_content(misfit) for misfit in learned.null.values()],
     }
-    arrays: dict[str, Any] = {
-        f"weights.{name}": np.asarray(value) for name, value in diagnosis.weights.items()
-    }
-    arrays |= {f"scales.{name}": value for name, value in diagnosis.scales._asdict().items()}
-    arrays["left_out"] = diagnosis.left_out
+    parameters = serialization.msgpack_serialize(jax.tree.map(np.asarray, diagnosis.parameters))
+    arrays: dict[str, Any] = {"left_out": diagnosis.left_out}
+    arrays["parameters"] = np.frombuffer(parameters, np.uint8)
     arrays["content"] = np.frombuffer(json.dumps(content).encode(), np.uint8)
     file = io.BytesIO()
     np.savez_compressed(file, **arrays)
@@ -106,12 +112,9 @@ def load_learned(path: Path, known_as: str) -> Learned | None:
             content = json.loads(arrays["content"].tobytes())
             if content["identity"] != known_as:
                 return None
-            names = {name: name.partition(".") for name in arrays.files}
-            weights = {n: jnp.asarray(arrays[full]) for full, (of, _, n) in names.items() if of == "weights"}
-            scales = Scales(**{n: arrays[full] for full, (of, _, n) in names.items() if of == "scales"})
-            diagnosis = DiagnosisModel(
-                weights, scales, content["lags"], content["dt_s"], arrays["left_out"], content["is_switched"]
-            )
+            parameters = serialization.msgpack_restore(arrays["parameters"].tobytes())
+            model = FirModel(FirSpecification(**content["specification"]))
+            diagnosis = DiagnosisModel(model, jax.tree.map(jax.numpy.asarray, parameters), arrays["left_out"])
             misfits = [_from_content(of) for of in content["null"]]
             present = tuple(content["present"])
     except DAMAGES as error:

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.discrepancy.diagnosis.diagnosis_model import training_of_diagnosis
 from pipeline.discrepancy.diagnosis.sequences import Sequences, side_by_side
 from pipeline.discrepancy.diagnosis.splits import Purpose, split_rows
 from pipeline.discrepancy.diagnosis.window_starts import starts_within
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.unusable_logs import UnusableLogs
+from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
@@ -23,6 +25,7 @@ class PreparedLogs:
         measured: Logs of the machine as it is.
         machine: Its specification.
         config: Section `close_loop`.
+        identify: Section `identify`.
         sequences: The measured logs.
         purposes: Per measured log (T,) of `splits.Purpose`.
         label: (B, T) the same.
@@ -33,6 +36,7 @@ class PreparedLogs:
     measured: Sequence[Trajectory]
     machine: MachineSpecification
     config: CloseLoopConfig
+    identify: IdentifyConfig
     sequences: Sequences
     purposes: list[np.ndarray]
     label: np.ndarray
@@ -54,6 +58,7 @@ def prepare(
     measured: Sequence[Trajectory],
     machine: MachineSpecification,
     config: CloseLoopConfig,
+    identify: IdentifyConfig,
 ) -> PreparedLogs:
     """Split the measured rows; arguments as of `PreparedLogs`.
 
@@ -61,7 +66,7 @@ def prepare(
         UnusableLogs: The measured logs are too short.
     """
     dt_s = machine.dt_s
-    sequences = side_by_side(measured, dt_s, config.diagnosis.lags)
+    sequences = side_by_side(measured, dt_s, training_of_diagnosis(identify).lags + 1)
     purposes, rule = split_rows([len(t) for t in measured], dt_s, config.split)
     if not any(len(starts_within(purpose == Purpose.confirm, 80)) for purpose in purposes):
         raise UnusableLogs(
@@ -72,4 +77,4 @@ def prepare(
     label = np.zeros(sequences.is_row.shape, np.int8)
     for index, purpose in enumerate(purposes):
         label[index, : len(purpose)] = purpose
-    return PreparedLogs(nominal, measured, machine, config, sequences, purposes, label, rule)
+    return PreparedLogs(nominal, measured, machine, config, identify, sequences, purposes, label, rule)

@@ -56,8 +56,8 @@ class Simulation:
         sequences: Logs on which it runs.
         effects: Families that hypotheses may name.
         setting: Of the machine.
-        left_out: (n_members, B, T) which member predicts which row, for logs that the model was trained on; None: the
-            mean of all members.
+        left_out: (n_members, B, T) which member predicts which row, for logs that the model was trained on; None: f
+            predicts all of them.
     """
 
     def __init__(
@@ -73,15 +73,11 @@ class Simulation:
         self.sequences = sequences
         self._types = {effect.card.family: effect for effect in effects}
         self._model = model
-        n_members = len(model.left_out)
-        member = np.full((n_members, 1, 1), 1.0 / n_members) if left_out is None else left_out
-        member = np.broadcast_to(
-            np.moveaxis(np.asarray(member, np.float32), 1, 2), (n_members, *sequences.time_s.T.shape)
-        )
         rows = (sequences.command, sequences.q, sequences.time_s)
         self._rows = [jnp.asarray(np.moveaxis(array, 1, 0), jnp.float32) for array in rows]  # time in front
-        self._rows.append(jnp.asarray(member))  # (E, T, B)
         self._rows.append(jnp.zeros(len(sequences.q)))  # (B,)
+        # (E, T, B, 1)
+        self._left_out = None if left_out is None else jnp.moveaxis(jnp.asarray(left_out)[..., None], 1, 2)
         self._compiled: dict[tuple, Callable] = {}
 
     def with_phases(self, phases: np.ndarray) -> "Simulation":
@@ -94,7 +90,9 @@ class Simulation:
         """Velocities of the nominal machine under the commands that reach it, (n_hypotheses, T, B, n_joint)."""
         results = []
         for chunk, values, chain in self._chunks(hypotheses, DRIVEN_AT_ONCE):
-            results.append(self._call(_driven, chain, (0, None), values, self._rows)[:chunk])
+            results.append(
+                self._call(_driven, chain, (0, None, None), values, self._rows, self._left_out)[:chunk]
+            )
         return jnp.concatenate(results)
 
     def velocities(self, hypotheses: Sequence[Hypothesis], u: jax.Array | None = None) -> np.ndarray:
@@ -137,7 +135,7 @@ class Simulation:
             hypotheses, DRIVEN_AT_ONCE if u is None else RESPONDING_AT_ONCE
         ):
             if u is None:
-                driven = self._call(_driven, chain, (0, None), values, self._rows)
+                driven = self._call(_driven, chain, (0, None, None), values, self._rows, self._left_out)
                 found = self._call(_responding, chain, (0, 0, None), values, driven, self._rows)
             else:
                 found = self._call(_responding, chain, (0, None, None), values, u, self._rows)
@@ -197,12 +195,16 @@ def _stacked(trees: Sequence) -> Any:
     return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *trees)
 
 
-def _driven(model: DiagnosisModel, chain: Chain, values: ChainValues, rows: list) -> jax.Array:
-    command, q, _, member, phase = rows
-    reaching = chain.command_sequence(values, command)
-    true = chain.true(values, q)
-    velocities = model.members_velocity(jnp.moveaxis(reaching, 0, 1), jnp.moveaxis(true, 0, 1))
-    u = jnp.sum(member[..., None] * jnp.moveaxis(velocities, 2, 1), axis=0)
+def _driven(
+    model: DiagnosisModel, chain: Chain, values: ChainValues, rows: list, left_out: jax.Array | None
+) -> jax.Array:
+    command, q, _, phase = rows
+    reaching = jnp.moveaxis(chain.command_sequence(values, command), 0, 1)
+    true = jnp.moveaxis(chain.true(values, q), 0, 1)
+    if left_out is None:
+        u = jnp.moveaxis(model.velocity(reaching, true), 1, 0)
+    else:
+        u = jnp.sum(left_out * jnp.moveaxis(model.members_velocity(reaching, true), 2, 1), axis=0)
     # A velocity is the mean over a step: late by part of a step it is made of two steps' velocities.
     earlier, later = jnp.concatenate([u[:1], u[:-1]]), jnp.concatenate([u[1:], u[-1:]])
     late = phase[:, None]

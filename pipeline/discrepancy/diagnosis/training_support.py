@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from pipeline.effects.effect import SMALLEST_COMMAND
+from pipeline.discrepancy.diagnosis.sequences import Sequences
+from pipeline.dynamics.model.shown_motion import STANDING_SHARE
+from pipeline.effects.effect import SMALLEST_COMMAND, Setting
+
+PARTS_OF_RANGE = 20
+SMALLEST_VISITS_SHARE = 0.008  # of moving rows, per part of the range
+SMALLEST_TOGETHER_SHARE = 0.002  # of moving rows, per number of joints that are commanded at once
 
 PARTS_OF_COMMAND = 20  # of [-1, 1]
 SELDOM_SHARE = 0.01  # of the nominal rows on which the joint is commanded, per part
@@ -47,3 +53,27 @@ def uncovered_share(nominal: np.ndarray, measured: np.ndarray) -> np.ndarray:
         if len(asked):
             shares[joint] = 1.0 - float(np.mean(is_often(known, asked, edges, SELDOM_SHARE)))
     return shares
+
+
+def is_known(nominal: Sequences, sequences: Sequences, setting: Setting, is_switched: bool) -> np.ndarray:
+    """Where nominal logs show how a joint moves, (B, T, n_joint).
+
+    It stands in a part of its range that it often moved through, and, of a machine with switches, as many joints are
+    commanded as sometimes were while it moved. Elsewhere the diagnosis model extrapolates, and what it is off there is
+    no sign of an effect.
+    """
+    result = np.zeros(sequences.q.shape, bool)
+    together, asked_together = (np.abs(of.command).sum(axis=-1) for of in (nominal, sequences))
+    numbers = np.arange(nominal.command.shape[-1] + 2) - 0.5
+    for joint in range(nominal.q.shape[-1]):
+        edges = np.linspace(setting.lower[joint], setting.upper[joint], PARTS_OF_RANGE + 1)
+        moving = nominal.is_row & (
+            np.abs(nominal.velocity[..., joint]) > STANDING_SHARE * setting.speed_scale[joint]
+        )
+        asked = sequences.q[..., joint]
+        result[..., joint] = is_often(nominal.q[..., joint][moving], asked, edges, SMALLEST_VISITS_SHARE)
+        asks = np.abs(sequences.command[..., joint]) > 0.0
+        if is_switched:
+            known = is_often(together[moving], asked_together, numbers, SMALLEST_TOGETHER_SHARE)
+            result[..., joint] &= known | ~asks
+    return result

@@ -42,8 +42,6 @@ class LoopReport:
 def write_closed_loop(
     folder: Path,
     result: ClosedLoop,
-    model: DynamicsModel,
-    parameters: Parameters,
     trajectories: Sequence[Trajectory],
     report: LoopReport,
 ) -> None:
@@ -52,8 +50,6 @@ def write_closed_loop(
     Args:
         folder: Where to.
         result: Of `close_loop`.
-        model: The model that the loop was closed on.
-        parameters: Its parameters.
         trajectories: The nominal ones, named in the models' lineage.
         report: What the page shows.
 
@@ -61,7 +57,7 @@ def write_closed_loop(
         InputError: A file cannot be written.
     """
     lineage = {"machine": report.machine, "trajectories": [trajectory.name for trajectory in trajectories]}
-    _write_models(folder, model, parameters, lineage, result.effects)
+    _write_models(folder, result.model, result.parameters, lineage, result.effects)
     save_record(folder / REPORT_DATA, report)
     _write_document(folder, result.document)
 

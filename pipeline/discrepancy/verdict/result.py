@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pipeline.discrepancy.verdict.report_data import ReportData
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.network import Parameters
 from pipeline.effects.store import ActiveEffects
 
 
@@ -13,10 +15,14 @@ class ClosedLoop:
 
     Attributes:
         document: closed_loop.json (contract, section 4).
+        model: The frozen model that the loop was closed on.
+        parameters: Its parameters.
         effects: What `model_after` has around the frozen model; None: nothing.
         evidence: For the report.
     """
 
     document: dict[str, Any]
+    model: DynamicsModel
+    parameters: Parameters
     effects: ActiveEffects | None
     evidence: ReportData

@@ -55,7 +55,7 @@ class FirModel(DynamicsModel):
     ) -> History:
         """See `Dynamics.step`."""
         commands = push(history.commands, command)
-        residual = self.scale_residual(apply(self.network, parameters, self.inputs(commands, history.q)))
+        residual = self.velocity(parameters, self.inputs(commands, history.q))
         q, newest = self._moved(history.q, history.motion[..., -1, :], residual, stops)
         return History(motion=push(history.motion, newest), commands=commands, q=q)
 
@@ -95,6 +95,10 @@ class FirModel(DynamicsModel):
         return jax.vmap(lambda own: self._rolled_out(self.member.layers(own), history, commands, stops))(
             parameters[MEMBERS]
         )
+
+    def velocity(self, parameters: Parameters, inputs: jax.Array) -> jax.Array:
+        """Velocity by f, of `inputs` and before stops: (..., n_joint), rad/s or m/s."""
+        return self.scale_residual(apply(self.network, parameters, inputs))
 
     def members_velocity(self, parameters: Parameters, inputs: jax.Array) -> jax.Array:
         """Velocity by each member, of `inputs` and before stops: (n_members, ..., n_joint), rad/s or m/s."""

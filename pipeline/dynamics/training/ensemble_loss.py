@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.dynamics.model.features import push
 from pipeline.dynamics.model.fir_model import FirModel
-from pipeline.dynamics.model.network import Parameters, apply
+from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.training.loss import Loss
 from pipeline.dynamics.training.windows import Window
 from pipeline.errors import InputError
@@ -53,7 +53,7 @@ def ensemble_loss(model: FirModel, bounds: np.ndarray) -> Loss:
         errors = jnp.mean(((moved - window.q[:, 0]) / (dt_s * speed)) ** 2, axis=-1)  # (M, B)
         learns = jnp.searchsorted(jnp.asarray(bounds), starts, side="right") != jnp.arange(n_members)[:, None]
         mean = jax.lax.stop_gradient(jnp.mean(velocities, axis=0))
-        own = model.scale_residual(apply(model.network, parameters, inputs))
+        own = model.velocity(parameters, inputs)
         return jnp.sum(jnp.mean(learns * errors, axis=-1)) + jnp.mean(((own - mean) / speed) ** 2)
 
     return loss

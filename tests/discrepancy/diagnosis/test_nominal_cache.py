@@ -2,12 +2,13 @@
 
 from dataclasses import fields, replace
 
+import jax
 import numpy as np
 import pytest
 
 from pipeline.configuration.load import load_machine, load_section
 from pipeline.discrepancy.diagnosis import nominal_cache as module
-from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, Scales
+from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel
 from pipeline.discrepancy.diagnosis.nominal_cache import (
     Learned,
     identity,
@@ -17,8 +18,11 @@ from pipeline.discrepancy.diagnosis.nominal_cache import (
 )
 from pipeline.discrepancy.selection.candidate import Candidate, Misfit
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
+from tests.dynamics.conftest import make_fir_specification
 
 draw = np.random.default_rng(3)
 
@@ -30,16 +34,15 @@ def misfit(family: str, source: int | None, freed) -> Misfit:
 
 @pytest.fixture
 def learned() -> Learned:
-    weights = {name: draw.normal(size=(2, 3)).astype(np.float32) for name in ("w1", "b1")}
-    scales = Scales(*(draw.normal(size=4) for _ in Scales._fields))
-    scales.stop_lower[1] = -np.inf
+    model = FirModel(make_fir_specification(1.0, np.ones(4), 20, stop_lower=[-1.0, None, -1.0, -1.0]))
+    parameters = model.initialise(jax.random.key(3))
     misfits = [
         misfit("gain", None, ((("ratio_positive", None), ("ratio_negative", None)),)),
         misfit("other:position", 1, ((("coefficients", (0, 1, 2)),), (("coefficients", (1, 1, 2)),))),
         misfit("flow_coupling", None, ((("loss", 3),),)),
     ]
     null = {of.candidate.key: of for of in misfits}
-    diagnosis = DiagnosisModel(weights, scales, 20, 0.05, draw.normal(size=(2, 2, 50)) > 0.0, True)
+    diagnosis = DiagnosisModel(model, parameters, draw.normal(size=(2, 2, 50)) > 0.0)
     return Learned(diagnosis, null, ("thermal_drift",))
 
 
@@ -47,13 +50,9 @@ def test_it_comes_back_bit_by_bit(learned, tmp_path) -> None:
     save_learned(tmp_path / "new" / "learned.npz", learned, "this")
     found = load_learned(tmp_path / "new" / "learned.npz", "this")
     assert found is not None
-    for field in ("lags", "dt_s", "is_switched"):
-        assert getattr(found.diagnosis, field) == getattr(learned.diagnosis, field)
+    assert found.diagnosis.model.specification == learned.diagnosis.model.specification
     np.testing.assert_array_equal(found.diagnosis.left_out, learned.diagnosis.left_out)
-    for name, value in learned.diagnosis.weights.items():
-        np.testing.assert_array_equal(found.diagnosis.weights[name], value)
-    for one, other in zip(found.diagnosis.scales, learned.diagnosis.scales, strict=True):
-        np.testing.assert_array_equal(one, other)
+    jax.tree.map(np.testing.assert_array_equal, found.diagnosis.parameters, learned.diagnosis.parameters)
     assert found.present == learned.present
     assert list(found.null) == list(learned.null)
     for key, known in learned.null.items():
@@ -95,6 +94,9 @@ def test_excluded_families_are_as_if_not_tried(learned) -> None:
 
 def test_it_is_known_by_logs_machine_settings_and_code(monkeypatch) -> None:
     machine, config = load_machine("bobcat_e10"), load_section("close_loop", CloseLoopConfig, "paper")
+    identify = load_section("identify", IdentifyConfig, "paper")
+    longer = replace(identify.training_of("nfir_dqdot"), maximum_epochs=1000)
+    other_kind = replace(identify, selected=identify.selected | {"mlp_dq": longer})
     n = 30
     log = Trajectory(
         name="log",
@@ -107,14 +109,15 @@ def test_it_is_known_by_logs_machine_settings_and_code(monkeypatch) -> None:
     )
     swing, *others = machine.joints
     wider = replace(machine, joints=(replace(swing, upper=swing.upper + 0.1), *others))
-    first = identity([log], machine, config)
-    assert identity([log], machine, replace(config, exclude=["gain"])) == first
+    first = identity([log], machine, config, identify)
+    assert identity([log], machine, replace(config, exclude=["gain"]), other_kind) == first
     answers = [
-        identity([replace(log, q=log.q + 1e-9)], machine, config),
-        identity([log, log], machine, config),
-        identity([log], wider, config),
-        identity([log], machine, replace(config, seed=config.seed + 1)),
+        identity([replace(log, q=log.q + 1e-9)], machine, config, identify),
+        identity([log, log], machine, config, identify),
+        identity([log], wider, config, identify),
+        identity([log], machine, replace(config, seed=config.seed + 1), identify),
+        identity([log], machine, config, replace(identify, selected={"nfir_dqdot": longer})),
     ]
     monkeypatch.setattr(module, "code_fingerprint", lambda: "other")
-    answers.append(identity([log], machine, config))
+    answers.append(identity([log], machine, config, identify))
     assert len({first, *answers}) == len(answers) + 1

@@ -1,18 +1,24 @@
 """Logs that begin in the midst of a motion: what is predicted there is as if the log had begun before."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, Scales, _initial, _inputs, _parts
+from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, left_out_rows
 from pipeline.discrepancy.diagnosis.sequences import Sequences, side_by_side
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
+from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.training.ensemble_loss import part_bounds
+from pipeline.dynamics.training.windows import window_starts
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
 from pipeline.logs.tuples import Trajectory
+from tests.dynamics.conftest import make_fir_specification
 
 LAGS, N_JOINT, N_ROWS, DT_S, CUT = 6, 3, 300, 0.05, 137
-LIMIT, BEYOND, SPEED = 2.0 * np.ones(N_JOINT), np.full(N_JOINT, np.inf), np.ones(N_JOINT)
+LIMIT, SPEED = 2.0 * np.ones(N_JOINT), np.ones(N_JOINT)
 
 
 def log(first: int) -> Trajectory:
@@ -27,11 +33,9 @@ def log(first: int) -> Trajectory:
 
 def velocities(sequences: Sequences, phase: float) -> np.ndarray:
     """Of a network that nobody has trained: (T, n_joint)."""
-    scales = Scales(-LIMIT, LIMIT, SPEED, -BEYOND, BEYOND)
-    n_in = _inputs(sequences.command, sequences.q, scales, LAGS, True).shape[-1]
-    weights = jax.tree.map(lambda leaf: leaf[None], _initial(jax.random.key(0), n_in, 8, N_JOINT))
-    model = DiagnosisModel(weights, scales, LAGS, DT_S, np.ones((1, 1, 1)), is_switched=True)
-    simulation = Simulation(model, sequences, [Gain], Setting(DT_S, -LIMIT, LIMIT, SPEED))
+    model = FirModel(make_fir_specification(2.0, SPEED, LAGS - 1, hidden=[8], demand_beyond=[1]))
+    network = DiagnosisModel(model, model.initialise(jax.random.key(0)), np.ones((1, 1, 1)))
+    simulation = Simulation(network, sequences, [Gain], Setting(DT_S, -LIMIT, LIMIT, SPEED))
     simulation = simulation.with_phases(np.array([phase]))
     return simulation.velocities([NOMINAL])[0, 0]
 
@@ -57,8 +61,15 @@ def test_a_log_keeps_all_its_rows_for_what_runs_along_it() -> None:
 
 def test_every_row_has_a_member_that_did_not_see_it() -> None:
     """Also the one before the first that is used: of a log that is read late, half of it is in that one."""
-    is_row = side_by_side([log(0), log(CUT), log(0)], DT_S, LAGS).is_row
-    parts = _parts(is_row, 5)
-    assert parts.min() == 0 and parts.max() == 4
-    assert np.ptp(np.bincount(parts[is_row])) <= 1
-    assert (np.diff(parts[is_row]) >= 0).all()
+    logs, n_members = [replace(log(0), is_validation=np.arange(N_ROWS) >= 250), log(CUT), log(0)], 5
+    left_out = left_out_rows(logs, N_ROWS + 7, LAGS - 1, n_members)
+    assert left_out.shape == (n_members, 3, N_ROWS + 7)
+    np.testing.assert_array_equal(left_out.sum(axis=0), 1)
+    parts = np.argmax(left_out, axis=0)
+    assert (np.diff(parts.ravel()) >= 0).all()
+    # the same parts as those that the training loss leaves out
+    starts = window_starts(logs, validation=False, first_row=LAGS, horizon=1)
+    learned = np.searchsorted(part_bounds(starts, n_members), starts, side="right")
+    rows = np.concatenate([parts[number, : len(of)] for number, of in enumerate(logs)])
+    np.testing.assert_array_equal(rows[starts], learned)
+    assert np.ptp(np.bincount(learned)) <= 1

@@ -15,6 +15,7 @@ from pipeline.discrepancy.selection.grouping import depends_on, effects_of
 from pipeline.discrepancy.selection.screen import screen
 from pipeline.discrepancy.selection.select import Selection, select
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.effects.catalogue import known_for
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import CommandKind, JointSpecification, MachineSpecification
@@ -71,22 +72,24 @@ def nominal() -> list[Trajectory]:
     return [record("nominal_1", 1, 5000), record("nominal_2", 2, 5000)]
 
 
-def settings() -> CloseLoopConfig:
-    """A smaller budget."""
-    config = load_section("close_loop", CloseLoopConfig, "paper")
-    return replace(config, diagnosis=replace(config.diagnosis, updates=800))
+def settings() -> tuple[CloseLoopConfig, IdentifyConfig]:
+    """With a smaller budget of the diagnosis model."""
+    identify = load_section("identify", IdentifyConfig, "paper")
+    training = replace(identify.training_of("nfir_dqdot"), maximum_epochs=80)
+    identify = replace(identify, selected={"nfir_dqdot": training})
+    return load_section("close_loop", CloseLoopConfig, "paper"), identify
 
 
 @pytest.fixture(scope="module")
 def usual(nominal: list[Trajectory]) -> NominalBehaviour:
     """What the nominal logs say."""
-    return learn_nominal_behaviour(nominal, MACHINE, settings())
+    return learn_nominal_behaviour(nominal, MACHINE, *settings())
 
 
 def searched(usual: NominalBehaviour, measured: list[Trajectory]) -> tuple[Diagnosis, Selection]:
     """The steps up to the search."""
     journal = Journal()
-    diagnosis = diagnose(prepare([], measured, MACHINE, settings()), usual, None, journal)
+    diagnosis = diagnose(prepare([], measured, MACHINE, *settings()), usual, None, journal)
     return diagnosis, select(diagnosis, journal)
 
 

@@ -6,22 +6,23 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, Scales
+from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel
 from pipeline.discrepancy.diagnosis.scored_rows import rows_in_blocks
 from pipeline.discrepancy.diagnosis.sequences import Sequences
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis, Simulation
 from pipeline.discrepancy.selection.candidate import Candidate, Key
 from pipeline.discrepancy.selection.screen import screen
+from pipeline.dynamics.model.fir_model import FirModel
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.delay import Delay
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
 from pipeline.effects.lag import Lag
 from pipeline.effects.sensor_bias import SensorBias
+from tests.dynamics.conftest import make_fir_specification
 
 LAGS, N_ROWS, DT_S, BLOCK_ROWS = 4, 2000, 0.05, 100
 STOP, SPEED = np.ones(2), np.full(2, 0.5)
-SCALES = Scales(-STOP, STOP, SPEED, -STOP, STOP)
 POSITION = "other:position"
 ACTIVE = {"sensor_bias": {"offset": np.array([0.3, 0.0]), "scale": np.array([1.25, 1.0])}}
 RATIO = 0.8
@@ -38,16 +39,11 @@ def machine() -> tuple[DiagnosisModel, np.ndarray, np.ndarray]:
     q = np.clip(1.1 * np.sin(0.05 * np.arange(N_ROWS)[:, None] + np.array([0.0, 1.0])), -0.99, 0.99)
     mean = np.concatenate([np.eye(2)] * LAGS + [np.zeros((2, 2))]) / LAGS
     both, ways = np.concatenate([np.eye(2), -np.eye(2)]), np.concatenate([np.eye(2), -np.eye(2)], axis=1)
-    weights = {
-        "w1": mean @ ways,
-        "w2": both @ ways,
-        "w3": both,
-        "b1": np.zeros(4),
-        "b2": np.zeros(4),
-        "b3": np.zeros(2),
-    }
-    stacked = {name: jnp.asarray(of[None], jnp.float32) for name, of in weights.items()}
-    return DiagnosisModel(stacked, SCALES, LAGS, DT_S, np.ones((1, 1, 1)), False), command, q
+    layers = {"layer_0": mean @ ways, "layer_1": both}
+    f = {name: {"kernel": jnp.float32(of), "bias": jnp.zeros(of.shape[1])} for name, of in layers.items()}
+    stops = {"stop_lower": (-STOP).tolist(), "stop_upper": STOP.tolist()}
+    model = FirModel(make_fir_specification(1.0, SPEED, LAGS - 1, hidden=[4], **stops))
+    return DiagnosisModel(model, f, np.ones((1, 1, 1))), command, q
 
 
 def measured(of_velocity) -> Simulation:  # type: ignore[no-untyped-def]
