@@ -203,7 +203,7 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("practice")
     logs = f"nominal={case / 'nominal'}", f"measured={case / 'measured'}"
     smaller = (
-        "close_loop.diagnosis.updates=2000",
+        "identify.selected.nfir_dqdot.maximum_epochs=80",
         "close_loop.baselines={learning_rates:[1e-3],batches_per_epoch:5,maximum_epochs:1}",
     )
     process = start(folder, *logs, "output=out", *smaller)

@@ -38,7 +38,8 @@ SMALLEST = {
         "judge.long_prediction_steps=100",
     ],
     "close_loop": [
-        "close_loop.diagnosis={hidden:8,updates:20}",
+        "identify.selected.nfir_dqdot={hidden:[8],maximum_epochs:2,ensemble:{members:2,hidden:[8]}}",
+        "identify.evaluation_windows=4",
         f"close_loop.exclude=[{','.join(EXCLUDED)}]",
         "close_loop.gate.resamples=20",
         "close_loop.baselines={batches_per_epoch:1,maximum_epochs:1,evaluation_windows:4}",

@@ -31,7 +31,8 @@ STEPS = (
     (
         "Close the loop: what do the new logs show that the model lacks?",
         f"close_loop profile=smoke nominal={FOLDER}/old/sessions measured={FOLDER}/new/sessions "
-        f"model={FOLDER}/model output={FOLDER}/loop 'close_loop.diagnosis={{hidden:32,updates:600}}'",
+        f"model={FOLDER}/model output={FOLDER}/loop "
+        "'identify.selected.nfir_dqdot={maximum_epochs:48,ensemble:{members:2,hidden:[32,32]}}'",
     ),
     (
         "Open the seal",
