@@ -107,10 +107,14 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
         ["kind=mlp_torque"],
         "error: close_loop: kind=mlp_torque: not a model kind; use mlp_dq, ",
     ),
-    "too short to identify from": (["nominal=short"], "error: close_loop: identify: "),
+    "too short to identify from": (["nominal=short", "kind=mlp_dqdot"], "error: close_loop: identify: "),
+    "too short for the one model": (
+        ["nominal=short", "measured=long"],
+        "error: close_loop: nominal=short: identify: the validation rows hold 0 windows of 80 steps",
+    ),
     "too short for the diagnosis": (
         ["nominal=short", "measured=long", "model=this_machine"],
-        "error: close_loop: nominal=short: too short ",
+        "error: close_loop: nominal=short: identify: the validation rows hold 0 windows of 80 steps",
     ),
     "too short to hold rows back": (
         ["model=this_machine"],

@@ -83,7 +83,7 @@ def test_rows_with_more_joints_at_once_than_ever_before_are_not_known(nominal):
     assert is_known(few, busy, setting, is_switched=False)[np.abs(busy.q) < 1.0].all()
 
 
-def test_logs_that_are_too_short_are_told_as_such(nominal):
+def test_nominal_logs_that_do_not_suffice_are_told_as_such(nominal):
     short = replace(nominal, **{name: getattr(nominal, name)[:40] for name in ROWS})
     with pytest.raises(UnusableLogs, match="training rows"):
         train_diagnosis_model([short], 1024, MACHINE, load_section("identify", IdentifyConfig), seed=0)
