@@ -3,6 +3,7 @@
 import gc
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,17 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.05"
     os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"  # XLA tells of every program that it finds there
     os.environ.setdefault("NUMBA_CACHE_DIR", _compiled.name)
+
+
+@pytest.fixture
+def optimised() -> Iterator[None]:
+    """Compile as a user does: for equality to the last bit, which older emitters break without optimisation."""
+    import jax
+
+    before = jax.config.read("jax_disable_most_optimizations")
+    jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", before)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

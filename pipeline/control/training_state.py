@@ -55,7 +55,7 @@ class Epochs:
     def taking_over(self) -> Iterator[None]:
         """Within the block Brax's PPO runs these epochs."""
         n_found, compiling = 0, jax.pmap
-        if not hasattr(jax, "device_put_replicated"):  # JAX from 0.10 on
+        if jax.__version_info__ >= (0, 10):  # which has none
             jax.device_put_replicated = replicated  # type: ignore[assignment]
 
         def pmap(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:

@@ -135,6 +135,13 @@ class EmergencyStop:
     detail: str
 
 
+class InterfaceRule(enum.StrEnum):
+    """Rules of the control interface itself; all others are the supervisor's."""
+
+    supervisor_silence = "supervisor_silence"
+    invalid_command = "invalid_command"
+
+
 @dataclass(frozen=True)
 class Reset:
     """The operator acknowledges the stop with the stamp `stop_ns`."""

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.components.control_interface import OWN_RULES
 from pipeline.deployment.graph_topics import GraphRecord
-from pipeline.deployment.messages import GoalOutcome, JointCommand
+from pipeline.deployment.messages import GoalOutcome, InterfaceRule, JointCommand
 from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.raw_log import RawLog
 
@@ -85,7 +84,7 @@ def safety_events(name: str, raw: RawLog, record: GraphRecord) -> dict[str, Any]
     begin_ns = min(int(as_array(raw.joint_log_time_ns)[0]), int(command_times[0]))
     events: list[dict[str, Any]] = [
         {
-            "who": "control_interface" if stop.rule in OWN_RULES else "control_supervisor",
+            "who": "control_interface" if stop.rule in list(InterfaceRule) else "control_supervisor",
             "rule": stop.rule,
             "detail": stop.detail,
             "time_ns": time_ns,

@@ -12,10 +12,10 @@ import can
 import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
-from pipeline.deployment.components.control_interface import OWN_RULES
 from pipeline.deployment.drivers.programmable_controller import ProgrammableController
 from pipeline.deployment.messages import (
     EmergencyStop,
+    InterfaceRule,
     MachineCommand,
     Message,
     ReachGoal,
@@ -216,7 +216,7 @@ class Watch:
 
     def __call__(self, topic: Topic, message: Message, time_ns: int) -> None:
         if isinstance(message, EmergencyStop):
-            who = "control_interface" if message.rule in OWN_RULES else "control_supervisor"
+            who = "control_interface" if message.rule in list(InterfaceRule) else "control_supervisor"
             self.reactions.append((time_ns, f"{who}: {message.rule}"))
         elif isinstance(message, ReachResult):
             self.reactions.append((time_ns, f"autonomous_server: {message.outcome}"))

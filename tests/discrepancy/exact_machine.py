@@ -21,9 +21,13 @@ class ExactModel:
 
     left_out = np.zeros((1, 1, 1), bool)
 
+    def velocity(self, command: jax.Array, q: jax.Array) -> jax.Array:
+        """(..., n_joint)."""
+        return SPEED * command
+
     def members_velocity(self, command: jax.Array, q: jax.Array) -> jax.Array:
         """(1, ..., n_joint)."""
-        return (SPEED * command)[None]
+        return self.velocity(command, q)[None]
 
     def stopped(self, velocity: jax.Array, q: jax.Array) -> jax.Array:
         """As it comes."""

@@ -37,6 +37,7 @@ def test_a_wrapper_is_the_identity(family):
 
 
 @pytest.mark.parametrize("kind", KINDS, ids="_".join)
+@pytest.mark.usefixtures("optimised")
 def test_a_predictor_with_all_families_at_neutral_equals_one_without(kind):
     model, trajectory = make_model(*kind), random_trajectory(1)
     parameters = model.initialise(jax.random.key(0))

@@ -19,6 +19,7 @@ SETTING_IN = ["gain", "delay", "lag", "leakage", "sensor_bias", "backlash", "sti
 
 
 @pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.usefixtures("optimised")
 def test_before_the_stamp_the_model_is_the_frozen_one_and_after_it_the_full_one(target):
     model, log = make_model("mlp", target), random_trajectory(4, 100)
     theta = model.initialise(jax.random.key(0))

@@ -9,6 +9,7 @@ from pipeline.deployment.components.commands import is_command
 from pipeline.deployment.components.stop_latch import StopLatch
 from pipeline.deployment.messages import (
     EmergencyStop,
+    InterfaceRule,
     JointCommand,
     MachineCommand,
     Message,
@@ -18,9 +19,6 @@ from pipeline.deployment.messages import (
 )
 from pipeline.deployment.settings import InterfaceConfig
 from pipeline.machine.specification import MachineSpecification
-
-SILENCE, INVALID = "supervisor_silence", "invalid_command"
-OWN_RULES = (SILENCE, INVALID)
 
 
 class ControlInterface(Component):
@@ -69,10 +67,10 @@ class ControlInterface(Component):
         if not isinstance(message, JointCommand) or self.is_muted:
             return ()
         if self._config.supervised and self._is_supervisor_silent(now_ns):
-            return self._stop(SILENCE, "no sign of life of the supervisor", now_ns)
+            return self._stop(InterfaceRule.supervisor_silence, "no sign of life of the supervisor", now_ns)
         if not is_command(self._machine, message.values):
             detail = f"command {np.asarray(message.values).tolist()} of {message.source}"
-            return self._stop(INVALID, detail, now_ns)
+            return self._stop(InterfaceRule.invalid_command, detail, now_ns)
         return (Publication(Topic.joint_commands, MachineCommand(now_ns, message.values)),)
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
@@ -81,7 +79,11 @@ class ControlInterface(Component):
             return self._zeros(now_ns)
         # nothing is forwarded before its first sign of life
         lost = self._config.supervised and self._alive_ns is not None and self._is_supervisor_silent(now_ns)
-        return self._stop(SILENCE, "no sign of life of the supervisor", now_ns) if lost else ()
+        return (
+            self._stop(InterfaceRule.supervisor_silence, "no sign of life of the supervisor", now_ns)
+            if lost
+            else ()
+        )
 
     def _learn_of_stop(self, state: SupervisorState, now_ns: int) -> Sequence[Output]:
         """Compensate for lost signals: the supervisor's stop here, and a stop of this component there."""
