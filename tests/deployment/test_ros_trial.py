@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pipeline.configuration.load import load_machine
+from pipeline.deployment.messages import InterfaceRule
 from tests.deployment.ros_node import CAN, GOAL_TICKS, NODES
 from tests.ros_graph import DIST_PACKAGES, ROSMASTER, requires_debian
 
@@ -65,9 +66,15 @@ def test_commands_leave_at_the_control_frequency_and_move_the_machine(trial: dic
     assert np.ptp(np.array(trial["position"]), axis=0).min() > 0.05
 
 
-def test_an_emergency_mutes_every_later_command(trial: dict) -> None:
-    (stop,) = trial["stops"]
+def supervisors_stop(trial: dict) -> dict:
+    """The only one of the supervisor; the interface refuses the same command by a rule of its own."""
+    (stop,) = (stop for stop in trial["stops"] if stop["rule"] != InterfaceRule.invalid_command)
     assert stop["rule"] == "command_value"
+    return stop
+
+
+def test_an_emergency_mutes_every_later_command(trial: dict) -> None:
+    stop = supervisors_stop(trial)
     sent_s, moves = np.array(trial["command_s"]), np.array(trial["moves"])
     muted = int(np.argmax(sent_s > trial["rogue_from_s"]))  # the stopped goal's result has come by then
     last_move_s = sent_s[np.flatnonzero(moves)[-1]]
@@ -80,7 +87,7 @@ def test_an_emergency_mutes_every_later_command(trial: dict) -> None:
 def test_the_plc_zeroes_its_outputs_and_stays_so(trial: dict) -> None:
     if tuple(trial["drivers"]) != CAN:
         pytest.skip("no multicast between processes here, so no CAN bus")
-    (stop,) = trial["stops"]
+    stop = supervisors_stop(trial)
     at_s, moves = np.array(trial["outputs"]).T  # told when they change: what they were holds until then
     before = at_s < stop["s"]
     assert moves[before].any()

@@ -46,8 +46,8 @@ class Texts(HTMLParser):
 def controllers() -> dict[str, dict]:
     """What `evaluate_brax` and `evaluate_icem` log of a policy and of a planner."""
     read = {
-        name: json.loads((RESULTS / f"evaluate_brax/{name}_mlp_dqdot/seed_0/metrics.json").read_text())
-        for name in ("ppo", "icem")
+        name: json.loads((RESULTS / f"{folder}/{name}_mlp_dqdot/seed_0/metrics.json").read_text())
+        for name, folder in (("ppo", "paper_tables/evaluate_brax"), ("icem", "evaluate_brax"))
     }
     read["ppo"]["average_return_full_reward"] = read["ppo"]["average_return"]
     return read

@@ -61,6 +61,7 @@ class DiagnosisModel:
         )
 
     def _inputs(self, command: jax.Array, q: jax.Array) -> jax.Array:
+        command, q = jnp.asarray(command), jnp.asarray(q)
         lags, n_rows = self.model.specification.lags, command.shape[-2]
         known = jnp.pad(command, [(0, 0)] * (command.ndim - 2) + [(lags, 0), (0, 0)])
         windows = jnp.stack([known[..., lag : lag + n_rows, :] for lag in range(lags + 1)], axis=-2)

@@ -1,7 +1,5 @@
 """A machine with proportional commands, simulated here, and what a controller before its valves does to it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -73,11 +71,10 @@ def nominal() -> list[Trajectory]:
 
 
 def settings() -> tuple[CloseLoopConfig, IdentifyConfig]:
-    """With a smaller budget of the diagnosis model."""
-    identify = load_section("identify", IdentifyConfig, "paper")
-    training = replace(identify.training_of("nfir_dqdot"), maximum_epochs=80)
-    identify = replace(identify, selected={"nfir_dqdot": training})
-    return load_section("close_loop", CloseLoopConfig, "paper"), identify
+    """As by default."""
+    return load_section("close_loop", CloseLoopConfig, "paper"), load_section(
+        "identify", IdentifyConfig, "paper"
+    )
 
 
 @pytest.fixture(scope="module")
