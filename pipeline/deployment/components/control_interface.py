@@ -67,7 +67,7 @@ class ControlInterface(Component):
         if not isinstance(message, JointCommand) or self.is_muted:
             return ()
         if self._config.supervised and self._is_supervisor_silent(now_ns):
-            return self._stop(InterfaceRule.supervisor_silence, "no sign of life of the supervisor", now_ns)
+            return self._stop_for_silence(now_ns)
         if not is_command(self._machine, message.values):
             detail = f"command {np.asarray(message.values).tolist()} of {message.source}"
             return self._stop(InterfaceRule.invalid_command, detail, now_ns)
@@ -79,11 +79,7 @@ class ControlInterface(Component):
             return self._zeros(now_ns)
         # nothing is forwarded before its first sign of life
         lost = self._config.supervised and self._alive_ns is not None and self._is_supervisor_silent(now_ns)
-        return (
-            self._stop(InterfaceRule.supervisor_silence, "no sign of life of the supervisor", now_ns)
-            if lost
-            else ()
-        )
+        return self._stop_for_silence(now_ns) if lost else ()
 
     def _learn_of_stop(self, state: SupervisorState, now_ns: int) -> Sequence[Output]:
         """Compensate for lost signals: the supervisor's stop here, and a stop of this component there."""
@@ -95,6 +91,9 @@ class ControlInterface(Component):
 
     def _is_supervisor_silent(self, now_ns: int) -> bool:
         return self._alive_ns is None or abs(now_ns - self._alive_ns) > self._maximum_silence_ns
+
+    def _stop_for_silence(self, now_ns: int) -> Sequence[Output]:
+        return self._stop(InterfaceRule.supervisor_silence, "no sign of life of the supervisor", now_ns)
 
     def _stop(self, rule: str, detail: str, now_ns: int) -> Sequence[Output]:
         stop = EmergencyStop(now_ns, rule, detail)
