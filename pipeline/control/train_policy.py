@@ -7,14 +7,14 @@ from typing import Any, TypeVar
 
 from pipeline.control.curve import CurvePoint, write_curve
 from pipeline.control.policy import Policy, save_policy
-from pipeline.control.training import TrainingConfig, TrainingResult
+from pipeline.control.training import PolicyTrainingConfig, TrainingResult
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.files.atomic import write_json
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes, learning_poses
 from pipeline.reaching.settings import ReachingSettings
 
-S = TypeVar("S", bound=TrainingConfig)
+S = TypeVar("S", bound=PolicyTrainingConfig)
 Train = Callable[
     [ReachingEnvironment, S, int, Episodes, Callable[[CurvePoint], None], Path | None], TrainingResult
 ]

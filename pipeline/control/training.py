@@ -18,7 +18,7 @@ from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.metrics import reaching_metrics
 
 
-class TrainingConfig(Protocol):
+class PolicyTrainingConfig(Protocol):
     """Section of a profile for one method: `ppo` or `apg`."""
 
     training_steps: int
@@ -52,7 +52,7 @@ class LearningCurve:
         self,
         method: str,
         environment: ReachingEnvironment,
-        config: TrainingConfig,
+        config: PolicyTrainingConfig,
         seed: int,
         episodes: Episodes,
         progress: Callable[[CurvePoint], None],

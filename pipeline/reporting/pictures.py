@@ -18,7 +18,7 @@ from pipeline.reaching.metrics import PITCH_THRESHOLDS_RAD, POSITION_THRESHOLDS_
 from pipeline.reporting.chapters.deployment import deployment_figures
 from pipeline.reporting.figures.arrays import (
     CurvePanel,
-    LearningCurve,
+    SeedCurves,
     learning_curve_figure,
     success_rate_figure,
 )
@@ -127,11 +127,11 @@ def learning_curves(groups: Mapping[str, Sequence[ControllerResult]]) -> Figure:
     )
 
 
-def learning_curve(group: Sequence[ControllerResult], metric: str) -> LearningCurve:
+def learning_curve(group: Sequence[ControllerResult], metric: str) -> SeedCurves:
     """A metric over the steps that the curves of all seeds share."""
     by_seed = [{point["steps"]: point[metric] for point in controller.curve} for controller in group]
     steps = [step for step in by_seed[0] if all(step in points for points in by_seed)]
-    return LearningCurve(np.array(steps), np.array([[points[step] for step in steps] for points in by_seed]))
+    return SeedCurves(np.array(steps), np.array([[points[step] for step in steps] for points in by_seed]))
 
 
 def paths(

@@ -93,7 +93,7 @@ class KindStudy:
                 learned(trial.number, trial.value)
 
         space = self._searched.search.spaces[self._searched.model]
-        trainer = Trainer(self._searched, self._checkpoints)
+        trainer = TrialTraining(self._searched, self._checkpoints)
         progress(len(self.ended))
         self._study.run(n_trials, lambda choose: propose(space, choose), trainer, cleared)
         shutil.rmtree(self._checkpoints, ignore_errors=True)
@@ -107,7 +107,7 @@ class KindStudy:
         return ended
 
 
-class Trainer:
+class TrialTraining:
     """Trains the model of one trial."""
 
     def __init__(self, searched: SearchedKind, checkpoints: Path) -> None:

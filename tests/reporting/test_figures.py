@@ -9,7 +9,7 @@ from PIL import Image
 from pipeline.machine.specification import WorkspaceSpecification
 from pipeline.reporting.figures.arrays import (
     CurvePanel,
-    LearningCurve,
+    SeedCurves,
     learning_curve_figure,
     open_loop_figure,
     success_rate_figure,
@@ -32,7 +32,7 @@ def success_rate() -> bytes:
 
 def learning_curve() -> bytes:
     steps = np.linspace(0, 1e6, 10)
-    curves = {"PPO": LearningCurve(steps, np.stack([steps, 2 * steps]))}
+    curves = {"PPO": SeedCurves(steps, np.stack([steps, 2 * steps]))}
     return learning_curve_figure([CurvePanel("return", None, curves)])
 
 

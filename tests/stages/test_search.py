@@ -32,7 +32,7 @@ from pipeline.logs.tuples import Trajectory, write_tuples
 from pipeline.machine.specification import JointSpecification, MachineSpecification
 from pipeline.stages.search import SearchStage
 from pipeline.study.configuration import SearchConfig
-from pipeline.study.search import SearchedKind, Trainer
+from pipeline.study.search import SearchedKind, TrialTraining
 from pipeline.study.settings import Pruner
 from pipeline.study.storage import open_storage
 from pipeline.study.trials import TrialOutcome
@@ -318,7 +318,7 @@ def small_search(trajectories: list[Trajectory], **changes: Any) -> SearchedKind
 @pytest.mark.long
 def test_a_pruned_training_closes_and_a_retry_would_go_on_from_it(tmp_path: Path) -> None:
     log = [lag_trajectory(0, n_rows=300, n_validation=80)]
-    trainer = Trainer(small_search(log), tmp_path / "checkpoints")
+    trainer = TrialTraining(small_search(log), tmp_path / "checkpoints")
     settings = study_settings(pruner=Pruner.median, startup_trials=1)
     study: Study[TrainingConfig] = Study(str(tmp_path / "a.journal"), "study", settings, 6)
 
@@ -353,4 +353,4 @@ def test_a_diverging_training_is_a_divergence(
         monkeypatch.setattr(fit_module, "compile_evaluation", lambda *_: lambda *_: np.float32(np.inf))
     trial = SimpleNamespace(number=0, report=lambda epoch, evaluation_loss: None)
     with pytest.raises(DivergedError, match="no finite L"):
-        Trainer(small_search(log), tmp_path)(make_training(hidden=[4], learning_rate=rate), trial)
+        TrialTraining(small_search(log), tmp_path)(make_training(hidden=[4], learning_rate=rate), trial)

@@ -25,7 +25,7 @@ from pipeline.reaching.task import TaskState
 Layers = Sequence[PolicyLayer]
 
 
-class State(NamedTuple):
+class PolicyTrainingState(NamedTuple):
     """All that a training knows between two updates; arrays.
 
     Attributes:
@@ -66,14 +66,14 @@ class Trainer:
             optax.clip_by_global_norm(config.gradient_norm), optax.adam(rate, b2=config.second_moment_decay)
         )
 
-    def begin(self) -> State:
+    def begin(self) -> PolicyTrainingState:
         """Random weights, and episodes with clocks spread evenly over an episode."""
         environment, n = self._environment, self._config.environments
         layers_key, episodes_key = jax.random.split(jax.random.fold_in(self._key, self._n_updates))
         layers = initial_layers(
             layers_key, environment.observation_size, self._config.hidden, environment.action_size
         )
-        return State(
+        return PolicyTrainingState(
             layers=layers,
             optimiser=self._optimiser.init(layers),
             average=layers,
@@ -82,7 +82,7 @@ class Trainer:
             n_updates=jnp.zeros((), jnp.int32),
         )
 
-    def update(self, state: State, _: None = None) -> tuple[State, jax.Array]:
+    def update(self, state: PolicyTrainingState, _: None = None) -> tuple[PolicyTrainingState, jax.Array]:
         """One step along the gradient of `horizon` decisions of every episode; also the mean cost before it."""
         config = self._config
         noise_key, episodes_key = jax.random.split(jax.random.fold_in(self._key, state.n_updates))
@@ -101,7 +101,7 @@ class Trainer:
         layers = optax.apply_updates(state.layers, step)
         clock = state.clock + config.horizon
         over = clock >= self._decisions
-        return State(
+        return PolicyTrainingState(
             layers=layers,
             optimiser=optimiser,
             average=jax.tree.map(partial(_averaged, config.averaging), state.average, layers),

@@ -118,7 +118,7 @@ def success_rate_figure(
         return to_svg(figure)
 
 
-class LearningCurve(NamedTuple):
+class SeedCurves(NamedTuple):
     """A quantity over training for several seeds.
 
     Attributes:
@@ -141,7 +141,7 @@ class CurvePanel(NamedTuple):
 
     label: str
     limits: tuple[float, float] | None
-    curves: Mapping[str, LearningCurve]
+    curves: Mapping[str, SeedCurves]
 
 
 def learning_curve_figure(quantities: Sequence[CurvePanel]) -> bytes:
@@ -168,7 +168,7 @@ def learning_curve_figure(quantities: Sequence[CurvePanel]) -> bytes:
         return to_svg(figure)
 
 
-def _draw_learning_curve(axes: Axes, curve: LearningCurve, style: dict[str, Any], policy: str) -> None:
+def _draw_learning_curve(axes: Axes, curve: SeedCurves, style: dict[str, Any], policy: str) -> None:
     seeds = f"{len(curve.values)} seed{'s' if len(curve.values) > 1 else ''}"
     mean = curve.values.mean(axis=0)
     if len(curve.values) > 1:
