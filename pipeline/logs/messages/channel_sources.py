@@ -2,35 +2,21 @@
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from pipeline.errors import InputError
+from pipeline.logs.messages.adapters import Converted, FieldColumn, Stamped
 from pipeline.logs.messages.columns import ColumnStore
-from pipeline.logs.messages.field_paths import number_at, stamp_paths, stamps_ns
-from pipeline.logs.messages.message_blocks import LoggedTopic, ReadingLedger
-from pipeline.logs.messages.message_layout import FieldGroup
+from pipeline.logs.messages.message_blocks import ReadingLedger
 from pipeline.logs.messages.raw_log import ChannelSamples, Note, NoteKind
-from pipeline.logs.messages.topic_columns import TopicColumns
+from pipeline.logs.messages.topic_columns import Adapter, TopicColumns
 from pipeline.machine.log_sources import ChannelSource, ClockChoice
 from pipeline.machine.specification import MachineSpecification
 
 
-class ChannelAdapter:
+def channel_adapter(channel: ChannelSource) -> Adapter:
     """A field of any message → column `value` (n,), and `stamp_ns` (n,) if header stamps time the channel."""
-
-    def __init__(self, channel: ChannelSource) -> None:
-        self.role = f"channel {channel.name}"
-        self.path = channel.field
-        self.is_stamped = channel.clock == ClockChoice.header_stamp
-
-    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
-        """The field, and the stamp."""
-        return (self.path, *(stamp_paths() if self.is_stamped else ()))
-
-    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
-        """Pick the field."""
-        stamps = {"stamp_ns": stamps_ns(group)} if self.is_stamped else {}
-        return {"value": number_at(group, self.path), **stamps}
+    field = FieldColumn(f"channel {channel.name}", "value", [channel.field])
+    adapter = Converted(field, "value", lambda value: value[:, 0])
+    return Stamped(adapter) if channel.clock == ClockChoice.header_stamp else adapter
 
 
 def channel_table(name: str) -> str:
@@ -41,7 +27,7 @@ def channel_table(name: str) -> str:
 def channel_collectors(machine: MachineSpecification, store: ColumnStore) -> dict[str, TopicColumns]:
     """Return a collector for each channel that has a topic, by the channel's name."""
     return {
-        channel.name: TopicColumns(channel.topic, ChannelAdapter(channel), store)
+        channel.name: TopicColumns(channel.topic, channel_adapter(channel), store)
         for channel in machine.channels
         if channel.topic
     }

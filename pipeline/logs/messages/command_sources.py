@@ -4,15 +4,14 @@ Each source is an adapter that yields the column `command`, shape (n, n_joint), 
 """
 
 import re
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.messages.conversion import ConvertedColumn, command_conversion
-from pipeline.logs.messages.field_paths import elements, number_at, stamp_paths, stamps_ns
-from pipeline.logs.messages.joint_states import by_name, joint_fields
+from pipeline.logs.messages.adapters import Converted, FieldColumn, NamedColumn, Stamped
+from pipeline.logs.messages.conversion import command_conversion
+from pipeline.logs.messages.joint_states import joint_fields
 from pipeline.logs.messages.message_blocks import LoggedTopic
 from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.mismatch import MismatchError
@@ -31,8 +30,8 @@ def command_adapter(machine: MachineSpecification) -> Adapter:
     Raises:
         InputError: The source's configuration is incomplete.
     """
-    adapter = ConvertedColumn(_source_adapter(machine), "command", command_conversion(machine))
-    return StampedCommands(adapter) if machine.commands.clock == ClockChoice.header_stamp else adapter
+    adapter = Converted(_source_adapter(machine), "command", command_conversion(machine))
+    return Stamped(adapter) if machine.commands.clock == ClockChoice.header_stamp else adapter
 
 
 def _source_adapter(machine: MachineSpecification) -> Adapter:
@@ -56,33 +55,16 @@ def _source_adapter(machine: MachineSpecification) -> Adapter:
                 raise InputError(
                     f"{place}.field_name is `{source.field_name}`; use one of {', '.join(FIELDS)}"
                 )
-            return NamedCommands(machine.joint_names, partial(joint_fields, field_name=source.field_name))
+            fields = partial(joint_fields, field_name=source.field_name)
+            return NamedColumn(ROLE, "command", machine.joint_names, fields)
         case CommandSourceKind.named:
             for key, path in (("names", source.names), ("values", source.values)):
                 if not path:
                     raise InputError(f"{place}.{key} is missing; name the field, such as joint_names")
-            return NamedCommands(machine.joint_names, lambda _: (source.names, source.values))
+            return NamedColumn(ROLE, "command", machine.joint_names, lambda _: (source.names, source.values))
         case CommandSourceKind.field_path:
-            return FieldPathCommands(
-                per_joint(source.field_paths, machine.joint_names, f"{place}.field_paths")
-            )
-
-
-class StampedCommands:
-    """Commands of another adapter, with their header stamps."""
-
-    role = ROLE
-
-    def __init__(self, adapter: Adapter) -> None:
-        self.adapter = adapter
-
-    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
-        """The adapter's fields and the stamp."""
-        return (*self.adapter.wanted(topic), *stamp_paths())
-
-    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
-        """Add the stamps."""
-        return {**self.adapter.convert(group), "stamp_ns": stamps_ns(group)}
+            paths = per_joint(source.field_paths, machine.joint_names, f"{place}.field_paths")
+            return FieldColumn(ROLE, "command", paths)
 
 
 class ArrayCommands:
@@ -132,46 +114,3 @@ class JoyCommands:
         if absent:
             raise MismatchError(f"axis {absent[0]} is not among their {axes.shape[1]} axes")
         return {"command": axes[:, self.axes].astype(np.float64) * self.signs}
-
-
-class NamedCommands:
-    """Any message that names its joints, as `JointState`: commands by name, from two lists or a list of messages."""
-
-    role = ROLE
-
-    def __init__(
-        self, joint_names: tuple[str, ...], names_and_values: Callable[[LoggedTopic], tuple[str, str]]
-    ) -> None:
-        self.joint_names = joint_names
-        self.names_and_values = names_and_values  # paths in the messages of a topic
-        self.paths: list[tuple[str, ...]] = []  # of those in the last block
-
-    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
-        """Names and values."""
-        self.paths = [elements(path, topic.encoding) for path in self.names_and_values(topic)]
-        return tuple(path for paths in self.paths for path in paths)
-
-    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
-        """Pick the machine's joints by name."""
-        of_names, of_values = self.paths
-        names = tuple(name for path in of_names for name in group.strings.get(path, ()))
-        parts = [group.numbers[path] for path in of_values if path in group.numbers]
-        values = np.concatenate(parts, axis=1) if parts else np.zeros((len(group.index), 0))
-        return {"command": by_name(names, values, self.joint_names, of_values[0])}
-
-
-class FieldPathCommands:
-    """Any message: one field per joint, by path (`left.x`, `data[3]`, `axes[0].value`)."""
-
-    role = ROLE
-
-    def __init__(self, paths: list[str]) -> None:
-        self.paths = paths
-
-    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
-        """The paths."""
-        return tuple(self.paths)
-
-    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
-        """Pick each path's value."""
-        return {"command": np.stack([number_at(group, path) for path in self.paths], axis=1)}

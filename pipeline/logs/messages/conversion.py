@@ -6,9 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.messages.message_blocks import LoggedTopic
-from pipeline.logs.messages.message_layout import FieldGroup
-from pipeline.logs.messages.topic_columns import Adapter
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
 
@@ -62,25 +59,6 @@ def command_conversion(machine: MachineSpecification) -> Conversion:
     source = machine.commands
     threshold = source.threshold if machine.command_kind == CommandKind.discrete else None
     return Conversion(*_scale_and_offset(source.scale, source.offset, machine, "commands"), threshold)
-
-
-class ConvertedColumn:
-    """An adapter whose column of positions or commands is converted."""
-
-    def __init__(self, adapter: Adapter, column: str, conversion: Conversion) -> None:
-        self.role = adapter.role
-        self.adapter = adapter
-        self.column = column
-        self.conversion = conversion
-
-    def wanted(self, topic: LoggedTopic) -> tuple[str, ...]:
-        """The adapter's."""
-        return self.adapter.wanted(topic)
-
-    def convert(self, group: FieldGroup) -> dict[str, np.ndarray]:
-        """Convert the adapter's column."""
-        columns = self.adapter.convert(group)
-        return {**columns, self.column: self.conversion(columns[self.column])}
 
 
 def _scale_and_offset(

@@ -12,9 +12,9 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto,
 from pipeline.logs.describe.field_types import field_types
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
-from pipeline.logs.messages.channel_sources import ChannelAdapter
+from pipeline.logs.messages.adapters import NamedColumn
+from pipeline.logs.messages.channel_sources import channel_adapter
 from pipeline.logs.messages.columns import MemoryStore
-from pipeline.logs.messages.command_sources import NamedCommands
 from pipeline.logs.messages.encodings import decode
 from pipeline.logs.messages.field_paths import EVERY, NO_TIME, number_at, stamp_paths, stamps_ns, steps_of
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
@@ -87,7 +87,7 @@ def test_time_stamps_that_are_no_times_cost_their_messages(sec):
         MemoryStore(),
         ReadingLedger(Path("a")),
     )
-    collector = TopicColumns("/t", ChannelAdapter(source), store)
+    collector = TopicColumns("/t", channel_adapter(source), store)
     collector.add(block_of("json", *messages))
     columns = collector.finish(ledger)
     np.testing.assert_array_equal(columns["value"], [1, 3])
@@ -266,7 +266,7 @@ def test_only_wanted_fields_are_laid_out():
 @pytest.mark.parametrize("encoding", bags.KINDS)
 @pytest.mark.parametrize(("names", "values"), [("joints[].name", "joints[].position"), ("name[]", "value[]")])
 def test_commands_by_name(encoding, names, values):
-    source = NamedCommands(("a", "b"), lambda _: (names, values))
+    source = NamedColumn("commands", "command", ("a", "b"), lambda _: (names, values))
     if names == "name[]":
         kind, definition = protobuf_of([("name", bags.STRING, "", True), ("value", bags.DOUBLE, "", True)])
         one = (
