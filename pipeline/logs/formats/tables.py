@@ -11,16 +11,14 @@ import polars
 
 from pipeline.errors import InputError, first_line
 from pipeline.logs.formats.log_entry import LogEntry, LogFormat
-from pipeline.logs.messages.channel_sources import channel_table, stored_channels
 from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore
-from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
-from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog, first_loss, timed_by_one_clock
+from pipeline.logs.messages.one_clock import COMMANDS, POSITIONS, OneClockLog, channel_stream
+from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog, first_loss
 from pipeline.machine.specification import MachineSpecification
 
 NANOSECONDS_PER = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 NANOSECONDS_PER_DAY = 86_400 * NANOSECONDS_PER["s"]
-SAMPLES, COMMANDS = "samples", "commands"  # tables of the store
 # Polars' Parquet reader panics at some damage, which is no `Exception`.
 READING_FAULTS = (polars.exceptions.PolarsError, polars.exceptions.PanicException, OSError, ValueError)
 PIECE_BYTES = 1 << 22  # longer than any line of a table
@@ -68,6 +66,7 @@ class _Cells:
             is_strange = ~is_missing.to_numpy() & (
                 ~np.isfinite(value) if finite else number.is_null().to_numpy()
             )
+            value = np.where(is_strange, np.nan, value)
             self.n_missing[name] = self.n_missing.get(name, 0) + int(is_missing.sum())
             self.n_strange[name] = self.n_strange.get(name, 0) + int(is_strange.sum())
             if is_strange.any() and name not in self.first:
@@ -107,7 +106,7 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
         )
     positions = [columns.position.replace("{joint}", joint) for joint in machine.joint_names]
     commands = [columns.command.replace("{joint}", joint) for joint in machine.joint_names]
-    to_positions, to_commands = position_conversion(machine), command_conversion(machine)
+    log = OneClockLog(machine, store)
     channels = {channel.name: channel.column for channel in machine.channels if channel.column}
     path = entry.files[0]
     n_rows = n_unused = n_timed = n_long = 0
@@ -124,20 +123,16 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
                 frame, rows = frame.filter(~is_long), rows[~is_long.to_numpy()]
             time_ns, has_time = _time_ns(frame[columns.time], NANOSECONDS_PER[columns.time_unit])
             streams = {
-                SAMPLES: to_positions(cells.numbers(frame, positions, rows)),
-                COMMANDS: to_commands(cells.numbers(frame, commands, rows)),
+                POSITIONS: cells.numbers(frame, positions, rows),
+                COMMANDS: cells.numbers(frame, commands, rows),
+            } | {
+                channel_stream(name): cells.numbers(frame, [column], rows, finite=True)
+                for name, column in channels.items()
+                if column in frame.columns
             }
             used = np.zeros(len(frame), bool)
-            for table, values in streams.items():
-                chosen = has_time & ~np.isnan(values).all(axis=1)
-                store.append(table, {"time_ns": time_ns[chosen], "value": values[chosen]})
-                used |= chosen
-            for name, column in channels.items():
-                if column in frame.columns:
-                    value = cells.numbers(frame, [column], rows, finite=True)[:, 0]
-                    chosen = has_time & np.isfinite(value)
-                    store.append(channel_table(name), {"time_ns": time_ns[chosen], "value": value[chosen]})
-                    used |= chosen
+            for stream, numbers in streams.items():
+                used |= log.add(stream, time_ns, numbers, has_time)
             n_unused += int((~used).sum())
             n_timed += int(has_time.sum())
             example = example or _example(frame[columns.time].filter(~has_time))
@@ -146,19 +141,12 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
         if not n_rows:
             raise InputError(f"{path}: not a readable table ({reason}); repair or remove it") from error
         damage.append(f"the table is damaged after row {n_rows} ({reason}); the rows before it were read")
-    sampled, commanded = store.columns(SAMPLES), store.columns(COMMANDS)
     unknown = ""
     if not n_timed and example:
         unknown = (
             f": column {columns.time} holds `{example}`, not a number of {columns.time_unit}; time_unit may be "
             f"{', '.join(NANOSECONDS_PER)}"
         )
-    for what, found in (("positions", sampled), ("commands", commanded)):
-        if not found or not len(found["time_ns"]):
-            told = first_loss(cells.notes(path.name, channels.values()))
-            raise InputError(
-                f"{path}: no row holds a time and {what}; check the column map in {place}{unknown}{told}"
-            )
     notes = [Note(NoteKind.damage, f"{path.name}: {text}") for text in damage]
     if n_long:
         text = f"{path.name}: {n_long} rows left out: they hold more values than the table has columns"
@@ -167,9 +155,16 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
         text = f"{path.name}: {n_unused} rows left out: they hold no time, or neither positions nor commands"
         notes.append(Note(NoteKind.left_out, text, n_unused))
     notes += cells.notes(path.name, channels.values())
-    found_channels = stored_channels(store, channels)
-    counts = {path.name: n_rows}
-    return timed_by_one_clock(entry.name, entry.path, sampled, commanded, counts, notes, found_channels)
+    return log.finish(
+        entry.name,
+        path,
+        {path.name: n_rows},
+        notes,
+        lambda what: (
+            f"{path}: no row holds a time and {what}; check the column map in {place}{unknown}"
+            + first_loss(cells.notes(path.name, channels.values()))
+        ),
+    )
 
 
 def _batches(

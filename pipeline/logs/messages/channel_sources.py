@@ -1,7 +1,5 @@
 """Channels: whatever else a machine records, one number per message (contract, section 1)."""
 
-from collections.abc import Iterable
-
 from pipeline.errors import InputError
 from pipeline.logs.messages.adapters import Converted, FieldColumn, Stamped
 from pipeline.logs.messages.columns import ColumnStore
@@ -17,11 +15,6 @@ def channel_adapter(channel: ChannelSource) -> Adapter:
     field = FieldColumn(f"channel {channel.name}", "value", [channel.field])
     adapter = Converted(field, "value", lambda value: value[:, 0])
     return Stamped(adapter) if channel.clock == ClockChoice.header_stamp else adapter
-
-
-def channel_table(name: str) -> str:
-    """Name of a channel's table in the store, as `TopicColumns` has it."""
-    return f"channel_{name}"
 
 
 def channel_collectors(machine: MachineSpecification, store: ColumnStore) -> dict[str, TopicColumns]:
@@ -47,12 +40,3 @@ def finish_channels(collectors: dict[str, TopicColumns], ledger: ReadingLedger) 
             continue
         found[name] = ChannelSamples(columns.get("stamp_ns", columns["log_time_ns"]), columns["value"])
     return found
-
-
-def stored_channels(store: ColumnStore, names: Iterable[str]) -> dict[str, ChannelSamples]:
-    """Return the samples of the channels whose tables the store holds, without empty ones."""
-    return {
-        name: ChannelSamples(found["time_ns"], found["value"])
-        for name in names
-        if (found := store.columns(channel_table(name))) and len(found["time_ns"])
-    }

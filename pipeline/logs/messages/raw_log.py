@@ -1,7 +1,7 @@
 """A log as read from any format: joint samples and commands with their stamps."""
 
 import enum
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -114,27 +114,3 @@ class RawLog:
     message_counts: dict[str, int] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
     channels: dict[str, ChannelSamples] = field(default_factory=dict)
-
-
-def timed_by_one_clock(
-    name: str,
-    path: Path,
-    sampled: Mapping[str, Column],
-    commanded: Mapping[str, Column],
-    message_counts: dict[str, int],
-    notes: Iterable[Note],
-    channels: dict[str, ChannelSamples],
-) -> RawLog:
-    """A log of a format with one time per sample: columns `time_ns` and `value` of positions and of commands."""
-    return RawLog(
-        name=name,
-        path=path,
-        joint_stamp_ns=sampled["time_ns"],
-        joint_log_time_ns=sampled["time_ns"],
-        q=sampled["value"],
-        command_log_time_ns=commanded["time_ns"],
-        command=commanded["value"],
-        message_counts=message_counts,
-        notes=tuple(notes),
-        channels=channels,
-    )

@@ -1,7 +1,6 @@
 """Read a CAN log into a `RawLog`."""
 
 from collections import Counter
-from collections.abc import Callable
 
 import numpy as np
 from cantools.database import Database
@@ -19,32 +18,20 @@ from pipeline.logs.formats.can.signals import (
     single_signal,
 )
 from pipeline.logs.formats.log_entry import LogEntry
-from pipeline.logs.messages.channel_sources import channel_table, stored_channels
-from pipeline.logs.messages.columns import SECTION_ROWS, Column, ColumnStore, sections
-from pipeline.logs.messages.conversion import command_conversion, position_conversion
+from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore, sections
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, ReadingLedger
-from pipeline.logs.messages.raw_log import (
-    NANOSECONDS,
-    Note,
-    NoteKind,
-    RawLog,
-    first_damage,
-    timed_by_one_clock,
-)
+from pipeline.logs.messages.one_clock import COMMANDS, POSITIONS, OneClockLog, channel_stream
+from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog, first_damage
 from pipeline.machine.specification import MachineSpecification
 
-Conversion = Callable[[np.ndarray], np.ndarray]
 LISTED_FRAMES = 24
 
 
 class _Collector:
     """Gathers the signals of one role (positions, commands or a channel) and stores rows of them."""
 
-    def __init__(
-        self, role: str, table: str, signals: JointSignals, conversion: Conversion, store: ColumnStore
-    ) -> None:
-        self.role, self.table, self.store = role, table, store
-        self.signals, self.conversion = signals, conversion
+    def __init__(self, role: str, stream: str, signals: JointSignals, log: OneClockLog) -> None:
+        self.role, self.stream, self.signals, self.log = role, stream, signals, log
         self.has_one_frame = len(signals.frames) == 1
         self.waiting: list[tuple[int, int, np.ndarray]] = []
         self.n_unusable = 0
@@ -65,28 +52,22 @@ class _Collector:
         self.waiting = []
         time_ns, value = np.array(times, np.int64), np.array(values)
         if self.has_one_frame:
-            self._store_rows(time_ns, value)
+            self.log.add(self.stream, time_ns, value)
         else:
             by_frame = np.column_stack([numbers, value])
-            self.store.append(f"{self.table}_by_frame", {"time_ns": time_ns, "value": by_frame})
+            self.log.store.append(f"{self.stream}_by_frame", {"time_ns": time_ns, "value": by_frame})
 
-    def finish(self, is_held: bool, gap_ns: int, ledger: ReadingLedger) -> dict[str, Column]:
-        """Return the columns, empty without a usable frame, and note what was lost."""
+    def finish(self, gap_ns: int, ledger: ReadingLedger) -> None:
+        """Store the rest, and note what was lost."""
         self.flush()
         if self.n_unusable:
             text = f"{self.n_unusable} frames {self.signals.names} ({self.role}) do not fit the DBC file; left out"
             ledger.notes.append(Note(NoteKind.left_out, text, self.n_unusable))
-        if found := self.store.columns(f"{self.table}_by_frame"):
+        if found := self.log.store.columns(f"{self.stream}_by_frame"):
             stream = (Samples(at, value) for at, value in sections((found["time_ns"], found["value"])))
+            is_held = self.stream != POSITIONS
             for rows in merged_rows(stream, self.signals.joints, is_held, gap_ns, self.role, ledger.notes):
-                self._store_rows(rows.time_ns, rows.value)
-        return self.store.columns(self.table)
-
-    def _store_rows(self, time_ns: np.ndarray, value: np.ndarray) -> None:
-        is_known = ~np.isnan(value).all(axis=1)
-        self.store.append(
-            self.table, {"time_ns": time_ns[is_known], "value": self.conversion(value[is_known])}
-        )
+                self.log.add(self.stream, rows.time_ns, rows.value)
 
 
 def read_can(
@@ -105,20 +86,18 @@ def read_can(
     """
     database, ledger = load_database(machine), ReadingLedger(entry.path)
     gap_ns = round(min(maximum_gap_s * NANOSECONDS, MAXIMUM_TIME_NS))
-    positions, commands = (
-        _Collector(role, role.replace(" ", "_"), joint_signals(database, machine, key), conversion, store)
-        for role, key, conversion in (
-            ("joint states", "positions", position_conversion(machine)),
-            ("commands", "commands", command_conversion(machine)),
-        )
-    )
-    channels = _channels(database, machine, store, ledger)
-    collectors: dict[FrameKey, list[_Collector]] = {}
-    for collector in (positions, commands, *channels.values()):
+    log = OneClockLog(machine, store)
+    collectors = {
+        stream: _Collector(role, stream, joint_signals(database, machine, stream), log)
+        for role, stream in (("joint states", POSITIONS), ("commands", COMMANDS))
+    }
+    collectors |= _channels(database, machine, log, ledger)
+    by_key: dict[FrameKey, list[_Collector]] = {}
+    for collector in collectors.values():
         for key in collector.signals.numbers:
-            collectors.setdefault(key, []).append(collector)
+            by_key.setdefault(key, []).append(collector)
     counts: Counter[FrameKey] = Counter()
-    buses: dict[FrameKey, set[str]] = {key: set() for key in collectors}
+    buses: dict[FrameKey, set[str]] = {key: set() for key in by_key}
     others: set[str] = set()
     n_untimed = 0
     for path in entry.files:
@@ -133,7 +112,7 @@ def read_can(
                 continue
             if key in buses:
                 buses[key].add(str(frame.channel))
-            for collector in collectors.get(key, ()):
+            for collector in by_key.get(key, ()):
                 collector.add(key, at_ns, bytes(frame.data))
     if n_untimed:
         ledger.notes.append(Note(NoteKind.left_out, f"{n_untimed} frames have impossible times", n_untimed))
@@ -146,27 +125,25 @@ def read_can(
                 f"conf/machine/{machine.name}.yaml to the one to be read"
             )
             ledger.notes.append(Note(NoteKind.warning, text, counts[key]))
-    sampled, commanded = positions.finish(False, gap_ns, ledger), commands.finish(True, gap_ns, ledger)
-    for collector, columns in ((positions, sampled), (commands, commanded)):
-        if not columns or not len(columns["time_ns"]):
-            listed = [f"{name} ({count})" for name, count in ledger.counts.items()]
-            elsewhere = [f"frames on bus {bus}, which can.bus leaves out" for bus in sorted(others)]
-            frames = ", ".join([*listed, *elsewhere][:LISTED_FRAMES]) or "none"
-            raise InputError(
-                f"{entry.path}: {collector.role}: no usable frame {collector.signals.names}; set section can in "
-                f"conf/machine; frames seen: {frames}{first_damage(ledger.notes)}"
-            )
-    for collector in channels.values():
-        collector.finish(True, gap_ns, ledger)
-    found = stored_channels(store, channels)
-    counted = dict(ledger.counts)
-    return timed_by_one_clock(entry.name, entry.path, sampled, commanded, counted, ledger.notes, found)
+    for collector in collectors.values():
+        collector.finish(gap_ns, ledger)
+
+    def refusal(stream: str) -> str:
+        listed = [f"{name} ({count})" for name, count in ledger.counts.items()]
+        elsewhere = [f"frames on bus {bus}, which can.bus leaves out" for bus in sorted(others)]
+        frames = ", ".join([*listed, *elsewhere][:LISTED_FRAMES]) or "none"
+        return (
+            f"{entry.path}: {collectors[stream].role}: no usable frame {collectors[stream].signals.names}; set section "
+            f"can in conf/machine; frames seen: {frames}{first_damage(ledger.notes)}"
+        )
+
+    return log.finish(entry.name, entry.path, dict(ledger.counts), ledger.notes, refusal)
 
 
 def _channels(
-    database: Database, machine: MachineSpecification, store: ColumnStore, ledger: ReadingLedger
+    database: Database, machine: MachineSpecification, log: OneClockLog, ledger: ReadingLedger
 ) -> dict[str, _Collector]:
-    """The channels that are signals; a name that is neither a frame's nor a topic's is noted."""
+    """The channels that are signals, by stream; a name that is neither a frame's nor a topic's is noted."""
     found = {}
     for channel in machine.channels:
         role = f"channel {channel.name}"
@@ -177,7 +154,6 @@ def _channels(
         except InputError as error:
             ledger.notes.append(Note(NoteKind.left_out, str(error)))
             continue
-        found[channel.name] = _Collector(
-            role, channel_table(channel.name), signals, lambda value: value[:, 0], store
-        )
+        stream = channel_stream(channel.name)
+        found[stream] = _Collector(role, stream, signals, log)
     return found

@@ -8,22 +8,13 @@ from pipeline.logs.formats.lerobot.dataset import DatasetInformation, read_infor
 from pipeline.logs.formats.lerobot.features import Element, NoNumbersError, element_of
 from pipeline.logs.formats.lerobot.frames import episode_frames
 from pipeline.logs.formats.log_entry import LogEntry
-from pipeline.logs.messages.channel_sources import channel_table, stored_channels
 from pipeline.logs.messages.columns import ColumnStore
-from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
-from pipeline.logs.messages.raw_log import (
-    NANOSECONDS,
-    Note,
-    NoteKind,
-    RawLog,
-    first_damage,
-    timed_by_one_clock,
-)
+from pipeline.logs.messages.one_clock import COMMANDS, POSITIONS, OneClockLog, channel_stream
+from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog, first_damage
 from pipeline.machine.log_sources import per_joint
 from pipeline.machine.specification import MachineSpecification
 
-SAMPLES, COMMANDS = "samples", "commands"  # tables of the store
 STAMP = "stamp"  # a feature of what this project writes: ns since 1970
 TIMES = ("timestamp", "frame_index", "index")
 SYNCHRONOUS_S = 1e-4  # LeRobot's own tolerance between time stamps and frame numbers
@@ -39,40 +30,28 @@ def read_lerobot(entry: LogEntry, machine: MachineSpecification, store: ColumnSt
     """
     information = read_information(entry.path)
     place = f"conf/machine/{machine.name}.yaml: lerobot"
-    roles = {
-        SAMPLES: (machine.lerobot.positions, "positions", position_conversion(machine)),
-        COMMANDS: (machine.lerobot.commands, "commands", command_conversion(machine)),
-    }
     elements = {
-        table: [
-            element_of(path, information.features, f"{place}.{key}")
-            for path in per_joint(paths, machine.joint_names, f"{place}.{key}")
+        stream: [
+            element_of(path, information.features, f"{place}.{stream}")
+            for path in per_joint(getattr(machine.lerobot, stream), machine.joint_names, f"{place}.{stream}")
         ]
-        for table, (paths, key, _) in roles.items()
+        for stream in (POSITIONS, COMMANDS)
     }
     path = entry.files[0]
     notes: list[Note] = []
-    channels = _channels(machine, information, notes)
     needed = {element.feature for found in elements.values() for element in found}
-    optional = (*TIMES, STAMP, *(element.feature for element in channels.values()))
+    channels = _channels(machine, information, notes)
+    optional = (*TIMES, STAMP, *(element.feature for (element,) in channels.values()))
+    log = OneClockLog(machine, store)
     n_rows = n_untimed = 0
     try:
         for batch in episode_frames(entry, sorted(needed), optional, notes):
             n_rows += len(batch)
             time_ns, has_time = _times_ns(batch, information)
             n_untimed += int((~has_time).sum())
-            streams = {
-                table: conversion(np.stack([element.values(batch) for element in elements[table]], axis=1))
-                for table, (_, _, conversion) in roles.items()
-            }
-            streams |= {
-                channel_table(name): _finite(element.values(batch))
-                for name, element in channels.items()
-                if element.feature in batch.schema.names
-            }
-            for table, values in streams.items():
-                chosen = has_time & ~np.isnan(values.reshape(len(values), -1)).all(axis=1)
-                store.append(table, {"time_ns": time_ns[chosen], "value": values[chosen]})
+            for stream, own in (elements | channels).items():
+                if all(element.feature in batch.schema.names for element in own):
+                    log.add(stream, time_ns, np.stack([e.values(batch) for e in own], axis=1), has_time)
     except NoNumbersError as error:
         raise InputError(f"{path}: {error}") from error
     if entry.message_count is not None and n_rows != entry.message_count:
@@ -85,35 +64,28 @@ def read_lerobot(entry: LogEntry, machine: MachineSpecification, store: ColumnSt
         notes.append(
             Note(NoteKind.left_out, f"{path.name}: {n_untimed} frames left out: they hold no time", n_untimed)
         )
-    sampled, commanded = store.columns(SAMPLES), store.columns(COMMANDS)
-    for what, found in (("positions", sampled), ("commands", commanded)):
-        if not found or not len(found["time_ns"]):
-            raise InputError(
-                f"{path}: no frame of episode {entry.part} holds a time and {what}{first_damage(notes)}"
-            )
-    found_channels = stored_channels(store, channels)
-    counts = {path.name: n_rows}
-    return timed_by_one_clock(entry.name, entry.path, sampled, commanded, counts, notes, found_channels)
+    return log.finish(
+        entry.name,
+        entry.path,
+        {path.name: n_rows},
+        notes,
+        lambda what: f"{path}: no frame of episode {entry.part} holds a time and {what}{first_damage(notes)}",
+    )
 
 
 def _channels(
     machine: MachineSpecification, information: DatasetInformation, notes: list[Note]
-) -> dict[str, Element]:
-    """The machine's channels that the dataset has, by name; the others that name a column are noted."""
+) -> dict[str, list[Element]]:
+    """The machine's channels that the dataset has, by stream; the others that name a column are noted."""
     found = {}
     for channel in machine.channels:
         if channel.column:
             try:
-                found[channel.name] = element_of(
-                    channel.column, information.features, f"channel {channel.name}"
-                )
+                element = element_of(channel.column, information.features, f"channel {channel.name}")
+                found[channel_stream(channel.name)] = [element]
             except InputError as error:
                 notes.append(Note(NoteKind.attention, str(error)))
     return found
-
-
-def _finite(values: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _times_ns(batch: pa.RecordBatch, information: DatasetInformation) -> tuple[np.ndarray, np.ndarray]:
