@@ -9,7 +9,7 @@ from pipeline.errors import InputError, counted, first_line
 from pipeline.logs.describe.contents import Contents, Stream
 from pipeline.logs.describe.field_types import TEXT, TIME
 from pipeline.logs.formats.log_entry import LogEntry, LogFormat
-from pipeline.logs.formats.tables import READING_FAULTS
+from pipeline.logs.formats.tables import READING_FAULTS, refuse_separator
 
 TABLE = "table"  # type of the stream, and first word of its key
 TIME_NAME = re.compile(
@@ -41,6 +41,7 @@ def add_table(entry: LogEntry, contents: Contents) -> None:
         frame = lazy.head(MAXIMUM_ROWS).collect()
     except READING_FAULTS as error:
         raise InputError(f"{path}: not a readable table ({first_line(error)})") from error
+    refuse_separator(frame.columns, path)
     if not all(name.isprintable() for name in frame.columns):
         raise InputError(
             f"{path}: its first line does not name columns; save the table as UTF-8 with a first line"

@@ -25,6 +25,7 @@ PIECE_BYTES = 1 << 22  # longer than any line of a table
 SMALLEST_SLICE = 64  # rows; smallest slice of a damaged table that is tried
 LISTED_COLUMNS, LISTED_CHARACTERS = 24, 40
 BEYOND = "…beyond"  # holds what stands behind the last column of a CSV file's header
+SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # that are not read
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 DECIMAL_COMMA = r"[+-]?\d+,\d+"
 MISSING = ("", "na", "n/a", "nan", "null", "none", "-")  # words that other programs write into empty cells
@@ -55,10 +56,10 @@ class _Cells:
             rows: Their rows in the file, counted from one.
             finite: Whether numbers that are not finite are strange too.
         """
-        parts = []
+        parts, nothing = [], polars.repeat(None, len(frame), dtype=polars.Float64, eager=True)
         for name in names:
             column, text = frame[name], _stripped(frame[name])
-            number = text.cast(polars.Float64, strict=False)
+            number = text.cast(polars.Float64, strict=False) if _may_hold_numbers(column.dtype) else nothing
             is_missing = text.is_null()
             if column.dtype == polars.String and number.null_count() > is_missing.sum():
                 is_missing |= number.is_null() & text.str.to_lowercase().is_in(MISSING)
@@ -71,7 +72,10 @@ class _Cells:
             self.n_strange[name] = self.n_strange.get(name, 0) + int(is_strange.sum())
             if is_strange.any() and name not in self.first:
                 place = int(is_strange.argmax())
-                self.first[name] = int(rows[place]), str(column[place])[:LISTED_CHARACTERS]
+                self.first[name] = (
+                    int(rows[place]),
+                    str(column[place : place + 1].to_list()[0])[:LISTED_CHARACTERS],
+                )
             parts.append(value)
         return np.stack(parts, axis=1)
 
@@ -155,6 +159,11 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
         text = f"{path.name}: {n_unused} rows left out: they hold no time, or neither positions nor commands"
         notes.append(Note(NoteKind.left_out, text, n_unused))
     notes += cells.notes(path.name, channels.values())
+    notes += [
+        Note(NoteKind.attention, f"channel {name}: {path.name} has no column `{column}`")
+        for name, column in channels.items()
+        if column not in cells.n_missing
+    ]
     return log.finish(
         entry.name,
         path,
@@ -224,6 +233,7 @@ def _selected(
     seen = [name for name in schema if name != BEYOND]
     missing = [name for name in dict.fromkeys(wanted) if name not in schema]
     if missing:
+        refuse_separator(seen, path)
         listed = ", ".join(name[:LISTED_CHARACTERS] for name in seen[:LISTED_COLUMNS])
         more = f" and {len(seen) - LISTED_COLUMNS} more" if len(seen) > LISTED_COLUMNS else ""
         raise InputError(
@@ -231,14 +241,26 @@ def _selected(
             f"log; columns seen: {listed}{more}"
         )
     there = [name for name in optional if name in schema]
-    for number, name in enumerate((*wanted, *there)):
+    for number, name in enumerate(wanted):
         dtype = schema[name]
-        is_time = number == 0 and dtype.is_temporal()
-        if not (is_time or dtype.is_numeric() or dtype in (polars.String, polars.Boolean, polars.Null)):
+        if not (_may_hold_numbers(dtype) or (number == 0 and dtype.is_temporal())):
             raise InputError(
                 f"{path}: column {name} holds {dtype}, not numbers; map another column in {place}"
             )
     return table.select(list(dict.fromkeys((*wanted, *there))))
+
+
+def refuse_separator(names: list[str], path: Path) -> None:
+    """Raise `InputError` if a CSV file's header shows that its columns are not separated by commas."""
+    for mark, separators in SEPARATORS.items():
+        if len(names) == 1 and mark in names[0]:
+            raise InputError(
+                f"{path}: its columns are separated by {separators}; save it with commas, and numbers with a point"
+            )
+
+
+def _may_hold_numbers(dtype: polars.DataType) -> bool:
+    return dtype.is_numeric() or dtype in (polars.String, polars.Boolean, polars.Null)
 
 
 def _collected(table: polars.LazyFrame) -> Iterator[polars.DataFrame]:

@@ -8,6 +8,7 @@ import polars
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.logs.describe.describe import describe
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.ingest import ingest
@@ -162,6 +163,27 @@ def test_cells_of_channels_that_are_no_numbers_are_told(table, tmp_path, machine
     prefix = f"a.{suffix}: cells of the channel's column oil are"
     strange = f"{prefix} not numbers: 1, first `warm` in row 1; write numbers or map another column"
     assert told == {strange: False, f"{prefix} empty: 1": True}
+
+
+def test_a_channel_without_numbers_or_without_its_column_costs_no_row(table, tmp_path, machine):
+    (tmp_path / "logs").mkdir()
+    times = polars.lit(datetime.datetime(2026, 1, 2, tzinfo=UTC))
+    columns = {"pair": polars.concat_list("q_boom", "q_arm"), "since": times}
+    table.with_columns(**columns).write_parquet(tmp_path / "logs" / "a.parquet")
+    channels = [ChannelSource(name, column=name) for name in ("pair", "since", "oil")]
+    raw = read_log(find_logs(tmp_path / "logs")[0], replace(machine, channels=channels))
+    assert len(raw.q) == len(table) and not raw.channels
+    pair, since, oil = (note.text for note in raw.notes)
+    assert f"column pair are not numbers: {len(table)}, first `[" in pair and "column since" in since
+    assert oil == "channel oil: a.parquet has no column `oil`"
+
+
+@pytest.mark.parametrize(("mark", "name"), [(";", "semicolons"), ("\t", "tabs")])
+def test_another_separator_is_named(table, refusal, tmp_path, mark, name):
+    table.write_csv(tmp_path / "logs" / "a.csv", separator=mark)
+    assert f"its columns are separated by {name}; save it with commas" in refusal(tmp_path)
+    with pytest.raises(InputError, match=f"separated by {name}"):
+        describe(tmp_path / "logs")
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
