@@ -10,6 +10,9 @@ Every way ends in the same Parquet columns. The plain ways read message by messa
 The limit is reading the file and decompressing its chunks, and nothing else. Each way runs in a process of its own,
 once to warm the file cache and then three times; the best counts. Ratios are to the fastest plain way, by wall time and
 by processor time of the process itself. Peak memory is the process's.
+
+Processor time on two cores, s (ingest; loop over `AnyReader`; decompression alone): 76 minutes of MCAP zstd 0.315,
+3.56, 0.026; ROS 1 lz4 0.300, 4.06, 0.027; SQLite 0.361, 3.11, 0.016; ten hours of MCAP zstd 2.61, 28.5, 0.198.
 """
 
 import argparse
