@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.conditioning.clocks import ClockReport, extent_without_outliers
+from pipeline.logs.conditioning.clocks import ClockReport, extremes_without_outliers
 from pipeline.logs.conditioning.conditioned_log import COMMAND_INTERVALS, JOINT_INTERVALS, ConditionedLog
 from pipeline.logs.conditioning.order_statistics import quantiles
 from pipeline.logs.conditioning.resample import GridRows, resample
@@ -146,12 +146,12 @@ def _gridded(
         text = f"the log is split into {len(lengths)} trajectories"
         notes.append(Note(NoteKind.attention, text, len(lengths) - 1))
     gap_ns = round(config.maximum_gap_s * NANOSECONDS)
-    extents = [extent_without_outliers(times, gap_ns) for times in conditioned.clocks]
+    extremes = [at_ns for times in conditioned.clocks for at_ns in extremes_without_outliers(times, gap_ns)]
     none = np.zeros(0, np.int64)
     return GriddedLog(
         name=raw.name,
-        start_ns=min(first for first, _ in extents),
-        end_ns=max(last for _, last in extents),
+        start_ns=min(extremes, default=0),
+        end_ns=max(extremes, default=0),
         **store.columns(GRID),
         lengths=lengths,
         clock=conditioned.clock,

@@ -29,7 +29,7 @@ class HeldChannel:
         what = f"channel {name}"
         stream = self._finite(found, section_rows)
         if count_unset(found.time_ns, gap_ns):
-            stream = keep_first_unset(stream, "time", self.notes)
+            stream = keep_first_unset(stream, what, "time", self.notes)
         stream = drop_isolated_stamps(stream, gap_ns, what, "time", self.notes)
         stream = sort_by_time(split_at_steps_back(stream, gap_ns), gap_ns, what, "time", self.notes)
         self.held = HeldCommands(stream)

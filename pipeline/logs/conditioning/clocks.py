@@ -189,17 +189,16 @@ def drift_ppm(stamp: Column, log_time: Column) -> float:
     return float(np.polyfit(np.asarray(at) - at[0], np.asarray(offset) - offset[0], 1)[0] * 1e6)
 
 
-def extent_without_outliers(time_ns: Column, gap_ns: int) -> tuple[int, int]:
-    """Return the first and the last time of a column of shape (N,), unset and isolated stamps excluded."""
-    low, high = [], []
+def extremes_without_outliers(time_ns: Column, gap_ns: int) -> list[int]:
+    """Return the first and the last times of a column's sections, unset and isolated stamps excluded."""
+    found = []
     has_unset = count_unset(time_ns, gap_ns) > 0
     for part, begin, end in _with_neighbours(time_ns):
         is_stray = isolated_stamps(part, gap_ns) | (has_unset & (part == 0))
         steady = part[begin:end][~is_stray[begin:end]]
         if len(steady):
-            low.append(int(steady.min()))
-            high.append(int(steady.max()))
-    return min(low), max(high)
+            found += [int(steady.min()), int(steady.max())]
+    return found
 
 
 def isolated_stamps(time_ns: np.ndarray, gap_ns: int) -> np.ndarray:

@@ -14,8 +14,10 @@ from pipeline.machine.specification import CommandKind, MachineSpecification
 ROUNDING = 1e-6  # a float32 command of full scale may slightly exceed 1
 
 
-def keep_first_unset(stream: Iterable[Samples], clock_name: str, notes: list[Note]) -> Iterator[Samples]:
-    """Keep commands whose time is zero because the clock had not started where they come first; drop later ones."""
+def keep_first_unset(
+    stream: Iterable[Samples], what: str, clock_name: str, notes: list[Note]
+) -> Iterator[Samples]:
+    """Keep samples whose time is zero because the clock had not started where they come first; drop later ones."""
     n_first = n_late = 0
     has_started = False
     for section in stream:
@@ -26,10 +28,10 @@ def keep_first_unset(stream: Iterable[Samples], clock_name: str, notes: list[Not
         n_first += int((~is_set & ~late).sum())
         yield section[~late]
     if n_first:
-        text = f"commands: their {clock_name} is zero; taken as given before all others"
+        text = f"{what}: their {clock_name} is zero; taken as given before all others"
         notes.append(Note(NoteKind.changed, text, n_first))
     if n_late:
-        notes.append(Note(NoteKind.left_out, f"commands: their {clock_name} is zero", n_late))
+        notes.append(Note(NoteKind.left_out, f"{what}: their {clock_name} is zero", n_late))
 
 
 def mark_invalid(

@@ -110,8 +110,14 @@ class ConditionedLog:
             for at_ns, command in sections((command_ns, raw.command), n_rows=section_rows)
         )
         by = LOG_TIME if raw.command_stamp_ns is None else HEADER_STAMP
-        if count_unset(command_ns, gap_ns):
-            issued = keep_first_unset(issued, by, notes)
+        if n_unset := count_unset(command_ns, gap_ns):
+            if n_unset == len(command_ns) > 1:
+                other = HEADER_STAMP if by == LOG_TIME else LOG_TIME
+                raise InputError(
+                    f"{raw.path}: the {by} of all {n_unset} commands is zero; set commands.clock to "
+                    f"{other.replace(' ', '_')} in conf/machine/{machine.name}.yaml if they have one"
+                )
+            issued = keep_first_unset(issued, "commands", by, notes)
         issued = drop_isolated_stamps(issued, gap_ns, "commands", by, notes)
         valid = mark_invalid(issued, machine, config.maximum_invalid_command_fraction, raw.path, self.notes)
         ordered = sort_by_time(split_at_steps_back(valid, gap_ns), gap_ns, "commands", by, self.notes)

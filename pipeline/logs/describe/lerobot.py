@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from pipeline.errors import InputError, counted
+from pipeline.errors import counted
 from pipeline.logs.describe.contents import MAXIMUM_ELEMENTS, Contents
 from pipeline.logs.formats.lerobot.dataset import read_information
 from pipeline.logs.formats.lerobot.features import Element, NoNumbersError, names_of
 from pipeline.logs.formats.lerobot.frames import episode_frames
 from pipeline.logs.formats.log_entry import LogEntry
+from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
 from pipeline.logs.messages.raw_log import NANOSECONDS
 
 DATASET = "LeRobot dataset"  # type of the stream
@@ -34,15 +35,15 @@ def add_episode(entry: LogEntry, contents: Contents) -> None:
             elements[f"{feature}{rest}"] = Element(feature, index)
     stream.add_fields({path: str(information.features[e.feature]["dtype"]) for path, e in elements.items()})
     n_frames, notes = 0, list(entry.notes)
-    try:
-        for batch in episode_frames(entry, (), sorted({e.feature for e in elements.values()}), notes):
-            n_frames += len(batch)
-            for path, element in elements.items():
-                if element.feature in batch.schema.names:
+    for batch in episode_frames(entry, (), sorted({e.feature for e in elements.values()}), notes):
+        n_frames += len(batch)
+        for path, element in elements.items():
+            if element.feature in batch.schema.names:
+                try:
                     stream.fields[path].add_numbers(element.values(batch)[:, None])
-    except NoNumbersError as error:
-        raise InputError(f"{entry.files[0]}: {error}") from error
-    times = np.rint(np.arange(n_frames) / information.fps * NANOSECONDS).astype(np.int64)
-    stream.add_times(times)
+                except NoNumbersError as error:
+                    stream.note = str(error)
+    seconds = np.minimum(np.arange(n_frames) / information.fps, MAXIMUM_TIME_NS / NANOSECONDS)
+    stream.add_times(np.rint(seconds * NANOSECONDS).astype(np.int64))
     stream.end_log()
     contents.add_log(f"{entry.path}: {counted(n_frames, 'frame')} of episode {entry.part}", notes)

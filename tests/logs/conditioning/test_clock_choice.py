@@ -160,6 +160,11 @@ def test_messages_before_the_recorders_clock_had_started(one, make):
     )
 
 
+def test_commands_that_all_lack_a_time_are_refused(one, make):
+    with pytest.raises(InputError, match=r"the log time of all 240 commands is zero; set commands\.clock"):
+        make(replace(one, command_ns=np.zeros_like(one.command_ns)))
+
+
 def test_a_clock_that_begins_at_zero_is_set(one, make):
     start = min(int(one.stamp_ns[0]), int(one.command_ns[0]))
     moved = replace(

@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.logs.describe.describe import describe
 from pipeline.logs.export.lerobot import write_lerobot
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
@@ -134,6 +135,7 @@ def test_elements_of_features():
         "c", 0
     )
     assert names_of({"names": {"motors": ["x", "y"]}}) == {"x": 0, "y": 1}
+    assert names_of({"names": ["x", "y", "x"]}) == {"y": 1} and not names_of({"names": {"x": 0, "y": None}})
     assert element_of("d.q", {"d": {"names": {"p": 2, "q": 0}}}, "") == Element("d", 0)
     with pytest.raises(InputError, match=r"no feature `d`; the dataset has a, a\.b, c"):
         element_of("d", features, "")
@@ -228,6 +230,19 @@ def test_channels(dataset, machine):
     assert set(raw.channels["oil"].value) == {41.0} and len(raw.channels["oil"].time_ns) == len(raw.q)
     (note,) = raw.notes
     assert note.text.startswith("channel water: no feature `water`; the dataset has")
+
+
+@pytest.mark.parametrize("kind", [polars.Datetime("ns"), polars.Float64])
+def test_stamps_of_another_type_are_told(dataset, machine, kind):
+    path = dataset / "data/chunk-000/file-000.parquet"
+    polars.read_parquet(path).with_columns(polars.col("stamp").cast(kind)).write_parquet(path)
+    raw = read_log(find_logs(dataset)[0], machine)
+    assert (
+        raw.joint_stamp_ns[0] == 0
+        and "holds" in raw.notes[0].text
+        and "timed by their number" in raw.notes[0].text
+    )
+    assert describe(dataset).streams and not describe(dataset).failures
 
 
 def test_a_row_group_of_many_episodes_is_read_once(dataset, machine, trajectories, monkeypatch):

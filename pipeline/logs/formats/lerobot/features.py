@@ -62,7 +62,7 @@ def element_of(entry: str, features: dict[str, dict[str, Any]], place: str) -> E
 
 
 def names_of(feature: dict[str, Any]) -> dict[str, int]:
-    """The positions of a feature's numbers by their names; empty if these are not given.
+    """The positions of a feature's numbers by their names, without names that repeat; empty if these are not given.
 
     They are a list, lists in a dictionary (`{"motors": [...]}`), or a dictionary of positions (`{"boom": 0}`).
     """
@@ -70,9 +70,11 @@ def names_of(feature: dict[str, Any]) -> dict[str, int]:
     if isinstance(names, dict):
         if all(type(place) is int and place >= 0 for place in names.values()):
             return names
-        parts = [part if isinstance(part, list) else [name] for name, part in names.items()]
-        names = [name for part in parts for name in part]
-    return {str(name): place for place, name in enumerate(names)} if isinstance(names, list) else {}
+        parts = names.values()
+        names = [name for part in parts for name in part] if all(isinstance(p, list) for p in parts) else None
+    if not isinstance(names, list):
+        return {}
+    return {str(name): place for place, name in enumerate(names) if names.count(name) == 1}
 
 
 def _floats(column: pa.Array, feature: str) -> np.ndarray:

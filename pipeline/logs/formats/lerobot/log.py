@@ -43,10 +43,14 @@ def read_lerobot(entry: LogEntry, machine: MachineSpecification, store: ColumnSt
     channels = _channels(machine, information, notes)
     optional = (*TIMES, STAMP, *(element.feature for (element,) in channels.values()))
     log = OneClockLog(machine, store)
-    n_rows = n_untimed = 0
+    n_rows, n_untimed, other_stamp = 0, 0, ""
     try:
         for batch in episode_frames(entry, sorted(needed), optional, notes):
             n_rows += len(batch)
+            if STAMP in batch.schema.names and not pa.types.is_int64(kind := batch.schema.field(STAMP).type):
+                other_stamp = (
+                    f"feature {STAMP} holds {kind}, not int64 in ns; frames are timed by their number"
+                )
             time_ns, has_time = _times_ns(batch, information)
             n_untimed += int((~has_time).sum())
             for stream, own in (elements | channels).items():
@@ -60,6 +64,8 @@ def read_lerobot(entry: LogEntry, machine: MachineSpecification, store: ColumnSt
             f"{path.name}: {n_rows} frames of episode {entry.part}; the dataset states {entry.message_count}"
         )
         notes.append(Note(NoteKind.damage, text, max(lost, 1)))
+    if other_stamp:
+        notes.append(Note(NoteKind.attention, f"{path.name}: {other_stamp}", n_rows))
     if n_untimed:
         notes.append(
             Note(NoteKind.left_out, f"{path.name}: {n_untimed} frames left out: they hold no time", n_untimed)
