@@ -22,7 +22,6 @@ NANOSECONDS_PER_DAY = 86_400 * NANOSECONDS_PER["s"]
 # Polars' Parquet reader panics at some damage, which is no `Exception`.
 READING_FAULTS = (polars.exceptions.PolarsError, polars.exceptions.PanicException, OSError, ValueError)
 PIECE_BYTES = 1 << 22  # longer than any line of a table
-SMALLEST_SLICE = 64  # rows; smallest slice of a damaged table that is tried
 LISTED_COLUMNS, LISTED_CHARACTERS = 24, 40
 BEYOND = "…beyond"  # holds what stands behind the last column of a CSV file's header
 SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # that are not read
@@ -152,6 +151,9 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
             f"{', '.join(NANOSECONDS_PER)}"
         )
     notes = [Note(NoteKind.damage, f"{path.name}: {text}") for text in damage]
+    refusal = f"check the column map in {place}{unknown}" + first_loss(
+        [*notes, *cells.notes(path.name, channels.values())]
+    )
     if n_long:
         text = f"{path.name}: {n_long} rows left out: they hold more values than the table has columns"
         notes.append(Note(NoteKind.left_out, text, n_long))
@@ -169,10 +171,7 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
         path,
         {path.name: n_rows},
         notes,
-        lambda what: (
-            f"{path}: no row holds a time and {what}; check the column map in {place}{unknown}"
-            + first_loss(cells.notes(path.name, channels.values()))
-        ),
+        lambda what: f"{path}: no row holds a time and {what}; {refusal}",
     )
 
 
@@ -270,20 +269,35 @@ def _collected(table: polars.LazyFrame) -> Iterator[polars.DataFrame]:
 def _readable_slices(
     table: polars.LazyFrame, begin: int, end: int, lost: list[tuple[int, int, str]]
 ) -> Iterator[polars.DataFrame]:
-    """Yield the readable part of some rows, by bisection down to `SMALLEST_SLICE`."""
-    try:
-        if end - begin > SECTION_ROWS:
-            raise ValueError("too much at a time")
-        yield table.slice(begin, end - begin).collect()
-    except READING_FAULTS as error:
-        if end - begin <= SMALLEST_SLICE:
-            joins = bool(lost) and lost[-1][1] == begin - 1
-            first, _, reason = lost.pop() if joins else (begin, 0, first_line(error))
-            lost.append((first, end - 1, reason))
-            return
-        middle = (begin + end) // 2
-        yield from _readable_slices(table, begin, middle, lost)
-        yield from _readable_slices(table, middle, end, lost)
+    """Yield the readable part of some rows."""
+
+    def rows_or_fault(row: int, n_rows: int) -> polars.DataFrame | str:
+        try:
+            return table.slice(row, n_rows).collect()
+        except READING_FAULTS as error:
+            return first_line(error)
+
+    while begin < end:
+        n_rows = SECTION_ROWS
+        while isinstance(found := rows_or_fault(begin, min(n_rows, end - begin)), str) and n_rows > 1:
+            n_rows //= 2
+        if not isinstance(found, str):
+            yield found
+            begin += len(found)
+            continue
+        # A damaged page hides all rows up to its end, which may be a million: it is looked for in growing steps.
+        step = 1
+        while begin + step < end and isinstance(rows_or_fault(begin + step, 1), str):
+            step *= 2
+        damaged, readable = begin + step // 2, min(begin + step, end)
+        while readable - damaged > 1:
+            middle = (damaged + readable) // 2
+            if isinstance(rows_or_fault(middle, 1), str):
+                damaged = middle
+            else:
+                readable = middle
+        lost.append((begin, readable - 1, found))
+        begin = readable
 
 
 def _is_utf16(path: Path) -> bool:

@@ -400,6 +400,17 @@ def test_damaged_lines_cost_their_frames(tmp_path, machine, short, recorded, suf
     )
 
 
+def test_a_frame_of_asc_without_its_direction_is_told(tmp_path, machine, short, recorded):
+    path = can_logs.write(tmp_path / "a.asc", recorded)
+    lines = path.read_text().splitlines(keepends=True)
+    lines[30] = re.sub(r"Rx +d \d ", "", lines[30])
+    path.write_text("".join(lines))
+    raw = read(path, machine)
+    assert len(raw.q) + len(raw.command) == len(short.q) + len(short.command) - 1
+    (note,) = raw.notes
+    assert "line 31 is not read" in note.text
+
+
 def test_relative_times_of_asc_are_refused(tmp_path, machine, recorded):
     path = can_logs.write(tmp_path / "a.asc", recorded)
     path.write_bytes(path.read_bytes().replace(b"timestamps absolute", b"timestamps relative"))

@@ -1,6 +1,7 @@
 """Tables as other tools write them: times of every kind, text encodings, ragged rows; against the written numbers."""
 
 import datetime
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -127,6 +128,26 @@ def test_the_line_about_the_front_of_a_damaged_file_names_the_file(table, refusa
     text = table.rename({"q_boom": "boom"}).write_csv().encode()
     (tmp_path / "logs" / "a.csv").write_bytes(text[:5000] + b"\0" * 100 + text[5100:])
     assert "column q_boom is missing" in refusal(tmp_path)
+
+
+def test_a_damaged_page_of_many_rows_is_passed_over_quickly(read, tmp_path, machine):
+    """Its 100,000 rows are lost, exactly those, and none of them is tried alone."""
+    n_rows, rng = 200_000, np.random.default_rng(0)
+    columns = {"t": 0.02 * np.arange(n_rows)}
+    columns |= {
+        f"{prefix}_{joint}": rng.normal(size=n_rows) for joint in machine.joint_names for prefix in "qa"
+    }
+    path = tmp_path / "logs" / "a.parquet"
+    polars.DataFrame(columns).write_parquet(path, row_group_size=n_rows // 2)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 4 : len(content) // 4 + 64] = bytes(64)
+    path.write_bytes(content)
+    before = time.process_time()
+    raw = read()
+    assert time.process_time() - before < 3
+    np.testing.assert_array_equal(raw.joint_log_time_ns[[0, -1]], [2_000_000_000_000, 3_999_980_000_000])
+    (note,) = raw.notes
+    assert "rows 0 to 99999 cannot be read" in note.text and len(raw.q) == n_rows // 2
 
 
 def test_rows_with_a_stray_comma_are_left_out_and_told(table, read, tmp_path):

@@ -27,8 +27,10 @@ TEXT_READERS: dict[str, tuple[type[TextIOMessageReader], dict, str]] = {
     ".trc": (can.TRCReader, {}, ""),
     ".csv": (can.io.CSVReader, {}, "header"),
 }
-# An ASC line with the data of a frame that `python-can` would pass over, as it does with comments and other events.
-ASC_DATA = re.compile(r"\s[dr]\s+[\da-f]+(\s+[\da-f]{2})+(\s|$)", re.IGNORECASE)
+# An ASC line with the data or the head of a frame that `python-can` would pass over, as it does with other events.
+ASC_DATA = re.compile(
+    r"\s[dr]\s+[\da-f]+(\s+[\da-f]{2})+(\s|$)|^\s*\d+\.\d+\s+\d+\s+[\da-f]+x?\s", re.ASCII | re.IGNORECASE
+)
 ASC_FRAME = re.compile(r"\s*\d+\.\d+\s+(\d+\s+(\w+\s+(Tx|Rx)|ErrorFrame)|CANFD)", re.ASCII | re.IGNORECASE)
 MAXIMUM_ROW_BYTES = 1 << 16  # a CAN FD frame has 64
 SQLITE_QUERY = "SELECT ts, arbitration_id, extended, remote, error, dlc, data FROM messages"
