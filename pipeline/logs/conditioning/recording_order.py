@@ -33,9 +33,7 @@ from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
 from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog
 
 MAXIMUM_STRETCHES = 1 << 16  # some megabytes
-MAXIMUM_SORTED_BYTES = (
-    1 << 27
-)  # at once; sorting holds three copies, within the 512 MiB that any log may take
+MAXIMUM_SORTED_BYTES = 1 << 27  # at once; sorting holds three copies, within the 512 MiB that a log may take
 STANDARD_DEVIATIONS = 2
 
 

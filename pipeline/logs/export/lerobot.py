@@ -19,8 +19,7 @@ from pipeline.files.atomic import PARTIAL_SUFFIX, write_json
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
-FRAMES_PER_FILE = 1_000_000  # some 80 bytes each: below LeRobot's own 100 MB
-FILES_PER_CHUNK = 1000
+FILE_MB, FILES_PER_CHUNK = 100, 1000  # as `lerobot` writes
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 NUMBERS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
@@ -51,21 +50,20 @@ def write_lerobot(
     fps: float = int(machine.rate_hz) if float(machine.rate_hz).is_integer() else machine.rate_hz
     episodes: list[dict[str, Any]] = []
     writer: pq.ParquetWriter | None = None
-    n_frames = first_of_file = n_files = 0
+    n_frames = n_files = n_bytes = 0
     for number, trajectory in enumerate(trajectories):
-        if writer is None or n_frames - first_of_file >= FRAMES_PER_FILE:
+        if writer is None or n_bytes >= FILE_MB * 1_000_000:
             if writer is not None:
                 writer.close()
             place = {"chunk_index": n_files // FILES_PER_CHUNK, "file_index": n_files % FILES_PER_CHUNK}
             file = partial / DATA_PATH.format(**place)
             file.parent.mkdir(parents=True, exist_ok=True)
-            writer, first_of_file, n_files = (
-                pq.ParquetWriter(file, _schema(machine), write_page_checksum=True),
-                n_frames,
-                n_files + 1,
-            )
+            writer = pq.ParquetWriter(file, _schema(machine), write_page_checksum=True)
+            n_bytes, n_files = 0, n_files + 1
         columns = _columns(trajectory, number, n_frames, fps)
-        writer.write_table(_table(columns, _schema(machine)))
+        table = _table(columns, _schema(machine))
+        writer.write_table(table)
+        n_bytes += table.nbytes
         episodes.append(_episode(columns, number, n_frames, task, place))
         n_frames += len(trajectory.q)
     if writer is None:
@@ -193,7 +191,7 @@ def _information(machine: MachineSpecification, fps: float, n_episodes: int, n_f
         "total_frames": n_frames,
         "total_tasks": 1,
         "chunks_size": FILES_PER_CHUNK,
-        "data_files_size_in_mb": 100,
+        "data_files_size_in_mb": FILE_MB,
         "video_files_size_in_mb": 200,
         "fps": fps,
         "splits": {"train": f"0:{n_episodes}"},

@@ -12,9 +12,7 @@ from pipeline.logs.messages.message_layout import FieldGroup
 
 INT64 = range(-(1 << 63), 1 << 63)
 MAXIMUM_VALUES = 1 << 16  # of one field of one message
-MAXIMUM_MESSAGE_BYTES = (
-    64 * MAXIMUM_VALUES
-)  # a value with its name takes fewer; parsing takes 50 times as much memory
+MAXIMUM_MESSAGE_BYTES = 64 * MAXIMUM_VALUES  # a value with its name takes fewer; parsed, 50 times as many
 UNPARSED = f"they cannot be parsed, or are longer than {MAXIMUM_MESSAGE_BYTES >> 20} MiB"
 
 Child = Callable[[Any, Step], Any]  # the value at one step below a value; None where there is no such value

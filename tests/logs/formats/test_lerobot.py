@@ -10,6 +10,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.logs.describe.describe import describe
+from pipeline.logs.export import lerobot
 from pipeline.logs.export.lerobot import write_lerobot
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
@@ -150,6 +151,14 @@ def test_existing_folder_and_no_trajectories(tmp_path, machine, trajectories):
     (tmp_path / "a").mkdir()
     with pytest.raises(InputError, match="exists already"):
         write_lerobot(tmp_path / "a", machine, trajectories, "dig")
+
+
+def test_a_file_that_is_full_is_followed_by_another(tmp_path, machine, trajectories, monkeypatch):
+    monkeypatch.setattr(lerobot, "FILE_MB", 0)
+    assert write_lerobot(tmp_path / "a", machine, trajectories, "dig") == len(trajectories)
+    assert len(list((tmp_path / "a/data").rglob("*.parquet"))) == len(trajectories)
+    for entry, other in zip(find_logs(tmp_path / "a"), trajectories, strict=True):
+        np.testing.assert_array_equal(read_log(entry, machine).command, other.a)
 
 
 def test_command(tmp_path, dataset, machine, config, loop_tracker):

@@ -47,9 +47,7 @@ from pipeline.logs.messages.message_definitions import full_type_name
 BINARY_SCHEMAS = ("protobuf", "flatbuffer")
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 MESSAGE_FIELDS = MESSAGE_HEADER.size - PREFIX.size
-CHUNK_HEADER = struct.Struct(
-    "<QQQII"
-)  # start, end, uncompressed size, checksum, length of the compression's name
+CHUNK_HEADER = struct.Struct("<QQQII")  # start, end, size when decompressed, checksum, length of a name
 INDEX_HEADER = struct.Struct("<HI")  # channel, length of its entries in bytes
 ENTRY_BYTES = 8 * ENTRY_WORDS
 DATA_END_BYTES = 4

@@ -7,26 +7,13 @@ from dataclasses import dataclass, field
 from io import BufferedReader
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = (
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-    11,
-    15,
-)
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(2, 9)
+STATISTICS, DATA_END = 11, 15
 PREFIX = struct.Struct("<BQ")  # opcode, length
 FOOTER_FIELDS = struct.Struct("<QQI")  # start of the summary, start of its offsets, checksum
-CHUNK_INDEX_START = struct.Struct(
-    "<QQQQ"
-)  # start and end of its messages, offset and length of the chunk's record
+CHUNK_INDEX_START = struct.Struct("<QQQQ")  # first and last time, offset and length of the chunk's record
 MESSAGE_COUNT = struct.Struct("<Q")  # the first field of the statistics
-MAXIMUM_DESCRIPTION_BYTES = (
-    1 << 24
-)  # of a schema or another record that is read whole; ROS's largest has 20 kB
+MAXIMUM_DESCRIPTION_BYTES = 1 << 24  # of a record that is read whole, as a schema; ROS's largest has 20 kB
 
 
 @dataclass

@@ -37,9 +37,7 @@ from pipeline.logs.messages.message_definitions import full_type_name
 
 MAGIC = b"#ROSBAG V"
 VERSION = b"#ROSBAG V2.0\n"
-RECORDS_START = (
-    len(VERSION) + 4096
-)  # the bag's header is padded to this length, so that it can be written last
+RECORDS_START = len(VERSION) + 4096  # the bag's header is padded, so that it can be written last
 MAXIMUM_HEADER_BYTES = 1 << 20
 POSITION = struct.Struct("<Q")
 UNCHUNKED_BATCH_BYTES = 1 << 22
@@ -171,9 +169,8 @@ class _RecordScan:
             except RecordError:
                 break
             if header["op"][0] == CHUNK_INFO and len(header.get("chunk_pos", b"")) == POSITION.size:
-                counts = np.frombuffer(data, "<u4", len(data) // WORD.size)[
-                    1::2
-                ]  # behind each connection's number
+                words = np.frombuffer(data, "<u4", len(data) // WORD.size)
+                counts = words[1::2]  # behind each connection's number
                 self.chunk_counts[POSITION.unpack(header["chunk_pos"])[0]] = int(counts.sum())
             position = data_start + data_length
         self.chunk_starts = sorted(self.chunk_counts)

@@ -32,9 +32,7 @@ ATTEMPTS_PAST_DAMAGE = 24
 BEFORE_ALL_ROWS = -1 << 62
 NO_TIME = -1
 FAULTS = (sqlite3.Error, UnicodeDecodeError)  # the latter if SQLite's own message quotes damaged text
-MAXIMUM_MESSAGE_BYTES = (
-    1 << 26
-)  # of a wanted topic: joint states and commands are far shorter, and copied thrice
+MAXIMUM_MESSAGE_BYTES = 1 << 26  # of a wanted topic: joint states are far shorter, and are copied thrice
 # For other topics only the length is read, which spares SQLite the message's further pages.
 QUERY = """
     SELECT rowid, topic_id, timestamp, CASE
