@@ -239,6 +239,9 @@ def test_channels(dataset, machine):
     assert set(raw.channels["oil"].value) == {41.0} and len(raw.channels["oil"].time_ns) == len(raw.q)
     (note,) = raw.notes
     assert note.text.startswith("channel water: no feature `water`; the dataset has")
+    polars.read_parquet(path).with_columns(oil=polars.lit("warm")).write_parquet(path)
+    raw = read_log(find_logs(dataset)[1], replace(machine, channels=channels[:1]))
+    assert len(raw.q) and not raw.channels and "channel_oil: feature oil holds" in raw.notes[0].text
 
 
 @pytest.mark.parametrize("kind", [polars.Datetime("ns"), polars.Float64])

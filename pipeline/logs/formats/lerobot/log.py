@@ -54,8 +54,15 @@ def read_lerobot(entry: LogEntry, machine: MachineSpecification, store: ColumnSt
             time_ns, has_time = _times_ns(batch, information)
             n_untimed += int((~has_time).sum())
             for stream, own in (elements | channels).items():
-                if all(element.feature in batch.schema.names for element in own):
+                if any(element.feature not in batch.schema.names for element in own):
+                    continue
+                try:
                     log.add(stream, time_ns, np.stack([e.values(batch) for e in own], axis=1), has_time)
+                except NoNumbersError as error:
+                    if stream in elements:
+                        raise
+                    del channels[stream]
+                    notes.append(Note(NoteKind.left_out, f"{path.name}: {stream}: {error}"))
     except NoNumbersError as error:
         raise InputError(f"{path}: {error}") from error
     if entry.message_count is not None and n_rows != entry.message_count:
