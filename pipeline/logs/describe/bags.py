@@ -1,7 +1,5 @@
 """Add what a bag holds to the contents of a folder."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from pipeline.errors import counted
@@ -30,12 +28,6 @@ class _EveryTopic:
 
     def __contains__(self, _: object) -> bool:
         return True
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(())
-
-    def __len__(self) -> int:
-        return 0
 
 
 def add_bag(entry: LogEntry, contents: Contents) -> None:

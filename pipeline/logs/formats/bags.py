@@ -1,7 +1,7 @@
 """Read one log of any format into a `RawLog`."""
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -65,9 +65,7 @@ def read_log(
     return replace(raw, notes=(*entry.notes, *raw.notes))
 
 
-def readable_blocks(
-    entry: LogEntry, ledger: ReadingLedger, wanted: Collection[str]
-) -> Iterator[MessageBlock]:
+def readable_blocks(entry: LogEntry, ledger: ReadingLedger, wanted: Container[str]) -> Iterator[MessageBlock]:
     """Yield the blocks of a bag's files; an unreadable file of a split bag is noted, and the others are read.
 
     Raises:

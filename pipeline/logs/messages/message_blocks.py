@@ -5,7 +5,7 @@ way for all formats, and memory is bounded by the largest chunk.
 """
 
 import functools
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -189,7 +189,7 @@ class BlockColumns:
         self,
         topics: Mapping[int, LoggedTopic],
         ledger: ReadingLedger,
-        wanted: Collection[str],
+        wanted: Container[str],
         offset: int,
     ) -> Iterator[MessageBlock]:
         """Count the messages of all channels and yield a block for each wanted topic."""
@@ -214,7 +214,7 @@ class StorageReader(Protocol):
     """Reads one file of one bag format."""
 
     def __call__(
-        self, path: Path, ledger: ReadingLedger, wanted: Collection[str], /
+        self, path: Path, ledger: ReadingLedger, wanted: Container[str], /
     ) -> Iterator[MessageBlock]:
         """Yield blocks of the wanted topics in file order; record topics, counts and damage in the ledger.
 

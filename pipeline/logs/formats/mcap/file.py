@@ -11,7 +11,7 @@ be decompressed neither of its readers gives anything.
 
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +56,7 @@ UNCHUNKED_BATCH_BYTES = 1 << 22
 MAXIMUM_UNCHUNKED_BYTES = 1 << 27  # of a message outside of chunks
 
 
-def read_mcap(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Iterator[MessageBlock]:
+def read_mcap(path: Path, ledger: ReadingLedger, wanted: Container[str]) -> Iterator[MessageBlock]:
     """Yield the wanted topics' messages of one file, chunk by chunk.
 
     Raises:
@@ -72,7 +72,7 @@ def read_mcap(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Ite
 class _Scan:
     """One pass over the data section."""
 
-    def __init__(self, opened: OpenedFile, wanted: Collection[str]) -> None:
+    def __init__(self, opened: OpenedFile, wanted: Container[str]) -> None:
         self.file = opened.file
         self.size = opened.size
         self.ledger = opened.ledger

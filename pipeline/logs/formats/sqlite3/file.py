@@ -7,7 +7,7 @@ user's file is never written.
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -44,7 +44,7 @@ WITHOUT_LIMIT = -1
 Row = tuple[int, int, int, bytes | int]  # row number, topic, time, message or its length
 
 
-def read_sqlite3(path: Path, ledger: ReadingLedger, wanted: Collection[str]) -> Iterator[MessageBlock]:
+def read_sqlite3(path: Path, ledger: ReadingLedger, wanted: Container[str]) -> Iterator[MessageBlock]:
     """Yield the wanted topics' messages of one file in the order of recording.
 
     Raises:
@@ -122,7 +122,7 @@ class _Messages:
         connection: sqlite3.Connection,
         topics: dict[int, LoggedTopic],
         opened: OpenedFile,
-        wanted: Collection[str],
+        wanted: Container[str],
     ) -> None:
         self.connection = connection
         self.topics = topics
