@@ -30,10 +30,9 @@ from pipeline.logs.trajectories import grid_log, trajectory_sections
 from pipeline.logs.tuples import Trajectory, write_tuples
 from pipeline.machine.specification import MachineSpecification, can_database
 
-SCHEMA_VERSION = 4  # raise it when the tuples or the report of a log change
+SCHEMA_VERSION = 5  # raise it when the tuples or the report of a log change
 RECORD_SUFFIX = ".ingest.json"
 SCRATCH_SUFFIX = ".scratch"
-HASH_PIECE_BYTES = 1 << 22
 PARALLEL_FROM_BYTES = 1 << 29  # below, starting interpreters (2 s each) takes longer than it saves
 
 
@@ -288,11 +287,8 @@ def _fingerprint(entry: LogEntry, settings: _Settings) -> str:
             if entry.part is not None:  # the file holds other logs, too
                 status = path.stat()
                 digest.update(_shared_digest(path, status.st_size, status.st_mtime_ns).encode())
-                continue
-            with path.open("rb") as file:
-                digest.update(f"{path.stat().st_size}:".encode())
-                while piece := file.read(HASH_PIECE_BYTES):
-                    digest.update(piece)
+            else:
+                digest.update(_file_digest(path).encode())
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
     return digest.hexdigest()
