@@ -20,14 +20,13 @@ from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.formats.log_entry import LogEntry, LogFormat
 from pipeline.logs.formats.opened_file import why_unreadable
-from pipeline.logs.formats.tuple_files import SUFFIX, is_tuple_file
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.columns import ColumnStore, DiskStore
 from pipeline.logs.messages.raw_log import Note, NoteKind
 from pipeline.logs.quality import QualityReport, measure
 from pipeline.logs.trajectories import grid_log, trajectory_sections
-from pipeline.logs.tuples import Trajectory, write_tuples
+from pipeline.logs.tuples import SUFFIX, Trajectory, is_tuple_file, write_tuples
 from pipeline.machine.specification import MachineSpecification, can_database
 
 SCHEMA_VERSION = 5  # raise it when the tuples or the report of a log change

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow
-from pyarrow.parquet import ParquetFile, ParquetWriter
+from pyarrow.parquet import ParquetFile, ParquetWriter, read_schema
 
 from pipeline.errors import InputError, first_line
 from pipeline.files.atomic import atomic_path
-from pipeline.logs.formats.tuple_files import SUFFIX
 from pipeline.machine.specification import MachineSpecification
 
 if TYPE_CHECKING:
     import polars  # else where tuples are read: training a policy reads none, and needs no package of 170 MB
 
 TRAIN, VALIDATION = "train", "validation"
+SUFFIX = ".parquet"
 ROW_GROUP_ROWS = 1 << 14
 
 
@@ -93,6 +93,15 @@ def read_tuples(directory: Path, machine: MachineSpecification) -> list[Trajecto
             f"{directory}: no tuples (*{SUFFIX}) here; run the stage `ingest` with output={directory}"
         )
     return [trajectory for path in paths for trajectory in _read(path, machine)]
+
+
+def is_tuple_file(path: Path) -> bool:
+    """Whether `write_tuples` wrote the Parquet file, for any machine."""
+    try:
+        names = read_schema(path).names
+    except (OSError, pyarrow.ArrowException):
+        return False
+    return names[:3] == ["trajectory", "t", "stamp"] and names[-1] == "split"
 
 
 def thinned_positions(path: Path, machine: MachineSpecification, maximum_rows: int) -> np.ndarray:

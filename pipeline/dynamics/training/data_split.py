@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.logs.formats.tuple_files import SUFFIX
-from pipeline.logs.tuples import Trajectory, read_tuples, validation_part
+from pipeline.logs.tuples import SUFFIX, Trajectory, read_tuples, validation_part
 from pipeline.machine.specification import MachineSpecification
 
 HELD_OUT, VALIDATION = "held_out", "validation"

@@ -11,7 +11,7 @@ from pipeline.logs.formats.lerobot.episodes import dataset_of
 from pipeline.logs.formats.log_entry import NOT_UTF8, LogEntry, broken, file_entry, format_of, printable
 from pipeline.logs.formats.log_names import unique_names
 from pipeline.logs.formats.rosbag2_folders import bag_of
-from pipeline.logs.formats.tuple_files import SUFFIX, is_tuple_file
+from pipeline.logs.tuples import SUFFIX, is_tuple_file
 
 
 def find_logs(directory: Path) -> list[LogEntry]:

@@ -5,10 +5,9 @@ from pathlib import Path
 
 from pipeline.errors import counted
 from pipeline.files.atomic import write_whole
-from pipeline.logs.formats.tuple_files import SUFFIX
 from pipeline.logs.ingest import IngestSummary
 from pipeline.logs.quality import QualityReport
-from pipeline.logs.tuples import thinned_positions
+from pipeline.logs.tuples import SUFFIX, thinned_positions
 from pipeline.machine.kinematics import Arm, load_arm
 from pipeline.machine.log_sources import ClockChoice
 from pipeline.machine.specification import MachineSpecification
