@@ -208,8 +208,8 @@ def _batches(
     with tempfile.TemporaryDirectory() as folder:
         end, readable = _end_of_text(path), path
         if end is not None:
-            damage.append(f"byte {end}: no text stands here; the rows before it were read")
-            readable = _copy_front(path, end, Path(folder))
+            damage.append(f"byte {end[0]}: {end[1]}; the rows before it were read")
+            readable = _copy_front(path, end[0], Path(folder))
         yield from _collected(_selected(_scan_csv(readable), wanted, path, place, (*optional, BEYOND)))
 
 
@@ -307,16 +307,20 @@ def _is_utf16(path: Path) -> bool:
     return head[:2] in UTF16_MARKS or (len(head) > 3 and not any(halves[0]) and all(halves[1]))
 
 
-def _end_of_text(path: Path) -> int | None:
-    """Return where readable text ends: at a zero byte or an unterminated line; None if the file is sound."""
-    position = 0
+def _end_of_text(path: Path) -> tuple[int, str] | None:
+    """Return where readable rows end and why: at a zero byte or a row that is cut off; None if all is sound."""
+    position, header, last = 0, b"", b""
     with path.open("rb") as file:
         while piece := file.read(PIECE_BYTES):
             if (zero := piece.find(b"\0")) >= 0:
-                return position + zero
+                return position + zero, "no text stands here"
             if len(piece) == PIECE_BYTES and b"\n" not in piece:
-                return position
+                return position, "no text stands here"
+            header = header or piece.partition(b"\n")[0]
+            last = (last + piece).rpartition(b"\n")[2]
             position += len(piece)
+    if last and last.count(b",") < header.count(b",") and b'"' not in header:
+        return position - len(last), "the file ends within this row"
     return None
 
 

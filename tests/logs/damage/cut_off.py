@@ -82,7 +82,8 @@ def half_a_row(folder: Path, log: WholeLog) -> Damaged:
     """The cut row has its time and some positions, no command."""
     row = log.content.rindex(b"\n", 0, 2 * len(log.content) // 3) + 1
     cut = log.content.index(b",", log.content.index(b",", row) + 1)
-    return Damaged(log.write(folder / "a", log.content[:cut]), log.n_before(row), may_differ=1)
+    says = (f"{at_byte(row)}: the file ends within this row",)
+    return Damaged(log.write(folder / "a", log.content[:cut]), log.n_before(row), says)
 
 
 @case("cut off before its footer", "Parquet")
