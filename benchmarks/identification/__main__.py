@@ -5,6 +5,7 @@
     python -m benchmarks.identification logs ROOT --machine rc_excavator --logs FOLDER --kinds mlp_dqdot arx
     python -m benchmarks.identification score LEDGER --markdown TABLE --plot PICTURE
 
+A kind may have other settings than the profile's: `mlp_dqdot:horizon=32:maximum_epochs=20`.
 Each fitted model is one line of `ROOT/ledger.jsonl`. What is there is not done again, unless `--again` is given.
 """
 
@@ -15,9 +16,10 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.closed_loop.sessions import machine as drawn_machine
 from benchmarks.identification import ledger
 from benchmarks.identification.gaussian_process import GaussianProcess
-from benchmarks.identification.kinds import Fit, all_kinds
+from benchmarks.identification.kinds import Fit, fits_of
 from benchmarks.identification.ledger import Row
 from benchmarks.identification.measure import coverage, errors
 from benchmarks.identification.recordings import recordings
@@ -27,8 +29,6 @@ from pipeline.configuration.load import load_machine
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
-
-MACHINE = "bobcat_e10"
 
 
 def fitted(
@@ -65,7 +65,7 @@ def fitted(
 
 def run_machines(arguments: argparse.Namespace, kinds: dict[str, Fit]) -> None:
     """Fit all kinds that are asked for, on all drawn machines."""
-    machine = load_machine(MACHINE)
+    machine = drawn_machine()
     numbers = [("plant", n) for n in arguments.plant] + [("kinematic", n) for n in arguments.kinematic]
     for (simulator, number), minutes in itertools.product(numbers, arguments.minutes):
         name = f"{simulator}_{number}"
@@ -143,12 +143,7 @@ def parse(words: Sequence[str] | None = None) -> argparse.Namespace:
     score.add_argument("ledger", type=Path)
     score.add_argument("--markdown", type=Path)
     score.add_argument("--plot", type=Path)
-    arguments = parser.parse_args(words)
-    if arguments.command != "score":
-        known = all_kinds(arguments.gp_python)
-        if unknown := sorted(set(arguments.kinds) - set(known)):
-            parser.error(f"there is no kind {', '.join(unknown)}; choose from {', '.join(known)}")
-    return arguments
+    return parser.parse_args(words)
 
 
 def main() -> None:
@@ -158,7 +153,7 @@ def main() -> None:
             write_score(ledger.read(arguments.ledger).values(), arguments.markdown, arguments.plot)
         else:
             run = run_machines if arguments.command == "machines" else run_logs
-            run(arguments, all_kinds(arguments.gp_python))
+            run(arguments, fits_of(arguments.kinds, arguments.gp_python))
     except InputError as error:
         raise SystemExit(f"error: {error}") from error
 

@@ -1,10 +1,11 @@
 """The kinds of models that are compared: each is fitted to trajectories and then predicts."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from omegaconf import OmegaConf
 
 from benchmarks.identification.gaussian_process import fit_gaussian_process
 from benchmarks.identification.ridge import fit_ridge
@@ -21,10 +22,12 @@ from pipeline.dynamics.references.grey_box import GreyBoxConfig, fit_grey_box
 from pipeline.dynamics.references.narx import NarxConfig, fit_narx
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.dynamics.training.fit import fit
+from pipeline.errors import InputError, first_line
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
 PROFILE = "default"
+SEPARATOR = ":"  # of a kind and the settings that differ from the profile's
 
 Fit = Callable[[Sequence[Trajectory], MachineSpecification, int], Predictor]
 """(trajectories with their split, machine, seed) -> predictor."""
@@ -62,12 +65,21 @@ class EnsemblePredictor(LearnedPredictor):
         self.band = partial(PredictiveBand, model, parameters, learning)
 
 
-def _network(kind: str) -> Fit:
+def _network(name: str) -> Fit:
+    """A kind of network as the profile trains it, or with other settings: `<kind>:<setting>=<value>:…`."""
+    kind, *changes = name.split(SEPARATOR)
+    settings = load_section("identify", IdentifyConfig, PROFILE)
+    try:
+        training = replace(
+            settings.training_of(kind), **OmegaConf.to_container(OmegaConf.from_dotlist(changes))
+        )
+    except TypeError as error:
+        raise InputError(f"{name}: {first_line(error)}; give settings of identify.selected") from error
+    parameterization, _, target = kind.partition("_")
+    parts = Parameterization(parameterization), Target(target)
+
     def fit_network(learning: Sequence[Trajectory], machine: MachineSpecification, seed: int) -> Predictor:
-        settings = load_section("identify", IdentifyConfig, PROFILE)
-        parameterization, _, target = kind.partition("_")
-        parts = Parameterization(parameterization), Target(target)
-        found = fit(learning, machine, *parts, settings.training_of(kind), settings, seed)
+        found = fit(learning, machine, *parts, training, settings, seed)
         if isinstance(found.model, FirModel):
             return EnsemblePredictor(found.model, found.parameters, learning)
         return LearnedPredictor(found.model, found.parameters)
@@ -93,15 +105,17 @@ def _grey_box(learning: Sequence[Trajectory], machine: MachineSpecification, see
     return Stopped(fit_grey_box(learning, grey_box, machine.dt_s), machine)
 
 
-NETWORKS: dict[str, Fit] = {
-    kind: _network(kind) for kind in load_section("identify", IdentifyConfig, PROFILE).selected
-}
 REFERENCES: dict[str, Fit] = {"ridge": _ridge, "arx": _arx, "narx": _narx, "grey_box": _grey_box}
-GAUSSIAN_PROCESS = "gaussian_process"
+GAUSSIAN_PROCESS = "gaussian_process"  # needs a Python that has GPJax
 
 
-def all_kinds(gp_python: str | None) -> dict[str, Fit]:
-    """By name; the Gaussian process where there is a Python that has GPJax."""
-    if gp_python is None:
-        return NETWORKS | REFERENCES
-    return NETWORKS | REFERENCES | {GAUSSIAN_PROCESS: fit_gaussian_process(gp_python)}
+def fits_of(names: Sequence[str], gp_python: str | None) -> dict[str, Fit]:
+    """The fit of each of these kinds.
+
+    Raises:
+        InputError: There is no such kind or setting.
+    """
+    known = dict(REFERENCES)
+    if gp_python is not None:
+        known[GAUSSIAN_PROCESS] = fit_gaussian_process(gp_python)
+    return {name: known.get(name) or _network(name) for name in names}

@@ -16,7 +16,7 @@ from pipeline.logs.tuples import Trajectory
 
 LONG_HORIZON = 1000  # steps
 LONG_STRIDE = 200  # rows between starts
-COVERED_STEPS = (20, 80)  # 1 s and 4 s
+COVERED_STEPS = {20: "1 s", 80: "4 s"}
 
 
 def errors(predictor: Predictor, held_out: Sequence[Trajectory]) -> dict[str, list[float]]:

@@ -27,12 +27,12 @@ from pipeline.dynamics.model.store import save_model
 from pipeline.effects.store import dynamics_fingerprint
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig
-from pipeline.machine.chain import FIXED, ChainJoint
 from pipeline.machine.kinematics import Arm
-from pipeline.machine.specification import CommandKind, JointKind, JointSpecification
+from pipeline.machine.specification import CommandKind
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
 from tests.deployment.machines import arm, bobcat
+from tests.machine.crane import crane
 from tests.reaching.lag import model_specification
 from tests.stages.command import run_stage
 
@@ -61,32 +61,7 @@ def of_bobcat() -> ReachingTask:
 
 
 def of_crane() -> ReachingTask:
-    """Three joints out of order, one of them a slide on a slanted axis behind a fixed link; continuous commands."""
-    machine = dataclasses.replace(
-        bobcat(),
-        name="crane",
-        command_kind=CommandKind.continuous,
-        joints=[
-            JointSpecification("reach", 0.1, 1.4, JointKind.prismatic),
-            JointSpecification("slew", -2.0, 2.0),
-            JointSpecification("tilt", -1.0, 0.7),
-        ],
-        arm=dataclasses.replace(bobcat().arm, yaw_joint="slew", pitch_joints=["tilt"]),
-    )
-    half = np.sqrt(0.5)
-    chain = [
-        ChainJoint(
-            "slew", "revolute", "a", "b", (0.0, 0.1, 0.5), (half, 0.0, half, 0.0), (0.0, 0.6, 0.8), (0, 0)
-        ),
-        ChainJoint("mount", FIXED, "b", "c", (0.2, 0.0, 0.1), (0.5, -0.5, 0.5, 0.5), (1.0, 0.0, 0.0), (0, 0)),
-        ChainJoint(
-            "reach", "prismatic", "c", "d", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.8, 0.0, -0.6), (0, 0)
-        ),
-        ChainJoint(
-            "tilt", "revolute", "d", "e", (0.4, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0, 0)
-        ),
-    ]
-    return task_of(machine, Arm(machine, chain), Target.dq, lags=3)
+    return task_of(*crane(), Target.dq, lags=3)
 
 
 def task_of(machine, arm: Arm, target: Target, lags: int) -> ReachingTask:
