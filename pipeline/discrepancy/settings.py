@@ -20,7 +20,8 @@ class CloseLoopConfig:
         split: Of the measured rows.
         search: Thresholds of the search.
         gate: Thresholds of the gate.
-        baselines: Budget of the trained baselines.
+        baselines: Whether other corrections are tried on the same rows, to compare with.
+        baselines_budget: Of those that are trained.
         exclude: Families that are not tried.
     """
 
@@ -29,7 +30,8 @@ class CloseLoopConfig:
     split: SplitConfig
     search: EffectSearchConfig
     gate: GateConfig
-    baselines: BaselinesConfig
+    baselines: bool
+    baselines_budget: BaselinesConfig
     exclude: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:

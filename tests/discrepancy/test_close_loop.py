@@ -22,7 +22,6 @@ from pipeline.discrepancy.verdict.document import document_of
 from pipeline.discrepancy.verdict.verdict import Verdict
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.dynamics.model.network import Parameterization, Parameters
-from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.dynamics.training.fit import fit
 from pipeline.effects.store import ActiveEffects, predictor
@@ -107,14 +106,6 @@ def settings() -> tuple[CloseLoopConfig, IdentifyConfig]:
     return load_section("close_loop", CloseLoopConfig, "paper"), identify
 
 
-@pytest.fixture(autouse=True)
-def untrained_baselines(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing here is said of the trained baselines, which have tests of their own."""
-    baselines = "pipeline.discrepancy.baselines.all_baselines"
-    monkeypatch.setattr(f"{baselines}.fine_tune", lambda model, parameters, *_: parameters)
-    monkeypatch.setattr(f"{baselines}.fit_residual_network", lambda *model, **_: LearnedPredictor(*model[:2]))
-
-
 @pytest.fixture(scope="module")
 def usual(nominal: list[Trajectory]) -> NominalBehaviour:
     """What the nominal logs say, learned once for all measured ones."""
@@ -149,6 +140,7 @@ def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> 
     assert ratio["value"] == pytest.approx(0.7, abs=0.04)
     assert effect["parameters"]["direction"]["value"] == -1
     assert effect["error_reduction"] > 0.6
+    assert set(document["baselines"]) == {"nominal_floor", "effects_on_nominal"}
     errors = document["error"]["open_loop_rmse_80"]
     assert errors["after"]["turn"] < 0.6 * errors["before"]["turn"]
     assert errors["after"]["lift"] == pytest.approx(errors["before"]["lift"], rel=0.05)

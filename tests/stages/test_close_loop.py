@@ -208,7 +208,8 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
     logs = f"nominal={case / 'nominal'}", f"measured={case / 'measured'}"
     smaller = (
         "identify.selected.nfir_dqdot.maximum_epochs=80",
-        "close_loop.baselines={learning_rates:[1e-3],batches_per_epoch:5,maximum_epochs:1}",
+        "close_loop.baselines=true",
+        "close_loop.baselines_budget={learning_rates:[1e-3],batches_per_epoch:5,maximum_epochs:1}",
     )
     process = start(folder, *logs, "output=out", *smaller)
     said, errors = process.communicate(timeout=580)

@@ -42,7 +42,7 @@ SMALLEST = {
         "identify.evaluation_windows=4",
         f"close_loop.exclude=[{','.join(EXCLUDED)}]",
         "close_loop.gate.resamples=20",
-        "close_loop.baselines={batches_per_epoch:1,maximum_epochs:1,evaluation_windows:4}",
+        "close_loop.baselines_budget={batches_per_epoch:1,maximum_epochs:1,evaluation_windows:4}",
     ],
 }
 

@@ -27,7 +27,7 @@ from pipeline.machine.specification import MachineSpecification
 
 @dataclass
 class BaselinesConfig:
-    """Section `close_loop.baselines` of a profile: the tuning budget that both baselines get.
+    """Section `close_loop.baselines_budget` of a profile: the tuning budget that both baselines get.
 
     Attributes:
         learning_rates: Candidates; the loss on the selection rows chooses among them.
@@ -52,7 +52,7 @@ class BaselinesConfig:
     evaluation_windows: int
 
     def __post_init__(self) -> None:
-        place = "close_loop.baselines"
+        place = "close_loop.baselines_budget"
         if isinstance(self.learning_rates, str):
             return  # OmegaConf builds the node first and the object later
         if not self.learning_rates or not min(self.learning_rates) > 0:

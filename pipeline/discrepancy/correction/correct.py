@@ -114,11 +114,12 @@ def correct(
     }
     floor = {horizon: nominal_errors(logs, before, horizon) for horizon in LEVELS}
     journal.end_part("errors before and after")
-    trained = trained_baselines(
-        model, parameters, logs.measured, logs.purposes, logs.machine, config.baselines, config.seed
-    )
-    wrong = wrong_effect(effects, selection.screened)
-    rivals = trained if wrong is None else {**trained, "wrong_effect": models.with_effects([wrong])}
+    trained, rivals = {}, {}
+    if config.baselines:
+        of = (logs.measured, logs.purposes, logs.machine, config.baselines_budget, config.seed)
+        trained = trained_baselines(model, parameters, *of)
+        wrong = wrong_effect(effects, selection.screened)
+        rivals = trained if wrong is None else {**trained, "wrong_effect": models.with_effects([wrong])}
     baselines = {name: {h: held_out_errors(logs, of, h).rmse for h in LEVELS} for name, of in rivals.items()}
     on_nominal = {"effects": nominal_errors(logs, after, 80) if effects else floor[80]}
     on_nominal |= {name: nominal_errors(logs, of, 80) for name, of in trained.items()}

@@ -73,5 +73,5 @@ def test_rows_that_are_too_few_are_an_input_error(kind_of_rows, n_validation):
     [("learning_rates", []), ("learning_rates", [1e-3, 0.0]), ("batch_size", 0), ("gradient_clip", 0.0)],
 )
 def test_settings_out_of_range_are_named(name, value):
-    with pytest.raises(InputError, match=rf"close_loop\.baselines\.{name} is"):
+    with pytest.raises(InputError, match=rf"close_loop\.baselines_budget\.{name} is"):
         BaselinesConfig(**(vars(make_settings()) | {name: value}))
