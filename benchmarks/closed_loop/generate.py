@@ -20,6 +20,7 @@ from pathlib import Path
 
 from benchmarks.closed_loop.draw import draw_plan
 from benchmarks.closed_loop.folders import OPEN, Folders
+from benchmarks.closed_loop.mujoco_arm.session import UnstableArmError
 from benchmarks.closed_loop.sessions import Session, write
 from benchmarks.closed_loop.simulator import Simulator
 from benchmarks.closed_loop.simulators import SIMULATORS
@@ -59,11 +60,14 @@ def _write_sessions(sessions: Sequence[Session], folder: Path) -> None:
         write(session, folder)
 
 
-def _timed(root: Path, wanted: tuple[str, int]) -> tuple[bool, float]:
+def _told(root: Path, wanted: tuple[str, int]) -> str:
     begin = time.monotonic()
     simulator, number = wanted
-    written = write_case(Folders(root), SIMULATORS[simulator], number)
-    return written, time.monotonic() - begin
+    try:
+        written = write_case(Folders(root), SIMULATORS[simulator], number)
+    except UnstableArmError as error:
+        return f"left out, as {error}"
+    return f"{time.monotonic() - begin:.0f} s" if written else "there already"
 
 
 def main() -> None:
@@ -83,8 +87,7 @@ def main() -> None:
     numbers = range(arguments.first, arguments.first + arguments.cases)
     wanted = [(simulator, number) for number in numbers for simulator in arguments.simulator]
     with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
-        for done, (written, seconds) in enumerate(pool.map(partial(_timed, root), wanted), start=1):
-            note = f"{seconds:.0f} s" if written else "there already"
+        for done, note in enumerate(pool.map(partial(_told, root), wanted), start=1):
             print(f"case {done} of {len(wanted)}: {note}", file=sys.stderr, flush=True)
 
 

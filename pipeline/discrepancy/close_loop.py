@@ -14,8 +14,9 @@ from pipeline.discrepancy.diagnosis.diagnose import diagnose
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour
 from pipeline.discrepancy.diagnosis.prepare import prepare
 from pipeline.discrepancy.journal import Journal
+from pipeline.discrepancy.posterior.select_by_posterior import select_by_posterior
 from pipeline.discrepancy.selection.select import select
-from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.discrepancy.settings import CloseLoopConfig, Engine
 from pipeline.discrepancy.verdict.build_report_data import report_data_of
 from pipeline.discrepancy.verdict.document import document_of
 from pipeline.discrepancy.verdict.result import ClosedLoop
@@ -58,7 +59,7 @@ def close_loop(
     journal = Journal(log)
     logs = prepare(nominal, measured, machine, config, identify)
     diagnosis = diagnose(logs, nominal_behaviour, kept, journal)
-    selection = select(diagnosis, journal)
+    selection = (select_by_posterior if config.engine is Engine.posterior else select)(diagnosis, journal)
     acceptance = accept(diagnosis, selection, journal)
     own = diagnosis.nominal.diagnosis
     frozen, parameters = model or (own.model, own.parameters)

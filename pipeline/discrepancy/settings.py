@@ -1,5 +1,6 @@
 """Section `close_loop` of a profile."""
 
+import enum
 from dataclasses import dataclass, field
 
 from pipeline.discrepancy.acceptance.gate import GateConfig
@@ -8,6 +9,13 @@ from pipeline.discrepancy.diagnosis.splits import SplitConfig
 from pipeline.discrepancy.families.uncorrectable import refuse_unknown
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
 from pipeline.dynamics.settings import TrainingConfig
+
+
+class Engine(enum.StrEnum):
+    """How effects are chosen."""
+
+    rules = "rules"  # forward selection, `selection/search.py`
+    posterior = "posterior"  # `posterior/explanations.py`
 
 
 @dataclass
@@ -23,6 +31,7 @@ class CloseLoopConfig:
         baselines: Whether other corrections are tried on the same rows, to compare with.
         baselines_budget: Of those that are trained.
         exclude: Families that are not tried.
+        engine: How effects are chosen.
     """
 
     seed: int
@@ -33,6 +42,7 @@ class CloseLoopConfig:
     baselines: bool
     baselines_budget: BaselinesConfig
     exclude: list[str] = field(default_factory=list)
+    engine: Engine = Engine.rules
 
     def __post_init__(self) -> None:
         refuse_unknown(self.exclude)

@@ -26,6 +26,11 @@ START_SHARE = (0.3, 0.7)  # of each joint's range in which a session begins
 PERIOD_S = 1.0 / RATE_HZ
 N_STEP = round(PERIOD_S / STEP_S)
 PHYSICS = mujoco.mjtState.mjSTATE_INTEGRATION
+DIVERGED = mujoco.mjtWarning.mjWARN_BADQACC
+
+
+class UnstableArmError(ArithmeticError):
+    """The simulation of an arm diverged: MuJoCo would go on from its initial state as if nothing had happened."""
 
 
 class Run:
@@ -101,6 +106,8 @@ class Run:
             )
             mujoco.mj_step(model, data)
             self.path[period * N_STEP + step + 1] = data.qpos
+        if data.warning[DIVERGED].number:
+            raise UnstableArmError(f"the arm diverged {begin_s:.0f} s after its start")
 
     def twin(self, period: int, horizon: int, seed: int) -> "Run":
         """The same state at the begin of a period, for `horizon` periods more with other chances."""

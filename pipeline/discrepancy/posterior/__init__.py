@@ -1,0 +1,1 @@
+"""Which effects the logs show, and how probable each explanation is."""

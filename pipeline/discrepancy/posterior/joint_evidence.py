@@ -1,0 +1,263 @@
+"""All that the logs say of one joint: its columns, noise and nuisance, and the evidence of any set of terms."""
+
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from pipeline.discrepancy.posterior.columns import Columns, Term
+from pipeline.discrepancy.posterior.gram import NO_COEFFICIENTS, Prior, given, without_nuisance
+from pipeline.discrepancy.posterior.noise import has_past, learn_noise
+from pipeline.discrepancy.posterior.repeatability import basis_of, learn_sizes
+from pipeline.discrepancy.posterior.robust_evidence import Block, Fit, fit
+from pipeline.discrepancy.posterior.rows import RowFacts
+from pipeline.discrepancy.posterior.speed_in_time import (
+    USUAL_DEVIATION,
+    USUAL_TIME_S,
+    cosines,
+    deviations,
+)
+from pipeline.discrepancy.posterior.term_evidence import term_evidence
+
+LEAST_SIZES = (0.01, 0.03, 0.1, 0.3)  # τ, in units of usual sizes
+PART_ROWS = 3600  # of a nominal part: six minutes
+FEWEST_ROWS = 50  # of a session that tells anything
+SESSION_EDGE_S, ONSET_STEP_S = 20.0, 10.0
+CHANGE_POINT = "change_point"
+Group = tuple[str, int | None, bool]  # family, source, and whether it sets in
+
+
+class Rows(NamedTuple):
+    """Columns on one set of logs, with what is known of their rows.
+
+    Attributes:
+        columns: Of all joints.
+        facts: Of the rows.
+        velocity: (N, n_joint) predicted without effects.
+        weight: (N, n_joint) 0 where a joint does not count.
+        is_used: (N,) bool: rows that the evidence is of.
+    """
+
+    columns: Columns
+    facts: RowFacts
+    velocity: np.ndarray
+    weight: np.ndarray
+    is_used: np.ndarray
+
+
+class Found(NamedTuple):
+    """A group of terms: one family on one joint, with or without an onset.
+
+    Attributes:
+        evidence: Log Bayes factor over none, the mean over its terms.
+        best: Index of its most probable term.
+    """
+
+    evidence: float
+    best: int
+
+
+class JointEvidence:
+    """Of one joint; what was computed once is kept."""
+
+    def __init__(self, joint: int, nominal: Rows, measured: Rows, present: Collection[str] = ()) -> None:
+        """Learn noise and repeatability from nominal rows, and prepare the measured ones.
+
+        Args:
+            joint: Index.
+            nominal: Rows that the members of the model did not see.
+            measured: Rows in question.
+            present: Families of effects that nominal logs show themselves.
+        """
+        self.joint = joint
+        self.terms: list[Term] = [term for term in measured.columns.terms if term.joint == joint]
+        self.onsets: list[int | None] = [None] * len(self.terms)
+        state = nominal.facts.state[:, joint]
+        counts = nominal.weight[:, joint] > 0.0
+        self.noise = learn_noise(nominal.columns.residual[:, joint], state, nominal.facts.run, counts)
+        part = _parts(nominal.facts.session)
+        matrix, _ = self._matrix(nominal, part)
+        n_column = nominal.columns.matrices[joint].shape[1]
+        self._measured, self._session = measured, measured.facts.session
+        self.matrix, self.length_s = self._matrix(measured, self._session)
+        self.speed = np.arange(n_column, self.matrix.shape[1] - 1)
+        self.basis = basis_of(
+            self.terms, self.speed, deviations(self.length_s, USUAL_TIME_S, USUAL_DEVIATION)
+        )
+        scaled = np.column_stack([matrix[:, self.basis.columns] * self.basis.scale, matrix[:, -1]])
+        of_part = [scaled[part == number] for number in np.unique(part)]
+        sizes = learn_sizes(
+            [rows.T @ rows for rows in of_part], [len(rows) for rows in of_part], self.basis.families
+        )
+        # What nominal logs show themselves is no scatter: it is what the model lacks.
+        of_scatter = {family: 0.0 if family in present else size for family, size in sizes.items()}
+        self.nominal_variance = np.array([of_scatter[family] for family in self.basis.families])
+        self._is_told = measured.is_used & has_past(measured.facts.run) & (measured.weight[:, joint] > 0.0)
+        self._forget()
+
+    def _matrix(self, rows: Rows, part: np.ndarray) -> tuple[np.ndarray, float]:
+        """(N, M + 1) whitened columns, slow variations of speed, and the residual; and the length of a part."""
+        joint, facts = self.joint, rows.facts
+        over_time, length_s = cosines(facts.stamp_ns, part)
+        speed = (rows.weight[:, joint] * rows.velocity[:, joint])[:, None]
+        both = [rows.columns.matrices[joint], speed * over_time, rows.columns.residual[:, joint, None]]
+        return self._whiten(np.column_stack(both), rows), length_s
+
+    def _whiten(self, values: np.ndarray, rows: Rows) -> np.ndarray:
+        return self.noise.whiten(values.astype(np.float32), rows.facts.state[:, self.joint], rows.facts.run)
+
+    def _forget(self) -> None:
+        self._groups: dict[tuple[int, ...], tuple[dict[Group, Found], np.ndarray]] = {}
+        self._fits: dict[tuple, tuple[float, Fit]] = {}
+
+    def _sessions(self, rows: np.ndarray) -> list[np.ndarray]:
+        """Per session the rows, (N,) bool."""
+        by_session = [rows & (self._session == number) for number in np.unique(self._session)]
+        return [of for of in by_session if of.sum() >= FEWEST_ROWS]
+
+    def let_set_in(self, families: Sequence[str]) -> None:
+        """Add terms that set in at some moment: of each family the most probable one."""
+        groups, _ = self.groups(())
+        facts, used = self._measured.facts, self._measured.is_used
+        moments = [
+            moment
+            for session in self._sessions(used)
+            for moment in np.arange(
+                facts.stamp_ns[session].min() + int(SESSION_EDGE_S * 1e9),
+                facts.stamp_ns[session].max() - int(SESSION_EDGE_S * 1e9),
+                int(ONSET_STEP_S * 1e9),
+            ).tolist()
+        ]
+        added: list[np.ndarray] = []
+        first = self.matrix.shape[1] - 1
+        for family in families:
+            found = groups.get((family, None, False))
+            if found is None:
+                continue
+            term = self.terms[found.best]
+            of_term = self._measured.columns.matrices[self.joint][:, list(term.columns)]
+            for moment in moments:
+                columns = tuple(range(first + len(added), first + len(added) + len(term.columns)))
+                added += list((of_term * (facts.stamp_ns >= moment)[:, None]).T)
+                self.terms.append(term._replace(columns=columns))
+                self.onsets.append(int(moment))
+        if added:
+            whitened = self._whiten(np.stack(added, axis=1), self._measured)
+            self.matrix = np.column_stack([self.matrix[:, :-1], whitened, self.matrix[:, -1]])
+            self._forget()
+
+    def prior(self, terms: Sequence[int]) -> Prior:
+        """Of the coefficients of terms, by index; a column that two share is in it once."""
+        values: dict[int, tuple[float, ...]] = {}
+        for index in terms:
+            term = self.terms[index]
+            rows = zip(term.columns, term.mean, term.scale, term.lower, term.upper, strict=True)
+            values.update({column: (mean, scale**-2, *bounds) for column, mean, scale, *bounds in rows})
+        if not values:
+            return NO_COEFFICIENTS
+        return Prior(np.array(list(values)), *np.array(list(values.values())).T)
+
+    def groups(self, beside: Sequence[int]) -> tuple[dict[Group, Found], np.ndarray]:
+        """Every group of terms beside given ones, and (n_terms,) log Bayes factors.
+
+        The noise is normal here, with the weights of rows that the given terms leave.
+        """
+        key = tuple(sorted(beside))
+        if key not in self._groups:
+            least, fitted = self._least(key)
+            total = np.zeros((self.matrix.shape[1],) * 2)
+            for session, weight in zip(self._sessions(self._is_told), fitted.weights, strict=True):
+                rows = self.matrix[session] * np.sqrt(weight)[:, None].astype(np.float32)
+                total += without_nuisance(
+                    (rows.T @ rows).astype(float), self.basis.columns, self._variance(least)
+                )
+            gram, _ = given(total, self.prior(key))
+            evidence = term_evidence(gram, self.terms)
+            members: dict[Group, list[int]] = defaultdict(list)
+            for index, (term, onset) in enumerate(zip(self.terms, self.onsets, strict=True)):
+                members[term.family, term.source, onset is not None].append(index)
+            found = {
+                group: Found(
+                    float(logsumexp(evidence[indices]) - np.log(len(indices))),
+                    indices[int(np.argmax(evidence[indices]))],
+                )
+                for group, indices in members.items()
+            }
+            self._groups[key] = found, evidence
+        return self._groups[key]
+
+    def _variance(self, least: float) -> np.ndarray:
+        """(K,) of the nuisance's coefficients."""
+        return (self.nominal_variance + least**2) * self.basis.scale**2
+
+    def n_alternatives(self, index: int) -> int:
+        """How many terms the group of a term has: each of them is as probable before any row is seen."""
+        term, sets_in = self.terms[index], self.onsets[index] is not None
+        return sum(
+            other.family == term.family and other.source == term.source and (onset is not None) == sets_in
+            for other, onset in zip(self.terms, self.onsets, strict=True)
+        )
+
+    def blocks(
+        self, terms: Sequence[int], least: float, speed: tuple[float, float] | None = None
+    ) -> list[Block]:
+        """Rows per session, with the columns of terms.
+
+        Args:
+            terms: Indices, whose `prior` the columns are in the order of.
+            least: τ.
+            speed: Correlation time, s, and deviation of slow variations of speed beside those of nominal logs.
+        """
+        variance = self._variance(least)
+        if speed is not None:
+            variance[-len(self.speed) :] += deviations(self.length_s, *speed) ** 2
+        columns = self.prior(terms).columns
+        return [
+            Block(
+                self.matrix[session][:, columns],
+                self.matrix[session][:, self.basis.columns] * np.sqrt(variance).astype(np.float32),
+                self.matrix[session][:, -1],
+                self.noise.degrees,
+                self.noise.scale,
+            )
+            for session in self._sessions(self._is_told)
+        ]
+
+    def speed_columns(self) -> list[np.ndarray]:
+        """Slow variations of speed, whitened, for each of `blocks`."""
+        return [self.matrix[session][:, self.speed] for session in self._sessions(self._is_told)]
+
+    def fit(self, terms: Sequence[int], speed: tuple[float, float] | None = None) -> Fit:
+        """Terms together, with heavy-tailed noise, at the τ of greatest evidence."""
+        return self._least(tuple(sorted(terms)), speed)[1]
+
+    def least(self) -> float:
+        """The τ of greatest evidence without any effect."""
+        return self._least(())[0]
+
+    def _least(self, terms: tuple[int, ...], speed: tuple[float, float] | None = None) -> tuple[float, Fit]:
+        key = terms, speed
+        if key not in self._fits:
+            prior, sizes = self.prior(terms), LEAST_SIZES
+            if speed is not None:  # beside which little else varies in time
+                sizes = (self.least(),)
+            for least in sizes:  # upwards, as far as the evidence rises
+                fitted = fit(self.blocks(terms, least, speed), prior)
+                if key in self._fits and fitted.evidence <= self._fits[key][1].evidence:
+                    break
+                self._fits[key] = least, fitted
+        return self._fits[key]
+
+
+def _parts(session: np.ndarray) -> np.ndarray:
+    """(N,) numbers of parts of about six minutes, of one session each."""
+    part, n = np.zeros(len(session), int), 0
+    for number in np.unique(session):
+        for rows in np.array_split(
+            np.flatnonzero(session == number), max(1, round(np.sum(session == number) / PART_ROWS))
+        ):
+            part[rows] = n
+            n += 1
+    return part
