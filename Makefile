@@ -90,8 +90,9 @@ gpu: env ## pack what a bare machine with its own JAX lacks for training policie
 ablation: env ## train PPO with terms of the reward left out (the paper's appendix; needs the model that `make repro` makes)
 	$(BIN)/python -m pipeline.stages.reward_ablation $(ABLATION)
 
-# Two cores: a file's tests share what they made, so they stay on one worker.
-PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 20
+# Two cores: a file's tests share what they made, so they stay on one worker. Each has one thread of BLAS: two would
+# wait for those of the other.
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 20
 STYLE := $(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/lint-imports && $(BIN)/mypy
 SINCE ?= origin/main
 

@@ -240,9 +240,9 @@ class JointEvidence:
     def _least(self, terms: tuple[int, ...], speed: tuple[float, float] | None = None) -> tuple[float, Fit]:
         key = terms, speed
         if key not in self._fits:
-            prior, sizes = self.prior(terms), LEAST_SIZES
-            if speed is not None:  # beside which little else varies in time
-                sizes = (self.least(),)
+            prior = self.prior(terms)
+            # Beside variations of speed little else varies in time.
+            sizes: Sequence[float] = LEAST_SIZES if speed is None else [self.least()]
             for least in sizes:  # upwards, as far as the evidence rises
                 fitted = fit(self.blocks(terms, least, speed), prior)
                 if key in self._fits and fitted.evidence <= self._fits[key][1].evidence:

@@ -1,0 +1,90 @@
+"""The posterior on residuals that are made of columns, so that the truth is known."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from pipeline.discrepancy.posterior.columns import Columns, Term
+from pipeline.discrepancy.posterior.explanations import (
+    Explanation,
+    Posterior,
+    probability_of,
+    probability_of_none,
+)
+from pipeline.discrepancy.posterior.joint_evidence import JointEvidence, Rows
+from pipeline.discrepancy.posterior.rows import MOVING, RowFacts
+
+N_JOINT, N_ROW, N_SESSION = 2, 2400, 2
+FREED = ((("ratio_positive", None),),)
+SESSION = np.repeat(np.arange(N_SESSION), N_ROW // N_SESSION)
+STAMP_NS = 1_750_000_000_000_000_000 + (np.arange(N_ROW) * 100_000_000 + SESSION * 3_600_000_000_000)
+DELAYS = (0.05, 0.1, 0.2)
+FAMILIES = ("gain", "delay", "other:velocity")
+
+
+def terms() -> list[Term]:
+    """Of each joint a gain, delays, and a dependence."""
+    result = []
+    for joint in range(N_JOINT):
+        result.append(Term("gain", joint, None, {}, FREED, (0,), (0.0,), (0.18,), (-0.8,), (1.0,)))
+        for column, delay in enumerate(DELAYS, start=1):
+            of = {"added_delay": delay}
+            result.append(Term("delay", joint, None, of, (), (column,), (1.0,), (0.25,), (0.0,), (2.0,)))
+        wide = (-2.0,) * 2, (2.0,) * 2
+        result.append(
+            Term("other:velocity", joint, None, {}, FREED * 2, (4, 5), (0.0,) * 2, (0.4,) * 2, *wide)
+        )
+    return result
+
+
+def rows(seed: int, true: Mapping[tuple[int, int], float], since: int = 0) -> Rows:
+    """Logs with coefficients of columns, by joint and column, from a row on, and noise of 0.02."""
+    random = np.random.default_rng(seed)
+    matrices = []
+    for _ in range(N_JOINT):
+        columns = random.standard_normal((N_ROW, 6)) * 0.1
+        columns[:, 2] = 2.0 * columns[:, 1] + 0.01 * random.standard_normal(N_ROW)  # a longer delay does more
+        columns[:, 3] = 4.0 * columns[:, 1] + 0.02 * random.standard_normal(N_ROW)
+        matrices.append(columns.astype(np.float32))
+    residual = 0.02 * random.standard_normal((N_ROW, N_JOINT))
+    for (joint, column), value in true.items():
+        residual[since:, joint] += value * matrices[joint][since:, column]
+    state = np.full((N_ROW, N_JOINT), MOVING)
+    facts = RowFacts(SESSION, SESSION, STAMP_NS, state)
+    velocity = np.full((N_ROW, N_JOINT), 0.2)
+    used = np.ones(N_ROW, bool)
+    return Rows(Columns(residual, matrices, terms()), facts, velocity, np.ones((N_ROW, N_JOINT)), used)
+
+
+def explained(true: Mapping[tuple[int, int], float], since: int = 0) -> list[Explanation]:
+    nominal, measured = rows(1, {}), rows(2, true, since)
+    joints = [JointEvidence(joint, nominal, measured) for joint in range(N_JOINT)]
+    return Posterior(joints, FAMILIES).explanations()
+
+
+def test_nothing_is_most_probable_where_nothing_is() -> None:
+    explanations = explained({})
+    assert explanations[0].causes == ()
+    assert probability_of_none(explanations) > 0.9
+    assert sum(of.probability for of in explanations) == pytest.approx(1.0)
+
+
+def test_two_effects_are_found_with_their_joints() -> None:
+    explanations = explained({(0, 0): -0.3, (1, 2): 1.0})
+    found = {(cause.family, cause.joints) for cause in explanations[0].causes}
+    assert found == {("gain", (0,)), ("delay", (1,))}
+    assert probability_of(explanations, ["gain"], [0]) > 0.95
+    assert probability_of(explanations, ["gain"], [1]) < 0.05
+    assert probability_of_none(explanations) < 1e-6
+
+
+def test_what_sets_in_is_found_with_its_moment() -> None:
+    since = 1700
+    (cause,) = explained({(0, 0): -0.3}, since)[0].causes
+    assert (cause.family, cause.sets_in) == ("gain", True)
+    joint = JointEvidence(0, rows(1, {}), rows(2, {(0, 0): -0.3}, since))
+    joint.let_set_in(["gain"])
+    onset = joint.onsets[cause.terms[0]]
+    assert onset is not None
+    assert abs(onset - STAMP_NS[since]) < 11e9

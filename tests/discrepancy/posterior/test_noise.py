@@ -1,0 +1,45 @@
+"""The noise of a residual against processes whose constants are known."""
+
+import numpy as np
+import pytest
+
+from pipeline.discrepancy.posterior.noise import has_past, learn_noise
+from pipeline.discrepancy.posterior.rows import AT_REST, CHANGING, MOVING
+
+N = 20_000
+PHI = 0.6
+SIZES = {AT_REST: 0.002, CHANGING: 0.05, MOVING: 0.02}
+
+
+def drawn(degrees: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residual, state and run of a process of first order with a size per state."""
+    random = np.random.default_rng(3)
+    innovations = random.standard_t(degrees, N)
+    innovations /= innovations.std()
+    process = np.zeros(N)
+    for t in range(1, N):
+        process[t] = PHI * process[t - 1] + np.sqrt(1.0 - PHI**2) * innovations[t]
+    state = np.repeat(random.integers(3, size=N // 50), 50)
+    run = np.arange(N) // 500
+    return process * np.array([SIZES[index] for index in range(3)])[state], state, run
+
+
+def test_sizes_correlation_and_tails_are_those_of_the_process() -> None:
+    residual, state, run = drawn(degrees=4.0)
+    noise = learn_noise(residual, state, run, np.ones(N, bool))
+    assert noise.size == pytest.approx([SIZES[index] for index in range(3)], rel=0.12)
+    assert noise.correlation == pytest.approx([PHI, 0.0, 0.0], abs=0.05)
+    assert 3.0 <= noise.degrees <= 5.0
+    white = noise.whiten(residual[:, None], state, run)[has_past(run), 0]
+    assert np.std(white) == pytest.approx(1.0, abs=0.02)
+    assert abs(np.mean(white[1:] * white[:-1])) < 0.03
+
+
+def test_normal_noise_is_told_from_heavy_tails() -> None:
+    residual, state, run = drawn(degrees=1e6)
+    assert learn_noise(residual, state, run, np.ones(N, bool)).degrees >= 15.0
+
+
+def test_what_precedes_a_run_is_no_past() -> None:
+    run = np.repeat([0, 1], 6)
+    assert has_past(run).tolist() == [False] * 3 + [True] * 3 + [False] * 3 + [True] * 3
