@@ -162,7 +162,7 @@ def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> 
 
 @pytest.mark.long
 @pytest.mark.parametrize("slower", [1.0, 0.7])
-def test_the_posterior_finds_the_same_with_its_probability(nominal, model, usual, slower: float) -> None:  # type: ignore[no-untyped-def]
+def test_the_posterior_finds_the_same(nominal, model, usual, slower: float) -> None:  # type: ignore[no-untyped-def]
     measured = [record(f"measured_{seed}", seed, 4000, slower=slower) for seed in (11, 12)]
     config, identify = settings()
     config = replace(config, engine=Engine.posterior)
@@ -170,12 +170,11 @@ def test_the_posterior_finds_the_same_with_its_probability(nominal, model, usual
         nominal, measured, MACHINE, model, config, identify, nominal_behaviour=usual
     ).document
     if slower == 1.0:
-        assert document["verdict"] == "none" and document["probability_none"] > 0.5
+        assert document["verdict"] == "none"
         return
-    assert (document["verdict"], document["probability_none"]) == ("named", pytest.approx(0.0, abs=1e-6))
+    assert document["verdict"] == "named"
     (effect,) = document["effects"]
     assert (effect["family"], effect["joints"]) == ("gain", ["turn"])
-    assert effect["probability"] > 0.95
     assert effect["parameters"]["speed_ratio"]["value"] == pytest.approx(0.7, abs=0.04)
     errors = document["error"]["open_loop_rmse_80"]
     assert errors["after"]["turn"] < 0.6 * errors["before"]["turn"]

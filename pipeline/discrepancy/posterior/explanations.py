@@ -9,7 +9,7 @@ one's evidence that it may be worth.
 """
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -61,22 +61,6 @@ class Explanation(NamedTuple):
 
     causes: tuple[Cause, ...]
     probability: float
-
-
-def probability_of_none(explanations: Sequence[Explanation]) -> float:
-    """That nothing has changed."""
-    return sum(of.probability for of in explanations if not of.causes)
-
-
-def probability_of(
-    explanations: Sequence[Explanation], families: Collection[str], joints: Collection[int]
-) -> float:
-    """That a cause of one of the families acts on one of the joints at least."""
-    return sum(
-        of.probability
-        for of in explanations
-        if any(cause.family in families and set(cause.joints) & set(joints) for cause in of.causes)
-    )
 
 
 class Posterior:

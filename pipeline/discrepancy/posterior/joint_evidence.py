@@ -21,7 +21,7 @@ from pipeline.discrepancy.posterior.speed_in_time import (
 )
 from pipeline.discrepancy.posterior.term_evidence import term_evidence
 
-LEAST_SIZES = (0.01, 0.03, 0.1, 0.3)  # τ, in units of usual sizes
+LEAST_SHARES = (0.05, 0.15, 0.5, 1.5)  # of the floor's squares
 PART_ROWS = 3600  # of a nominal part: six minutes
 FEWEST_ROWS = 50  # of a session that tells anything
 SESSION_EDGE_S, ONSET_STEP_S = 20.0, 10.0
@@ -94,6 +94,7 @@ class JointEvidence:
         # What nominal logs show themselves is no scatter: it is what the model lacks.
         of_scatter = {family: 0.0 if family in present else size for family, size in sizes.items()}
         self.nominal_variance = np.array([of_scatter[family] for family in self.basis.families])
+        self._of_floor = self._share_of_floor(nominal, measured)
         self._is_told = measured.is_used & has_past(measured.facts.run) & (measured.weight[:, joint] > 0.0)
         self._forget()
 
@@ -107,6 +108,19 @@ class JointEvidence:
 
     def _whiten(self, values: np.ndarray, rows: Rows) -> np.ndarray:
         return self.noise.whiten(values.astype(np.float32), rows.facts.state[:, self.joint], rows.facts.run)
+
+    def _share_of_floor(self, nominal: Rows, measured: Rows) -> np.ndarray:
+        """(K,) variances with which the nuisance of all families makes up the squares of the nominal residual."""
+        joint = self.joint
+        counts = nominal.weight[:, joint] > 0.0
+        floor = float(np.mean(nominal.columns.residual[counts, joint] ** 2))
+        over_time, _ = cosines(measured.facts.stamp_ns, self._session)
+        speed = (measured.weight[:, joint] * measured.velocity[:, joint])[:, None] * over_time
+        raw = np.column_stack([measured.columns.matrices[joint], speed])[:, self.basis.columns]
+        squares = np.mean(raw[measured.is_used] ** 2, axis=0, dtype=float)
+        families = list(self.basis.families)
+        members = np.array([families.count(family) for family in families])
+        return np.asarray(floor / (np.maximum(squares, 1e-6 * floor) * members * len(set(families))))
 
     def _forget(self) -> None:
         self._groups: dict[tuple[int, ...], tuple[dict[Group, Found], np.ndarray]] = {}
@@ -190,7 +204,7 @@ class JointEvidence:
 
     def _variance(self, least: float) -> np.ndarray:
         """(K,) of the nuisance's coefficients."""
-        return (self.nominal_variance + least**2) * self.basis.scale**2
+        return self.nominal_variance * self.basis.scale**2 + least * self._of_floor
 
     def n_alternatives(self, index: int) -> int:
         """How many terms the group of a term has: each of them is as probable before any row is seen."""
@@ -242,7 +256,7 @@ class JointEvidence:
         if key not in self._fits:
             prior = self.prior(terms)
             # Beside variations of speed little else varies in time.
-            sizes: Sequence[float] = LEAST_SIZES if speed is None else [self.least()]
+            sizes: Sequence[float] = LEAST_SHARES if speed is None else [self.least()]
             for least in sizes:  # upwards, as far as the evidence rises
                 fitted = fit(self.blocks(terms, least, speed), prior)
                 if key in self._fits and fitted.evidence <= self._fits[key][1].evidence:

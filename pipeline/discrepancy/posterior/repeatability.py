@@ -1,11 +1,13 @@
 """The machine never repeats itself exactly: how much of every column varies from session to session without a cause.
 
-    r_s = B b_s + noise,     b_s ~ N(0, diag(a_f² + τ²))   anew in every session
+    r_s = B b_s + noise,     b_s ~ N(0, diag(a_f² w² + τ u²))   anew in every session
 
-B holds columns of every family at its usual size, and slow variations of speed. The size a_f of each family is that of
-greatest likelihood on parts of the nominal logs as long as a session. τ is the least size that is worth a name: what is
-smaller is no effect, however surely it is there. Source: variance components by type-II likelihood with fixed-point
-updates, MacKay (1992), Bayesian interpolation; as model discrepancy: Kennedy and O'Hagan (2001).
+B holds columns of every family, of usual size w, and slow variations of speed. The size a_f of each family is that of
+greatest likelihood on parts of the nominal logs as long as a session. With u all families together make up the squares
+of the nominal residual. τ is the share of these that is not worth a name, however surely it is there.
+
+Source: variance components by type-II likelihood with fixed-point updates, MacKay (1992), Bayesian interpolation; as
+model discrepancy: Kennedy and O'Hagan (2001).
 """
 
 from collections import defaultdict

@@ -58,7 +58,7 @@ def select_by_posterior(diagnosis: Diagnosis, journal: Journal) -> Selection:
     )
     comparison = Comparison(rows.folds, logs.config.search, tuple(nominal.at_rest.tolist()))
     ranked = sorted([*screened, *without_wrapper], key=comparison.net, reverse=True)
-    return Selection(found, ranked, comparison, encoders, explanations)
+    return Selection(found, ranked, comparison, encoders)
 
 
 def _rows(

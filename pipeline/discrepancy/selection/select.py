@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.families.stops import Encoder, encoders_of
 from pipeline.discrepancy.journal import Journal
-from pipeline.discrepancy.posterior.explanations import Explanation
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.comparison import Comparison
 from pipeline.discrepancy.selection.search import Search
@@ -22,14 +21,12 @@ class Selection:
         screened: All candidates of the first screen, best first.
         comparison: By which candidates passed.
         encoders: What stops say of joints' encoders.
-        explanations: Most probable first, where the posterior chose; empty where the rules did.
     """
 
     found: Sequence[SelectedEffect]
     screened: Sequence[Candidate]
     comparison: Comparison
     encoders: Mapping[int, Encoder]
-    explanations: Sequence[Explanation] = ()
 
 
 def select(diagnosis: Diagnosis, journal: Journal) -> Selection:

@@ -8,7 +8,6 @@ import numpy as np
 from pipeline.discrepancy.acceptance.parameters import parameters_of
 from pipeline.discrepancy.correction.correct import Alternative
 from pipeline.discrepancy.diagnosis.splits import Purpose
-from pipeline.discrepancy.posterior.explanations import probability_of, probability_of_none
 from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, contract_family, depends_on
 from pipeline.discrepancy.verdict.next_experiment import next_experiment
 from pipeline.discrepancy.verdict.trace import trace_of
@@ -20,7 +19,6 @@ from pipeline.logs.tuples import Trajectory
 def document_of(verdict: Verdict) -> dict[str, Any]:
     """The content of the file."""
     diagnosis, logs, correction = verdict.diagnosis, verdict.logs, verdict.correction
-    explanations = verdict.selection.explanations
     effects, errors = correction.effects, correction.errors
     entries = [
         _entry(verdict, effect, reduction)
@@ -46,7 +44,6 @@ def document_of(verdict: Verdict) -> dict[str, Any]:
     idle = [name for index, name in enumerate(logs.joints) if index not in diagnosis.excited]
     return {
         "detected": None if word == "unexcited" else bool(entries),
-        **({"probability_none": probability_of_none(explanations)} if explanations else {}),
         "verdict": word,
         "effects": entries,
         "alternatives": [_alternative(of, logs.joints) for of in correction.alternatives],
@@ -103,9 +100,6 @@ def _entry(verdict: Verdict, effect: MachineEffect, error_reduction: float) -> d
         "p_value": float(min(judgements[m.candidate.key].p_value for m in effect.members)),
         "error_reduction": error_reduction,
     }
-    if explanations := verdict.selection.explanations:
-        families = {effect.family, *(member.candidate.family for member in effect.members)}
-        entry["probability"] = probability_of(explanations, families, effect.joints)
     return {**entry, "of": effect.family} if onset is not None else entry
 
 
