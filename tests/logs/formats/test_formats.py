@@ -110,9 +110,9 @@ def test_csv_with_stray_cells(tmp_path, machine):
     rows[4] = "oops,1,2,3,4,0,0,0,0\n"
     (tmp_path / "a.csv").write_text(header + "".join(rows) + "100.5,0.1,0.2")
     raw = read_only(tmp_path, machine)
-    assert len(raw.q) == 10 and len(raw.command) == 9
+    assert len(raw.q) == len(raw.command) == 9  # the last number of a row that was cut may be half a number
     np.testing.assert_array_equal(raw.joint_stamp_ns[:2], [100_000_000_000, 100_050_000_000])
-    assert [note.count for note in raw.notes] == [1]
+    assert [note.count for note in raw.notes] == [1, 1]  # the stray row, and the cut one
 
 
 def test_table_column_missing(tmp_path, machine):
