@@ -5,7 +5,7 @@ the wrapper is linear in. Its part of the residual is a sum of columns times coe
 parameters have mean zero before any row is seen; that of a grid point is about one, within the spacing of the grid.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +20,9 @@ USUAL_SHARE = (
 )
 WIDEST = 2.0  # coefficient of a dependence
 DELAY, TIMING = "delay", "timing"
-OF_ONE_CHANNEL = 0.05  # the same of a late channel, which is late by the same time on all joints
 BETWEEN_POINTS = 0.25  # standard deviation of the coefficient of a grid point
+# A late channel is late by the same time on all joints: one factor between the points, and hardly another on each.
+FACTORS_OF_ONE_CHANNEL, OF_ONE_CHANNEL = (0.8, 0.9, 1.0, 1.1, 1.25), 0.05
 
 
 class Term(NamedTuple):
@@ -100,7 +101,7 @@ class _Builder:
 
     def _tangents(
         self, hypotheses: Sequence[Hypothesis], directions: Sequence[Values]
-    ) -> Iterable[np.ndarray]:
+    ) -> Iterator[np.ndarray]:
         for tangent in self.simulation.tangents(hypotheses, directions, self.u):
             yield self.rows.weight * self.rows.averaged(tangent)
 
@@ -122,7 +123,7 @@ class _Builder:
         joints = range(self.n_joint)
         hypotheses = [self._at(family, effect, point, joints) for point in points for _ in freed]
         directions = [_direction(family, effect, one, joints) for one in freed] * len(points)
-        tangents = iter(list(self._tangents(hypotheses, directions)))
+        tangents = self._tangents(hypotheses, directions)
         for point in points:
             of_point = [next(tangents) for _ in freed]
             for joint in joints:
@@ -146,8 +147,8 @@ class _Builder:
                     )
 
     def _grid_points(self, family: str, effect: Effect, points: Sequence[Mapping[str, float]]) -> None:
-        is_alone = effect.reaches_other_joints
-        together = [range(self.n_joint)] if not is_alone else [[joint] for joint in range(self.n_joint)]
+        reaches_others = effect.reaches_other_joints
+        together = [range(self.n_joint)] if not reaches_others else [[joint] for joint in range(self.n_joint)]
         shared = self.u if isinstance(effect, VelocityEffect) else None
         for joints in together:
             hypotheses = [self._at(family, effect, point, joints) for point in points]
@@ -157,14 +158,16 @@ class _Builder:
                 for joint in joints:
                     told = {name: float(effect.sizes(name)[joint] * value) for name, value in point.items()}
                     column = self._add(joint, change[:, joint])
-                    self._grid_point(family, joint, told, column, BETWEEN_POINTS)
+                    self._grid_point(family, joint, told, column, 1.0, BETWEEN_POINTS)
                     if family == DELAY and not self._without_timing:
-                        self._grid_point(TIMING, joint, told, column, OF_ONE_CHANNEL)
+                        for factor in FACTORS_OF_ONE_CHANNEL:
+                            late = {name: factor * value for name, value in told.items()}
+                            self._grid_point(TIMING, joint, late, column, factor, OF_ONE_CHANNEL)
 
     def _grid_point(
-        self, family: str, joint: int, point: Mapping[str, float], column: int, scale: float
+        self, family: str, joint: int, point: Mapping[str, float], column: int, mean: float, scale: float
     ) -> None:
-        self.terms.append(Term(family, joint, None, point, (), (column,), (1.0,), (scale,), (0.0,), (2.0,)))
+        self.terms.append(Term(family, joint, None, point, (), (column,), (mean,), (scale,), (0.0,), (2.0,)))
 
     def dependence(self, family: str, effect: Dependence) -> None:
         """A family that is linear in all its parameters, per joint that it depends on."""

@@ -9,7 +9,7 @@ one's evidence that it may be worth.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ from pipeline.discrepancy.posterior.speed_in_time import DEVIATIONS, N_COSINE, T
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Scope
 
-LOAD, TIMING = "load", "timing"
+COMMAND, DELAY, LOAD, TIMING = "other:command", "delay", "load", "timing"
 SUPPLY, COURSE = "supply_variation", "other:absolute_time"  # without an equation: slow variations of speed
 LOG_MORE = np.log(0.5)  # one more cause
 MOST_CAUSES = 3
@@ -66,19 +66,25 @@ class Explanation(NamedTuple):
 class Posterior:
     """Over explanations of one set of measured logs."""
 
-    def __init__(self, joints: Sequence[JointEvidence], families: Sequence[str]) -> None:
+    def __init__(
+        self, joints: Sequence[JointEvidence], families: Sequence[str], excluded: Collection[str] = ()
+    ) -> None:
         """Prepare.
 
         Args:
             joints: All of the machine.
-            families: That are tried.
+            families: With an equation, that are tried.
+            excluded: Of those without one, which are not.
         """
         self.joints = joints
         self.families = list(families)
-        self._setting_in = [f for f in families if KNOWN[f].card.can_set_in]
         self._on_several = [f for f in families if KNOWN[f].card.scope is Scope.machine or f == LOAD]
-        # Besides the catalogue: a change point, and the two without an equation.
-        self._log_family = float(-np.log(len(self.families) + 3))
+        self._setting_in = [
+            f for f in families if KNOWN[f].card.can_set_in and (f == LOAD or f not in self._on_several)
+        ]
+        self._slow = [f for f in (SUPPLY, COURSE) if f not in excluded and (f == COURSE or len(joints) > 1)]
+        # Besides the catalogue: a change point, and those without an equation.
+        self._log_family = float(-np.log(len(self.families) + len(self._slow) + 1))
 
     def explanations(self) -> list[Explanation]:
         """Every set that was scored again, most probable first."""
@@ -118,10 +124,11 @@ class Posterior:
         for number, joint in enumerate(self.joints):
             groups, _ = joint.groups(beside.get(number, ()))
             for (family, source, sets_in), found in groups.items():
-                if family in self._on_several and family != LOAD:
+                if family in self._on_several and not sets_in:
                     continue
                 prior = self._log_family - np.log(n)
-                prior -= np.log(n) if source is not None else 0.0
+                if source is not None:  # no joint's speed depends on its own command by another name
+                    prior -= np.log(n - 1 if family == COMMAND else n)
                 prior -= np.log(len(self._setting_in)) if sets_in else 0.0
                 yield found.evidence, Cause(family, source, {number: found.best}, (number,), sets_in, prior)
         for family in self._on_several:
@@ -165,25 +172,27 @@ class Posterior:
             evidence = joint.fit(of_joint).evidence
             score += evidence
             if len(of_joint) > 1:
-                without = [joint.fit([t for t in of_joint if t != term]).evidence for term in of_joint]
-                first = max(evidence - other for other in without)
+                first = max(joint.fit((term,)).evidence for term in of_joint) - joint.fit(()).evidence
                 score -= CARD_ERROR * max(first, 0.0) * (len(of_joint) - 1)
-        for cause in causes:  # a common value is chosen once, not on each joint
-            alternatives = [self.joints[j].n_alternatives(index) for j, index in cause.terms.items()]
-            score -= np.log(max(alternatives)) if cause.family == TIMING else np.sum(np.log(alternatives))
+        for cause in causes:  # a grid point is chosen once, not on each joint
+            members = [(self.joints[j], index) for j, index in cause.terms.items()]
+            score -= sum(np.log(joint.n_alternatives(index)) for joint, index in members)
+            score += (len(members) - 1) * np.log(members[0][0].n_points(members[0][1]))
         return float(score)
 
     def _of_slow_variations(self) -> list[tuple[float, tuple[Cause, ...]]]:
         """Speed that varies in time without a cause that is measured: in common, or of one joint."""
         processes = [(time_s, deviation) for time_s in TIMES_S for deviation in DEVIATIONS]
         nothing = [joint.fit(()).evidence for joint in self.joints]
-        together = [self._in_common(*process) for process in processes]
-        everywhere = tuple(range(len(self.joints)))
-        prior = self._log_family
-        found = [(together, 0.0, Cause(SUPPLY, None, {}, everywhere, False, prior))]
-        for number, joint in enumerate(self.joints):
+        found = []
+        if SUPPLY in self._slow:
+            everywhere = tuple(range(len(self.joints)))
+            of_all = Cause(SUPPLY, None, {}, everywhere, False, self._log_family)
+            found.append(([self._in_common(*process) for process in processes], 0.0, of_all))
+        for number, joint in enumerate(self.joints if COURSE in self._slow else []):
             alone = [joint.fit((), speed=process).evidence for process in processes]
-            of_one = Cause(COURSE, None, {}, (number,), False, prior - np.log(len(self.joints)))
+            prior = self._log_family - np.log(len(self.joints))
+            of_one = Cause(COURSE, None, {}, (number,), False, prior)
             found.append((alone, sum(nothing) - nothing[number], of_one))
         return [
             (float(logsumexp(of) - np.log(len(of))) + others + cause.log_prior + LOG_MORE, (cause,))
@@ -221,7 +230,7 @@ def _terms_of(causes: Sequence[Cause]) -> dict[int, tuple[int, ...]]:
 
 
 def _is_same(one: Cause, other: Cause) -> bool:
-    """Whether a joint would have the same family twice."""
-    return (one.family, one.source) == (other.family, other.source) and bool(
-        set(one.joints) & set(other.joints)
-    )
+    """Whether a joint would have the same twice: a late channel is a delay of its joints."""
+    is_alike = (one.family, one.source) == (other.family, other.source)
+    is_alike |= {one.family, other.family} == {DELAY, TIMING}
+    return is_alike and bool(set(one.joints) & set(other.joints))

@@ -23,9 +23,8 @@ from pipeline.discrepancy.posterior.term_evidence import term_evidence
 
 LEAST_SHARES = (0.05, 0.15, 0.5, 1.5)  # of the floor's squares
 PART_ROWS = 3600  # of a nominal part: six minutes
-FEWEST_ROWS = 50  # of a session that tells anything
 SESSION_EDGE_S, ONSET_STEP_S = 20.0, 10.0
-CHANGE_POINT = "change_point"
+MOST_MOMENTS = 120  # over all logs: of longer ones the moments are further apart
 Group = tuple[str, int | None, bool]  # family, source, and whether it sets in
 
 
@@ -37,14 +36,12 @@ class Rows(NamedTuple):
         facts: Of the rows.
         velocity: (N, n_joint) predicted without effects.
         weight: (N, n_joint) 0 where a joint does not count.
-        is_used: (N,) bool: rows that the evidence is of.
     """
 
     columns: Columns
     facts: RowFacts
     velocity: np.ndarray
     weight: np.ndarray
-    is_used: np.ndarray
 
 
 class Found(NamedTuple):
@@ -95,7 +92,7 @@ class JointEvidence:
         of_scatter = {family: 0.0 if family in present else size for family, size in sizes.items()}
         self.nominal_variance = np.array([of_scatter[family] for family in self.basis.families])
         self._of_floor = self._share_of_floor(nominal, measured)
-        self._is_told = measured.is_used & has_past(measured.facts.run) & (measured.weight[:, joint] > 0.0)
+        self._is_told = has_past(measured.facts.run) & (measured.weight[:, joint] > 0.0)
         self._forget()
 
     def _matrix(self, rows: Rows, part: np.ndarray) -> tuple[np.ndarray, float]:
@@ -113,11 +110,14 @@ class JointEvidence:
         """(K,) variances with which the nuisance of all families makes up the squares of the nominal residual."""
         joint = self.joint
         counts = nominal.weight[:, joint] > 0.0
-        floor = float(np.mean(nominal.columns.residual[counts, joint] ** 2))
+        floor = max(
+            float(np.mean(nominal.columns.residual[counts, joint] ** 2)) if counts.any() else 0.0, 1e-18
+        )
         over_time, _ = cosines(measured.facts.stamp_ns, self._session)
         speed = (measured.weight[:, joint] * measured.velocity[:, joint])[:, None] * over_time
         raw = np.column_stack([measured.columns.matrices[joint], speed])[:, self.basis.columns]
-        squares = np.mean(raw[measured.is_used] ** 2, axis=0, dtype=float)
+        told = raw[measured.weight[:, joint] > 0.0]
+        squares = np.sum(told**2, axis=0, dtype=float) / max(len(told), 1)
         families = list(self.basis.families)
         members = np.array([families.count(family) for family in families])
         return np.asarray(floor / (np.maximum(squares, 1e-6 * floor) * members * len(set(families))))
@@ -128,22 +128,17 @@ class JointEvidence:
 
     def _sessions(self, rows: np.ndarray) -> list[np.ndarray]:
         """Per session the rows, (N,) bool."""
-        by_session = [rows & (self._session == number) for number in np.unique(self._session)]
-        return [of for of in by_session if of.sum() >= FEWEST_ROWS]
+        return [rows & (self._session == number) for number in np.unique(self._session)]
 
     def let_set_in(self, families: Sequence[str]) -> None:
         """Add terms that set in at some moment: of each family the most probable one."""
         groups, _ = self.groups(())
-        facts, used = self._measured.facts, self._measured.is_used
-        moments = [
-            moment
-            for session in self._sessions(used)
-            for moment in np.arange(
-                facts.stamp_ns[session].min() + int(SESSION_EDGE_S * 1e9),
-                facts.stamp_ns[session].max() - int(SESSION_EDGE_S * 1e9),
-                int(ONSET_STEP_S * 1e9),
-            ).tolist()
-        ]
+        stamp_ns = self._measured.facts.stamp_ns
+        edge, step = int(SESSION_EDGE_S * 1e9), int(ONSET_STEP_S * 1e9)
+        sessions = [of for of in self._sessions(self._is_told) if of.any()]
+        ends = [(stamp_ns[of].min() + edge, stamp_ns[of].max() - edge) for of in sessions]
+        step = max(step, sum(last - first for first, last in ends) // MOST_MOMENTS)
+        moments = [moment for first, last in ends for moment in np.arange(first, last, step).tolist()]
         added: list[np.ndarray] = []
         first = self.matrix.shape[1] - 1
         for family in families:
@@ -154,7 +149,7 @@ class JointEvidence:
             of_term = self._measured.columns.matrices[self.joint][:, list(term.columns)]
             for moment in moments:
                 columns = tuple(range(first + len(added), first + len(added) + len(term.columns)))
-                added += list((of_term * (facts.stamp_ns >= moment)[:, None]).T)
+                added += list((of_term * (stamp_ns >= moment)[:, None]).T)
                 self.terms.append(term._replace(columns=columns))
                 self.onsets.append(int(moment))
         if added:
@@ -194,7 +189,7 @@ class JointEvidence:
                 members[term.family, term.source, onset is not None].append(index)
             found = {
                 group: Found(
-                    float(logsumexp(evidence[indices]) - np.log(len(indices))),
+                    float(logsumexp(evidence[indices]) - np.log(self.n_alternatives(indices[0]))),
                     indices[int(np.argmax(evidence[indices]))],
                 )
                 for group, indices in members.items()
@@ -207,12 +202,22 @@ class JointEvidence:
         return self.nominal_variance * self.basis.scale**2 + least * self._of_floor
 
     def n_alternatives(self, index: int) -> int:
-        """How many terms the group of a term has: each of them is as probable before any row is seen."""
-        term, sets_in = self.terms[index], self.onsets[index] is not None
-        return sum(
-            other.family == term.family and other.source == term.source and (onset is not None) == sets_in
-            for other, onset in zip(self.terms, self.onsets, strict=True)
-        )
+        """How many terms stand for the cause of a term, each as probable before any row is seen.
+
+        Of what sets in, each moment with each term of what does not.
+        """
+        alike = self._alike(index)
+        n = sum(self.onsets[other] is None for other in alike)
+        return n if self.onsets[index] is None else n * (len(alike) - n)
+
+    def n_points(self, index: int) -> int:
+        """How many grid points the family of a term has."""
+        return len({tuple(sorted(self.terms[other].point.items())) for other in self._alike(index)})
+
+    def _alike(self, index: int) -> list[int]:
+        """Terms of the same family and source."""
+        key = self.terms[index].family, self.terms[index].source
+        return [other for other, term in enumerate(self.terms) if (term.family, term.source) == key]
 
     def blocks(
         self, terms: Sequence[int], least: float, speed: tuple[float, float] | None = None

@@ -17,7 +17,8 @@ from pipeline.discrepancy.posterior.rows import N_STATE
 LAGS = 3  # scored rows, 0.3 s: what an ensemble that predicts from commands alone leaves of a start
 DEGREES = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)
 SCALES = np.geomspace(0.3, 1.2, 12)
-FEWEST_ROWS = 10  # that a state's size is drawn to that of all
+FEWEST_ROWS = 10  # of a state, or its size is that of all
+LEAST_OF_ALL = 0.01  # of the size of all rows: encoders resolve no less
 
 
 class Noise(NamedTuple):
@@ -65,17 +66,17 @@ def learn_noise(residual: np.ndarray, state: np.ndarray, run: np.ndarray, counts
     size = np.empty(N_STATE)
     for index in range(N_STATE):
         of = residual[counts & (state == index)]
-        size[index] = np.sqrt((np.sum(of**2) + FEWEST_ROWS * 0.01 * overall) / (len(of) + FEWEST_ROWS))
+        own = float(np.mean(of**2)) if len(of) >= FEWEST_ROWS else overall
+        size[index] = np.sqrt(max(own, LEAST_OF_ALL**2 * overall))
     scaled = residual / size[state]
-    usable = has_past(run)
+    usable = has_past(run) & counts
     past = np.stack([np.roll(scaled, k)[usable] for k in range(1, LAGS + 1)], axis=1)
     present = scaled[usable]
     gram = past.T @ past + 1e-6 * max(len(present), 1) * np.eye(LAGS)
     correlation = np.linalg.solve(gram, past.T @ present)
     left = present - past @ correlation
     innovation = float(np.sqrt(np.mean(left**2) + 1e-12)) if len(left) else 1.0
-    counted = left[counts[usable]] / innovation
-    degrees, scale = _tails(counted) if len(counted) else (DEGREES[-1], 1.0)
+    degrees, scale = _tails(left / innovation) if len(left) else (DEGREES[-1], 1.0)
     return Noise(size, correlation, innovation, degrees, scale)
 
 

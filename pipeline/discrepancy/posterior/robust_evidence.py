@@ -3,9 +3,9 @@
     log p(r) ≈ Σ_t log t_ν(e_t / g) + log N(β; μ, S) + Σ_s log N(b_s; 0, V) − ½ log |H|
 
 e_t is what is left of row t, g ≥ 1 how much noisier the measured logs are than nominal ones. Coefficients are found by
-reweighted least squares. A few rows that no effect explains, such as a person who pushes the arm, count little then.
-Source: Tierney and Kadane (1986), Accurate approximations for posterior moments; weights: Lange, Little and Taylor
-(1989).
+reweighted least squares, and H has the weights in the place of second derivatives. A few rows that no effect explains,
+such as a person who pushes the arm, count little then. Source: Tierney and Kadane (1986), Accurate approximations for
+posterior moments; weights: Lange, Little and Taylor (1989).
 """
 
 from collections.abc import Sequence
@@ -93,12 +93,12 @@ def fit(blocks: Sequence[Block], prior: Prior) -> Fit:
     evidence += 0.5 * np.sum(np.log(precision) - precision * (shared - mean) ** 2)
     for block, of in zip(blocks, own, strict=True):
         error = block.residual - block.effects @ shared - block.nuisance @ of
-        evidence += log_likelihood(error, block, noisier) - 0.5 * of @ of
+        evidence += _log_likelihood(error, block, noisier) - 0.5 * of @ of
         weights.append(_weight(error, block, noisier) / (noisier * block.scale) ** 2)
     return Fit(float(evidence), shared, weights)
 
 
-def log_likelihood(error: np.ndarray, block: Block, noisier: float = 1.0) -> float:
+def _log_likelihood(error: np.ndarray, block: Block, noisier: float = 1.0) -> float:
     """Of what is left of a block's rows, but for a constant."""
     z = error / (noisier * block.scale)
     return float(
@@ -117,4 +117,4 @@ def _noisier(blocks: Sequence[Block], errors: Sequence[np.ndarray], before: floa
         float(np.sum(_weight(error, block, before) * (error / block.scale) ** 2))
         for block, error in zip(blocks, errors, strict=True)
     )
-    return max(float(np.sqrt(squares / sum(map(len, errors)))), 1.0)
+    return max(float(np.sqrt(squares / max(sum(map(len, errors)), 1))), 1.0)

@@ -8,8 +8,7 @@ import numpy as np
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
-from pipeline.discrepancy.families.stops import encoders_of
-from pipeline.discrepancy.families.uncorrectable import WITHOUT_WRAPPER, screen_without_wrapper
+from pipeline.discrepancy.families.uncorrectable import has_wrapper, screen_without_wrapper
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.columns import DELAY, TIMING, columns_of
 from pipeline.discrepancy.posterior.explanations import Cause, Explanation, Posterior
@@ -19,7 +18,7 @@ from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.comparison import Comparison
 from pipeline.discrepancy.selection.refine import completed, refine
 from pipeline.discrepancy.selection.screen import screen
-from pipeline.discrepancy.selection.select import Selection
+from pipeline.discrepancy.selection.select import Selection, encoders_on
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 
 CREDIBLE = 0.95  # of all probability holds what is told: the most probable explanation and its equivalents
@@ -37,7 +36,7 @@ def select_by_posterior(diagnosis: Diagnosis, journal: Journal) -> Selection:
         JointEvidence(joint, of_nominal, of_measured, nominal.present) for joint in range(len(logs.joints))
     ]
     families = [family for family in simulation.effects if family not in excluded]
-    explanations = Posterior(joints, families).explanations()
+    explanations = Posterior(joints, families, excluded).explanations()
     journal.end_part("posterior")
     for of in explanations[:TOLD]:
         journal.log(f"probability {of.probability:.3f}: {_in_words(of, logs.joints)}.")
@@ -51,14 +50,9 @@ def select_by_posterior(diagnosis: Diagnosis, journal: Journal) -> Selection:
             found.append(SelectedEffect(completed(simulation, candidate, nominal.present), equivalents))
     found = _with_gains(simulation, rows, refine(simulation, rows, found))
     journal.end_part("search on measured logs")
-    machine = logs.machine
-    of_rows = logs.sequences._replace(is_row=rows.is_used)
-    encoders = encoders_of(
-        nominal.simulation.sequences, of_rows, machine.lower, machine.upper, nominal.setting.speed_scale
-    )
     comparison = Comparison(rows.folds, logs.config.search, tuple(nominal.at_rest.tolist()))
     ranked = sorted([*screened, *without_wrapper], key=comparison.net, reverse=True)
-    return Selection(found, ranked, comparison, encoders)
+    return Selection(found, ranked, comparison, encoders_on(diagnosis))
 
 
 def _rows(
@@ -70,8 +64,7 @@ def _rows(
 ) -> Rows:
     velocity = rows.averaged(simulation.velocities([NOMINAL])[0])
     facts = facts_of(simulation.sequences, rows, velocity, speed_scale, purpose)
-    is_used = np.ones(len(velocity), bool)
-    return Rows(columns_of(simulation, rows, excluded), facts, velocity, rows.weight, is_used)
+    return Rows(columns_of(simulation, rows, excluded), facts, velocity, rows.weight)
 
 
 def _candidates(
@@ -84,18 +77,14 @@ def _candidates(
     if not cause.terms:
         of_family = {c.joint: c for c in without_wrapper if c.family == cause.family}
         return {joint: of_family[joint] for joint in cause.joints}
-    result = {}
-    for joint, index in cause.terms.items():
-        evidence = joints[joint]
-        beside = [of.terms[joint] for of in explanation.causes if joint in of.terms]
-        values = dict(
-            zip(evidence.prior(sorted(beside)).columns, evidence.fit(beside).coefficients, strict=True)
-        )
-        result[joint] = _candidate(evidence, index, values)
-    return result
+    return {joint: _candidate(joints[joint], index, explanation) for joint, index in cause.terms.items()}
 
 
-def _candidate(evidence: JointEvidence, index: int, values: Mapping[int, float]) -> Candidate:
+def _candidate(evidence: JointEvidence, index: int, explanation: Explanation) -> Candidate:
+    """A term with the coefficients that are most probable in an explanation."""
+    of_joint = [cause.terms[evidence.joint] for cause in explanation.causes if evidence.joint in cause.terms]
+    columns, found = evidence.prior(sorted(of_joint)).columns, evidence.fit(of_joint).coefficients
+    values = dict(zip(columns, found, strict=True))
     term, onset = evidence.terms[index], evidence.onsets[index]
     coefficients = np.array([values[column] for column in term.columns] if term.freed else [])
     if term.freed:
@@ -126,23 +115,26 @@ def _equivalents(
     joints: Sequence[JointEvidence],
 ) -> list[Candidate]:
     """What may stand in the place of a cause on a joint: until the credible set is full, most probable first."""
-    others = [of for of in best.causes if of is not cause]
-    kept = {of.label for of in others}
-    held, result, named = 0.0, [], {cause.family}
+    kept = {of.label for of in best.causes if of is not cause}
+    held, result, named = 0.0, [], {_told(cause.family)}
     for explanation in explanations:
         if held >= CREDIBLE:
             break
         held += explanation.probability
+        if any(of.label == cause.label for of in explanation.causes):
+            continue
         for rival in explanation.causes:
             index = rival.terms.get(joint)
-            if index is None or rival.label in kept or rival.family in named:
+            if index is None or rival.label in kept or _told(rival.family) in named:
                 continue
-            named.add(rival.family)
-            of_joint = [of.terms[joint] for of in explanation.causes if joint in of.terms]
-            evidence = joints[joint]
-            columns, found = evidence.prior(sorted(of_joint)).columns, evidence.fit(of_joint).coefficients
-            result.append(_candidate(evidence, index, dict(zip(columns, found, strict=True))))
+            named.add(_told(rival.family))
+            result.append(_candidate(joints[joint], index, explanation))
     return result
+
+
+def _told(family: str) -> str:
+    """As what it is told on a joint: equal delays of all joints become a late channel later."""
+    return DELAY if family == TIMING else family
 
 
 def _with_gains(
@@ -153,7 +145,7 @@ def _with_gains(
     result = []
     for effect in found:
         candidate = effect.candidate
-        if candidate.family in WITHOUT_WRAPPER:
+        if not has_wrapper(candidate):
             result.append(effect)
             continue
         joint, floor = candidate.joint, rows.floor[candidate.joint]

@@ -32,7 +32,7 @@ class Selection:
 def select(diagnosis: Diagnosis, journal: Journal) -> Selection:
     """Search the catalogue and the dependences."""
     nominal, config = diagnosis.nominal, diagnosis.logs.config
-    encoders = _encoders(diagnosis)
+    encoders = encoders_on(diagnosis)
     search = Search(
         diagnosis.simulation,
         diagnosis.rows,
@@ -51,7 +51,7 @@ def select(diagnosis: Diagnosis, journal: Journal) -> Selection:
     return Selection(found, search.first, search.comparison, encoders)
 
 
-def _encoders(diagnosis: Diagnosis) -> dict[int, Encoder]:
+def encoders_on(diagnosis: Diagnosis) -> dict[int, Encoder]:
     """By the stops that were met on rows for fitting and selection."""
     machine, nominal = diagnosis.logs.machine, diagnosis.nominal
     rows = diagnosis.logs.sequences._replace(is_row=diagnosis.rows.is_used)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.posterior.columns import Columns, Term
-from pipeline.discrepancy.posterior.explanations import Explanation, Posterior
+from pipeline.discrepancy.posterior.explanations import COURSE, SUPPLY, Explanation, Posterior
 from pipeline.discrepancy.posterior.joint_evidence import JointEvidence, Rows
 from pipeline.discrepancy.posterior.rows import MOVING, RowFacts
 
@@ -48,8 +48,7 @@ def rows(seed: int, true: Mapping[tuple[int, int], float], since: int = 0) -> Ro
     state = np.full((N_ROW, N_JOINT), MOVING)
     facts = RowFacts(SESSION, SESSION, STAMP_NS, state)
     velocity = np.full((N_ROW, N_JOINT), 0.2)
-    used = np.ones(N_ROW, bool)
-    return Rows(Columns(residual, matrices, terms()), facts, velocity, np.ones((N_ROW, N_JOINT)), used)
+    return Rows(Columns(residual, matrices, terms()), facts, velocity, np.ones((N_ROW, N_JOINT)))
 
 
 def explained(true: Mapping[tuple[int, int], float], since: int = 0) -> list[Explanation]:
@@ -81,3 +80,25 @@ def test_what_sets_in_is_found_with_its_moment() -> None:
     onset = joint.onsets[cause.terms[0]]
     assert onset is not None
     assert abs(onset - STAMP_NS[since]) < 11e9
+
+
+def test_a_joint_that_never_counts_tells_nothing() -> None:
+    nominal, measured = (
+        of._replace(weight=np.array([1.0, 0.0]) * of.weight)
+        for of in (rows(1, {}), rows(2, {(0, 0): -0.3, (1, 0): -0.3}))
+    )
+    joints = [JointEvidence(joint, nominal, measured) for joint in range(N_JOINT)]
+    (cause,) = Posterior(joints, FAMILIES).explanations()[0].causes
+    assert (cause.family, cause.joints) == ("gain", (0,))
+
+
+def test_slow_variations_are_told_unless_they_are_excluded() -> None:
+    nominal, measured = rows(1, {}), rows(2, {})
+
+    def told(excluded: list[str]) -> set[str]:
+        joints = [JointEvidence(joint, nominal, measured) for joint in range(N_JOINT)]
+        explanations = Posterior(joints, FAMILIES, excluded).explanations()
+        return {cause.family for of in explanations for cause in of.causes} & {SUPPLY, COURSE}
+
+    assert told([]) == {SUPPLY, COURSE}
+    assert told([SUPPLY]) == {COURSE}
