@@ -12,14 +12,11 @@ import numpy as np
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis, Simulation, Values
-from pipeline.effects.dependence import N_DIRECTION, Dependence
-from pipeline.effects.effect import Effect, Freed, Variant, VelocityEffect
+from pipeline.discrepancy.families.plausibility import DELAY, TIMING
+from pipeline.discrepancy.selection.linear_parameters import USUAL_SHARE, bounds_of, direction_of, freed_of
+from pipeline.effects.dependence import Dependence
+from pipeline.effects.effect import Effect, Variant, VelocityEffect
 
-USUAL_SHARE = (
-    0.1  # of a parameter's plausible range: the standard deviation of a coefficient before any row is seen
-)
-WIDEST = 2.0  # coefficient of a dependence
-DELAY, TIMING = "delay", "timing"
 BETWEEN_POINTS = 0.25  # standard deviation of the coefficient of a grid point
 # A late channel is late by the same time on all joints: one factor between the points, and hardly another on each.
 FACTORS_OF_ONE_CHANNEL, OF_ONE_CHANNEL = (0.8, 0.9, 1.0, 1.1, 1.25), 0.05
@@ -116,13 +113,9 @@ class _Builder:
         if not freed:
             self._grid_points(family, effect, points)
             return
-        names = {parameter.name: parameter for parameter in effect.card.parameters}
-        bounds = [
-            (of.lower - of.neutral, of.upper - of.neutral) for of in (names[one[0][0]] for one in freed)
-        ]
         joints = range(self.n_joint)
         hypotheses = [self._at(family, effect, point, joints) for point in points for _ in freed]
-        directions = [_direction(family, effect, one, joints) for one in freed] * len(points)
+        directions = [direction_of(family, effect, one, joints) for one in freed] * len(points)
         tangents = self._tangents(hypotheses, directions)
         for point in points:
             of_point = [next(tangents) for _ in freed]
@@ -130,21 +123,8 @@ class _Builder:
                 index = [self._add(joint, tangent[:, joint]) for tangent in of_point]
                 told = {name: float(effect.sizes(name)[joint] * value) for name, value in point.items()}
                 for variant in variants:
-                    chosen = [freed.index(one) for one in variant]
-                    self.terms.append(
-                        Term(
-                            family,
-                            joint,
-                            None,
-                            told,
-                            variant,
-                            tuple(index[i] for i in chosen),
-                            (0.0,) * len(chosen),
-                            tuple(USUAL_SHARE * (bounds[i][1] - bounds[i][0]) for i in chosen),
-                            tuple(bounds[i][0] for i in chosen),
-                            tuple(bounds[i][1] for i in chosen),
-                        )
-                    )
+                    columns = tuple(index[freed.index(one)] for one in variant)
+                    self._linear(family, effect, joint, None, told, variant, columns)
 
     def _grid_points(self, family: str, effect: Effect, points: Sequence[Mapping[str, float]]) -> None:
         reaches_others = effect.reaches_other_joints
@@ -173,22 +153,32 @@ class _Builder:
         """A family that is linear in all its parameters, per joint that it depends on."""
         joints = range(self.n_joint)
         for source in joints if effect.per_source else [0]:
-            freed: Variant = tuple(
-                (("coefficients", (direction, source, k)),)
-                for direction in range(N_DIRECTION)
-                for k in range(effect.n_basis)
-                if k != effect.reference
-            )
-            directions = [_direction(family, effect, one, joints) for one in freed]
+            freed = freed_of(effect, source)
+            directions = [direction_of(family, effect, one, joints) for one in freed]
             tangents = list(self._tangents([NOMINAL] * len(directions), directions))
             for joint in joints:
                 if effect.variable == "command" and source == joint:
                     continue
                 index = tuple(self._add(joint, tangent[:, joint]) for tangent in tangents)
                 named = source if effect.per_source else None
-                k = len(freed)
-                of = ((0.0,) * k, (USUAL_SHARE * 2.0 * WIDEST,) * k, (-WIDEST,) * k, (WIDEST,) * k)
-                self.terms.append(Term(family, joint, named, {}, freed, index, *of))
+                self._linear(family, effect, joint, named, {}, freed, index)
+
+    def _linear(
+        self,
+        family: str,
+        effect: Effect,
+        joint: int,
+        source: int | None,
+        point: Mapping[str, float],
+        freed: Variant,
+        columns: tuple[int, ...],
+    ) -> None:
+        lower, upper = bounds_of(effect, freed)
+        scale = tuple((USUAL_SHARE * (upper - lower)).tolist())
+        bounds = tuple(lower.tolist()), tuple(upper.tolist())
+        self.terms.append(
+            Term(family, joint, source, point, freed, columns, (0.0,) * len(columns), scale, *bounds)
+        )
 
     def _at(
         self, family: str, effect: Effect, point: Mapping[str, float], joints: Sequence[int]
@@ -197,11 +187,3 @@ class _Builder:
         for name, value in point.items():
             of[name][list(joints)] = effect.sizes(name)[list(joints)] * value
         return Hypothesis({family: of})
-
-
-def _direction(family: str, effect: Effect, freed: Freed, joints: Sequence[int]) -> Values:
-    of = {name: np.zeros_like(value) for name, value in effect.neutral().items()}
-    for name, index in freed:
-        for joint in joints:
-            of[name][(joint,) if index is None else (joint, *np.atleast_1d(index))] = 1.0
-    return {family: of}

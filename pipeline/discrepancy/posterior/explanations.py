@@ -15,15 +15,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
+from pipeline.discrepancy.families.plausibility import DELAY, LOAD, TIMING
+from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
+from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.posterior.gram import Prior
 from pipeline.discrepancy.posterior.joint_evidence import JointEvidence
 from pipeline.discrepancy.posterior.robust_evidence import Block, fit
 from pipeline.discrepancy.posterior.speed_in_time import DEVIATIONS, N_COSINE, TIMES_S, deviations
 from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.dependence import OnCommand
 from pipeline.effects.effect import Scope
 
-COMMAND, DELAY, LOAD, TIMING = "other:command", "delay", "load", "timing"
-SUPPLY, COURSE = "supply_variation", "other:absolute_time"  # without an equation: slow variations of speed
+COMMAND = OnCommand.card.family
 LOG_MORE = np.log(0.5)  # one more cause
 MOST_CAUSES = 3
 BEAM = 12
@@ -82,6 +85,7 @@ class Posterior:
         self._setting_in = [
             f for f in families if KNOWN[f].card.can_set_in and (f == LOAD or f not in self._on_several)
         ]
+        # Slow variations of speed, which have no equation.
         self._slow = [f for f in (SUPPLY, COURSE) if f not in excluded and (f == COURSE or len(joints) > 1)]
         # Besides the catalogue: a change point, and those without an equation.
         self._log_family = float(-np.log(len(self.families) + len(self._slow) + 1))
@@ -188,7 +192,9 @@ class Posterior:
         if SUPPLY in self._slow:
             everywhere = tuple(range(len(self.joints)))
             of_all = Cause(SUPPLY, None, {}, everywhere, False, self._log_family)
-            found.append(([self._in_common(*process) for process in processes], 0.0, of_all))
+            blocks = self._of_all_joints()
+            together = [self._in_common(blocks, *process) for process in processes]
+            found.append((together, 0.0, of_all))
         for number, joint in enumerate(self.joints if COURSE in self._slow else []):
             alone = [joint.fit((), speed=process).evidence for process in processes]
             prior = self._log_family - np.log(len(self.joints))
@@ -199,25 +205,26 @@ class Posterior:
             for of, others, cause in found
         ]
 
-    def _in_common(self, time_s: float, deviation: float) -> float:
-        """Log evidence of a common variation of speed of all joints."""
-        sessions = max(len(joint.blocks((), joint.least())) for joint in self.joints)
-        of_session = deviations(self.joints[0].length_s, time_s, deviation) ** -2
-        prior = Prior(
-            np.zeros(0, int),
-            np.zeros(sessions * N_COSINE),
-            np.concatenate([of_session] * sessions),
-            *np.full((2, sessions * N_COSINE), [[-np.inf], [np.inf]]),
-        )
+    def _of_all_joints(self) -> list[Block]:
+        """Every joint's sessions, with slow variations of speed as effects that joints have in common."""
         blocks = []
         for joint in self.joints:
+            of_session = joint.speed_columns()
             for number, (block, speed) in enumerate(
-                zip(joint.blocks((), joint.least()), joint.speed_columns(), strict=True)
+                zip(joint.blocks((), joint.least()), of_session, strict=True)
             ):
-                effects = np.zeros((len(block.residual), sessions * N_COSINE))
+                effects = np.zeros((len(speed), len(of_session) * N_COSINE))
                 effects[:, number * N_COSINE : (number + 1) * N_COSINE] = speed
-                blocks.append(Block(effects, *block[1:]))
-        return fit(blocks, prior).evidence
+                blocks.append(block._replace(effects=effects))
+        return blocks
+
+    def _in_common(self, blocks: Sequence[Block], time_s: float, deviation: float) -> float:
+        """Log evidence of a common variation of speed of all joints."""
+        n = blocks[0].effects.shape[1]
+        precision = deviations(self.joints[0].length_s, time_s, deviation) ** -2
+        free = np.full(n, np.inf)
+        of_sessions = np.tile(precision, n // N_COSINE)
+        return fit(blocks, Prior(np.zeros(0, int), np.zeros(n), of_sessions, -free, free)).evidence
 
 
 def _terms_of(causes: Sequence[Cause]) -> dict[int, tuple[int, ...]]:

@@ -75,10 +75,11 @@ class JointEvidence:
         counts = nominal.weight[:, joint] > 0.0
         self.noise = learn_noise(nominal.columns.residual[:, joint], state, nominal.facts.run, counts)
         part = _parts(nominal.facts.session)
-        matrix, _ = self._matrix(nominal, part)
+        matrix = self._whiten(self._raw(nominal, part)[0], nominal)
         n_column = nominal.columns.matrices[joint].shape[1]
         self._measured, self._session = measured, measured.facts.session
-        self.matrix, self.length_s = self._matrix(measured, self._session)
+        raw, self.length_s = self._raw(measured, self._session)
+        self.matrix = self._whiten(raw, measured)
         self.speed = np.arange(n_column, self.matrix.shape[1] - 1)
         self.basis = basis_of(
             self.terms, self.speed, deviations(self.length_s, USUAL_TIME_S, USUAL_DEVIATION)
@@ -91,33 +92,33 @@ class JointEvidence:
         # What nominal logs show themselves is no scatter: it is what the model lacks.
         of_scatter = {family: 0.0 if family in present else size for family, size in sizes.items()}
         self.nominal_variance = np.array([of_scatter[family] for family in self.basis.families])
-        self._of_floor = self._share_of_floor(nominal, measured)
-        self._is_told = has_past(measured.facts.run) & (measured.weight[:, joint] > 0.0)
+        is_counted = measured.weight[:, joint] > 0.0
+        self._of_floor = self._share_of_floor(
+            nominal.columns.residual[counts, joint], raw[is_counted][:, self.basis.columns]
+        )
+        self._is_told = has_past(measured.facts.run) & is_counted
         self._forget()
 
-    def _matrix(self, rows: Rows, part: np.ndarray) -> tuple[np.ndarray, float]:
-        """(N, M + 1) whitened columns, slow variations of speed, and the residual; and the length of a part."""
-        joint, facts = self.joint, rows.facts
-        over_time, length_s = cosines(facts.stamp_ns, part)
+    def _raw(self, rows: Rows, part: np.ndarray) -> tuple[np.ndarray, float]:
+        """(N, M + 1) columns, slow variations of speed, and the residual; and the length of a part."""
+        joint = self.joint
+        over_time, length_s = cosines(rows.facts.stamp_ns, part)
         speed = (rows.weight[:, joint] * rows.velocity[:, joint])[:, None]
         both = [rows.columns.matrices[joint], speed * over_time, rows.columns.residual[:, joint, None]]
-        return self._whiten(np.column_stack(both), rows), length_s
+        return np.column_stack(both), length_s
 
     def _whiten(self, values: np.ndarray, rows: Rows) -> np.ndarray:
         return self.noise.whiten(values.astype(np.float32), rows.facts.state[:, self.joint], rows.facts.run)
 
-    def _share_of_floor(self, nominal: Rows, measured: Rows) -> np.ndarray:
-        """(K,) variances with which the nuisance of all families makes up the squares of the nominal residual."""
-        joint = self.joint
-        counts = nominal.weight[:, joint] > 0.0
-        floor = max(
-            float(np.mean(nominal.columns.residual[counts, joint] ** 2)) if counts.any() else 0.0, 1e-18
-        )
-        over_time, _ = cosines(measured.facts.stamp_ns, self._session)
-        speed = (measured.weight[:, joint] * measured.velocity[:, joint])[:, None] * over_time
-        raw = np.column_stack([measured.columns.matrices[joint], speed])[:, self.basis.columns]
-        told = raw[measured.weight[:, joint] > 0.0]
-        squares = np.sum(told**2, axis=0, dtype=float) / max(len(told), 1)
+    def _share_of_floor(self, residual: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """(K,) variances with which the nuisance of all families makes up the squares of the nominal residual.
+
+        Args:
+            residual: Of the nominal rows that count.
+            columns: (N, K) of the nuisance on measured rows that count.
+        """
+        floor = max(float(np.mean(residual**2)) if len(residual) else 0.0, 1e-18)
+        squares = np.sum(columns**2, axis=0, dtype=float) / max(len(columns), 1)
         families = list(self.basis.families)
         members = np.array([families.count(family) for family in families])
         return np.asarray(floor / (np.maximum(squares, 1e-6 * floor) * members * len(set(families))))
@@ -126,16 +127,16 @@ class JointEvidence:
         self._groups: dict[tuple[int, ...], tuple[dict[Group, Found], np.ndarray]] = {}
         self._fits: dict[tuple, tuple[float, Fit]] = {}
 
-    def _sessions(self, rows: np.ndarray) -> list[np.ndarray]:
-        """Per session the rows, (N,) bool."""
-        return [rows & (self._session == number) for number in np.unique(self._session)]
+    def _sessions(self) -> list[np.ndarray]:
+        """Per session the rows that tell, (N,) bool."""
+        return [self._is_told & (self._session == number) for number in np.unique(self._session)]
 
     def let_set_in(self, families: Sequence[str]) -> None:
         """Add terms that set in at some moment: of each family the most probable one."""
         groups, _ = self.groups(())
         stamp_ns = self._measured.facts.stamp_ns
         edge, step = int(SESSION_EDGE_S * 1e9), int(ONSET_STEP_S * 1e9)
-        sessions = [of for of in self._sessions(self._is_told) if of.any()]
+        sessions = [of for of in self._sessions() if of.any()]
         ends = [(stamp_ns[of].min() + edge, stamp_ns[of].max() - edge) for of in sessions]
         step = max(step, sum(last - first for first, last in ends) // MOST_MOMENTS)
         moments = [moment for first, last in ends for moment in np.arange(first, last, step).tolist()]
@@ -177,7 +178,7 @@ class JointEvidence:
         if key not in self._groups:
             least, fitted = self._least(key)
             total = np.zeros((self.matrix.shape[1],) * 2)
-            for session, weight in zip(self._sessions(self._is_told), fitted.weights, strict=True):
+            for session, weight in zip(self._sessions(), fitted.weights, strict=True):
                 rows = self.matrix[session] * np.sqrt(weight)[:, None].astype(np.float32)
                 total += without_nuisance(
                     (rows.T @ rows).astype(float), self.basis.columns, self._variance(least)
@@ -241,12 +242,12 @@ class JointEvidence:
                 self.noise.degrees,
                 self.noise.scale,
             )
-            for session in self._sessions(self._is_told)
+            for session in self._sessions()
         ]
 
     def speed_columns(self) -> list[np.ndarray]:
         """Slow variations of speed, whitened, for each of `blocks`."""
-        return [self.matrix[session][:, self.speed] for session in self._sessions(self._is_told)]
+        return [self.matrix[session][:, self.speed] for session in self._sessions()]
 
     def fit(self, terms: Sequence[int], speed: tuple[float, float] | None = None) -> Fit:
         """Terms together, with heavy-tailed noise, at the τ of greatest evidence."""

@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.discrepancy.posterior.columns import TIMING, Term
+from pipeline.discrepancy.families.plausibility import TIMING
+from pipeline.discrepancy.posterior.columns import Term
 from pipeline.effects.catalogue import KNOWN
 
 FAMILY_OF_SPEED = "speed in time"

@@ -60,7 +60,6 @@ def fit(blocks: Sequence[Block], prior: Prior) -> Fit:
     """
     mean, precision = prior.mean, prior.precision
     shared, own, noisier = mean.copy(), [np.zeros(block.nuisance.shape[1]) for block in blocks], 1.0
-    hessian, log_determinant = np.diag(precision), 0.0
     for iteration in range(ITERATIONS):
         errors = [
             b.residual - b.effects @ shared - b.nuisance @ of for b, of in zip(blocks, own, strict=True)
@@ -98,7 +97,7 @@ def fit(blocks: Sequence[Block], prior: Prior) -> Fit:
     return Fit(float(evidence), shared, weights)
 
 
-def _log_likelihood(error: np.ndarray, block: Block, noisier: float = 1.0) -> float:
+def _log_likelihood(error: np.ndarray, block: Block, noisier: float) -> float:
     """Of what is left of a block's rows, but for a constant."""
     z = error / (noisier * block.scale)
     return float(

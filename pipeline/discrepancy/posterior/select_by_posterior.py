@@ -8,9 +8,10 @@ import numpy as np
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
+from pipeline.discrepancy.families.plausibility import DELAY, TIMING
 from pipeline.discrepancy.families.uncorrectable import has_wrapper, screen_without_wrapper
 from pipeline.discrepancy.journal import Journal
-from pipeline.discrepancy.posterior.columns import DELAY, TIMING, columns_of
+from pipeline.discrepancy.posterior.columns import columns_of
 from pipeline.discrepancy.posterior.explanations import Cause, Explanation, Posterior
 from pipeline.discrepancy.posterior.joint_evidence import ONSET_STEP_S, JointEvidence, Rows
 from pipeline.discrepancy.posterior.rows import facts_of
@@ -91,9 +92,7 @@ def _candidate(evidence: JointEvidence, index: int, explanation: Explanation) ->
         coefficients = np.clip(coefficients, term.lower, term.upper)
     around = int(ONSET_STEP_S * 1e9)
     return Candidate(
-        DELAY
-        if term.family == TIMING
-        else term.family,  # on each joint; equal delays of all are told as timing
+        _told(term.family),
         term.joint,
         term.source,
         term.point,

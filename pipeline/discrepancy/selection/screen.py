@@ -14,12 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
-from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation, Values
+from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.selection.candidate import Candidate, Key, Nominal, scored
+from pipeline.discrepancy.selection.linear_parameters import USUAL_SHARE, bounds_of, direction_of, freed_of
 from pipeline.discrepancy.selection.regression import CrossValidatedFit, evidence
 from pipeline.effects.chain import Chain
-from pipeline.effects.dependence import N_DIRECTION, Dependence
-from pipeline.effects.effect import Effect, Freed, SensorEffect, Variant, VelocityEffect
+from pipeline.effects.dependence import Dependence
+from pipeline.effects.effect import Effect, SensorEffect, Variant, VelocityEffect
 
 TAKEN_TOGETHER = (
     "timing",
@@ -27,7 +28,7 @@ TAKEN_TOGETHER = (
 
 # A coefficient that one half of the rows hardly excites is not believed on the other: before any rows it is about zero,
 # within a share of what is plausible, and rows follow one another so closely that only some of them count.
-USUAL_SHARE, INDEPENDENT_ROWS = 0.1, 10.0
+INDEPENDENT_ROWS = 10.0
 
 
 def screen(
@@ -142,7 +143,7 @@ class _Screen:
             residuals = np.broadcast_to(self.reference, (len(points), *self.reference.shape))
         variants = effect.variants()
         freed = list(dict.fromkeys(one for variant in variants for one in variant))
-        directions = [self._direction(family, effect, one, free) for one in freed]
+        directions = [direction_of(family, effect, one, free) for one in freed]
         n = len(freed)
         tangents = None
         if n:
@@ -161,7 +162,7 @@ class _Screen:
                         if tangents is not None
                         else np.zeros((len(self.reference), 0))
                     )
-                    lower, upper = self._bounds(effect, variant)
+                    lower, upper = bounds_of(effect, variant)
                     self._score(
                         family,
                         joint,
@@ -189,13 +190,8 @@ class _Screen:
         sources = range(self.n_joint) if effect.per_source else [0]
         free = list(self.joints)
         for source in sources:
-            freed: Variant = tuple(
-                (("coefficients", (direction, source, k)),)
-                for direction in range(N_DIRECTION)
-                for k in range(effect.n_basis)
-                if k != effect.reference
-            )
-            directions = [self._direction(family, effect, one, free) for one in freed]
+            freed = freed_of(effect, source)
+            directions = [direction_of(family, effect, one, free) for one in freed]
             hypotheses = [self.sensors] * len(directions)
             tangents = np.stack(
                 [self._tangent(t) for t in self.simulation.tangents(hypotheses, directions, self.before)]
@@ -203,7 +199,7 @@ class _Screen:
             for joint in free:
                 if effect.variable == "command" and source == joint:
                     continue
-                lower, upper = np.full(len(freed), -2.0), np.full(len(freed), 2.0)
+                lower, upper = bounds_of(effect, freed)
                 named = source if effect.per_source else None
                 self._score(
                     family,
@@ -268,18 +264,3 @@ class _Screen:
         for name, value in point.items():
             of[name][list(joints)] = effect.sizes(name)[list(joints)] * value
         return Hypothesis({**beside, family: of}, self.active.onsets)
-
-    def _direction(self, family: str, effect: Effect, freed: Freed, joints: Sequence[int]) -> Values:
-        of = {name: np.zeros_like(value) for name, value in effect.neutral().items()}
-        for name, index in freed:
-            for joint in joints:
-                of[name][(joint,) if index is None else (joint, *np.atleast_1d(index))] = 1.0
-        return {family: of}
-
-    def _bounds(self, effect: Effect, variant: Variant) -> tuple[np.ndarray, np.ndarray]:
-        by_name = {parameter.name: parameter for parameter in effect.card.parameters}
-        freed = [by_name[one[0][0]] for one in variant]
-        return (
-            np.array([parameter.lower - parameter.neutral for parameter in freed]),
-            np.array([parameter.upper - parameter.neutral for parameter in freed]),
-        )
