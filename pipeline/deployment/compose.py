@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -9,6 +10,7 @@ import jax
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.control.policy import load_policy_of
+from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import (
     Controller,
     ControllerKind,
@@ -105,22 +107,24 @@ def graph_parts(settings: GraphSettings) -> GraphParts:
     Raises:
         InputError: No controller is named, or its policy was learned on another model.
     """
-    kind, reaching = settings.kind, settings.reaching
+    kind, reaching, deployment = settings.kind, settings.reaching, settings.deployment
     task = reaching.task(*load_dynamics(Path(settings.model)))
     controller: Controller
     if kind is ControllerKind.icem:
-        controller = IcemController(task, settings.icem, settings.action_repeats, settings.deployment.seed)
+        controller = IcemController(task, settings.icem, settings.action_repeats, deployment.seed)
     else:
         controller = PolicyController(task, load_policy_of(Path(str(settings.policy)), Path(settings.model)))
+    new_supervisor = partial(supervise, task.machine, deployment, settings.machine_directory)
     return GraphParts(
         task,
         controller,
         goal_solver(task.machine, task.arm),
-        TerminalConditions(task.machine, task.arm, settings.deployment.termination),
-        settings.deployment,
+        TerminalConditions(task.machine, task.arm, deployment.termination),
+        deployment,
         settings.action_repeats,
         settings.episodes.steps,
         LearnedStep(task),
+        new_supervisor if deployment.supervisor.rules or deployment.interface.supervised else None,
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from pipeline.deployment.component import Component, nanoseconds
+from pipeline.deployment.component import nanoseconds
 from pipeline.deployment.components.goals import compiled_forward
 from pipeline.deployment.components.recording import Recorder
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
@@ -22,7 +22,6 @@ def run_successive(
     estimator: VelocityEstimator | None,
     targets: np.ndarray,
     start_ns: int,
-    further: tuple[Component, ...] = (),
     progress: Callable[[int], None] = lambda n: None,
 ) -> Recorder:
     """Pursue the targets one after the other; each starts from the final configuration of the previous one.
@@ -34,7 +33,6 @@ def run_successive(
         estimator: estimator of its velocities, if they are not measured.
         targets: configurations whose poses are the targets, (N, n_joint).
         start_ns: absolute time of the beginning.
-        further: components in addition to server, interface and driver.
         progress: called with the number of targets done.
 
     Returns:
@@ -42,8 +40,9 @@ def run_successive(
     """
     recorder = Recorder()
     seed = np.random.SeedSequence(parts.config.seed)
-    components = parts.components(machine, estimator, *further)
-    graph = SimulatedGraph(components, delays, seed, start_ns=start_ns, taps=[recorder])
+    graph = SimulatedGraph(
+        parts.components(machine, estimator), delays, seed, start_ns=start_ns, taps=[recorder]
+    )
     poses = compiled_forward(parts.task.arm)(targets)
     longest_ns = SAFETY_FACTOR * parts.maximum_ticks * nanoseconds(parts.task.machine.dt_s)
     for number in range(len(targets)):

@@ -45,6 +45,7 @@ class GraphParts:
         action_repeats: ticks per decision.
         maximum_ticks: T_reset.
         step: tick of the learned model in the machine's place.
+        new_supervisor: makes each graph's supervisor; None: the graph has none.
     """
 
     task: ReachingTask
@@ -55,6 +56,7 @@ class GraphParts:
     action_repeats: int
     maximum_ticks: int
     step: LearnedStep
+    new_supervisor: Callable[[], Component] | None = None
 
     def with_goals(self, solve_goal: GoalSolver) -> "GraphParts":
         """The same graph with another solver of goals."""
@@ -72,14 +74,13 @@ class GraphParts:
             self.maximum_ticks,
         )
 
-    def components(
-        self, machine: Machine, estimator: VelocityEstimator | None = None, *further: Component
-    ) -> list[Component]:
-        """Components of a graph that drives `machine`, with `further` ones (a supervisor)."""
+    def components(self, machine: Machine, estimator: VelocityEstimator | None = None) -> list[Component]:
+        """Components of a graph that drives `machine`."""
         task, config = self.task, self.config
         interface = ControlInterface(task.machine, config.interface)
         driver = SimulationDriver(machine, task.machine.n_joint, config.driver, estimator)
-        return [self.server(), interface, driver, *further]
+        supervisor = [] if self.new_supervisor is None else [self.new_supervisor()]
+        return [self.server(), interface, driver, *supervisor]
 
 
 def run_episodes(

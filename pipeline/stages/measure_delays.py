@@ -20,6 +20,10 @@ from pipeline.errors import InputError
 from pipeline.testbench.target_run import run_targets
 from pipeline.tracking import StageRun
 
+UNSUPERVISED = (
+    "deployment.supervisor.rules=[]",
+    "deployment.interface.supervised=false",
+)  # as in this stage's file
 REPLACED = ("policy", "variant", "output")  # overrides that each run has of its own
 
 
@@ -56,7 +60,7 @@ def main(configuration: MeasureDelaysStage, run: StageRun) -> None:
 def measured_run(configuration: MeasureDelaysStage) -> Measured:
     """Run the graph with one controller; what its nodes measured."""
     overrides = replaced(of_this_job(configuration), {key: getattr(configuration, key) for key in REPLACED})
-    commands = node_commands(configuration.driver, overrides)
+    commands = node_commands(configuration.driver, [*UNSUPERVISED, *overrides])
     output = Path(configuration.output)
     in_own_process(run_targets, settings_of(NodeSettings, configuration), commands, output)
     return load_measured(output / "nodes")

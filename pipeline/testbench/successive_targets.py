@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.deployment.component import Component, nanoseconds
-from pipeline.deployment.components.control_supervisor import supervise
+from pipeline.deployment.component import nanoseconds
 from pipeline.deployment.components.controllers import ControllerKind
 from pipeline.deployment.components.goals import known_configurations
 from pipeline.deployment.components.recording import Recorder
@@ -76,18 +75,13 @@ class Pursuit:
             progress: Called with the number of targets done.
         """
         settings, targets = self.settings, self.episodes.targets
-        machine, rules = settings.machine, settings.deployment.supervisor
-        supervisor: tuple[Component, ...] = ()
-        if rules.rules:
-            supervisor = (supervise(machine, settings.deployment, settings.machine_directory),)
         return run_successive(
             self.parts.with_goals(known_configurations(self.parts.task.arm, targets)),
             controller_delays(settings),
             PlantMachine(parameters, plant_seed, np.asarray(self.episodes.starts[0], float)),
-            VelocityEstimator(nanoseconds(machine.dt_s), settings.loop_tracker),
+            VelocityEstimator(nanoseconds(settings.machine.dt_s), settings.loop_tracker),
             targets,
             start_ns,
-            supervisor,
             progress,
         )
 

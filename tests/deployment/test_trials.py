@@ -1,15 +1,17 @@
 """Trials through the graph against the evaluation in Brax, and successive targets as a bag."""
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pipeline.configuration.load import ControlConfiguration, load_machine, load_section
+from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.policy import Policy, PolicyLayer
+from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import PolicyController
 from pipeline.deployment.components.goals import compiled_forward, goal_solver, known_configurations
 from pipeline.deployment.components.termination import TerminalConditions
@@ -24,7 +26,7 @@ from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.logged_trials import logged_trials, trial_traces
 from pipeline.reaching.reward import RewardConfig
 from pipeline.reaching.task import ReachingTask
-from tests.deployment.machines import MIDDLE, Integrator, arm, bobcat, estimator, paper
+from tests.deployment.machines import MIDDLE, Integrator, arm, bobcat, estimator, paper, supervised
 from tests.reaching.lag import lag_dynamics
 
 TICKS = 40
@@ -68,6 +70,16 @@ def test_a_graph_without_delays_is_brax(parts: GraphParts, episodes: Episodes) -
         assert 0 <= waited <= 2
         np.testing.assert_array_equal(traces.command[n, waited:], brax.command[n, : TICKS - waited])
         np.testing.assert_allclose(traces.q[n, waited:], brax.q[n, : TICKS - waited], atol=2e-6)
+
+
+def test_a_graph_has_the_supervisor_that_its_settings_ask_for(parts: GraphParts, episodes: Episodes) -> None:
+    config = dataclasses.replace(
+        supervised(), supervisor=dataclasses.replace(paper().supervisor, rules=["joint_limits"])
+    )
+    supervisor = partial(supervise, bobcat(), config, MACHINE_DIRECTORY)
+    watched = dataclasses.replace(parts, config=config, new_supervisor=supervisor)
+    traces = trial_traces(run_episodes(watched, no_delays(), episodes), bobcat(), arm())
+    assert traces.command.any()  # which the interface would mute without a sign of life
 
 
 def test_delays_change_the_trial_and_the_seed_repeats_it(parts: GraphParts, episodes: Episodes) -> None:

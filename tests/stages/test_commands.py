@@ -16,6 +16,7 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf, open_dict
 
 from pipeline.configuration.load import load_machine
+from pipeline.deployment.components.supervisor_rules import RULES
 from pipeline.logs.formats.writer import write_bag
 from tests.stages.command import run_stage
 
@@ -61,6 +62,19 @@ def test_every_stage_takes_every_profile(stage: str, profile: str) -> None:
     for key in OmegaConf.missing_keys(composed):
         OmegaConf.update(composed, key, "value" if key != "seed" else 0)
     assert OmegaConf.to_object(composed).machine.name == "bobcat_e10"
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_all_rules_are_on_unless_the_experiment_says_otherwise(stage: str) -> None:
+    importlib.import_module(f"pipeline.stages.{stage}")
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composed = compose(stage)
+    if "deployment" not in composed:
+        return
+    is_on = stage not in ("sim2sim", "sim2real", "measure_delays")
+    assert composed.deployment.supervisor.rules == (list(RULES) if is_on else [])
+    assert composed.deployment.interface.supervised == is_on
 
 
 def test_paths_are_relative_to_the_callers_folder(logs: Path, tmp_path: Path) -> None:

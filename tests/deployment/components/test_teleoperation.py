@@ -41,6 +41,7 @@ ROOT = Path(__file__).parents[3]  # the file of delays is named from here
 SECONDS = 8
 TIMEOUT_S = 400  # most of it until five nodes have imported what they run, beside other work
 OBJECTING = [
+    "deployment.interface.supervised=false",
     "deployment.supervisor.rules=[command_frequency]",
     "deployment.supervisor.maximum_command_rate_hz=15",
 ]
