@@ -6,9 +6,9 @@ import numpy as np
 
 from pipeline.logs.conditioning.clocks import count_unset
 from pipeline.logs.conditioning.command_rules import HeldCommands, keep_first_unset
-from pipeline.logs.conditioning.encoder_rules import drop_isolated_stamps
 from pipeline.logs.conditioning.ordering import sort_by_time, split_at_steps_back
 from pipeline.logs.conditioning.samples import Samples
+from pipeline.logs.conditioning.stray_stamps import drop_stray_stamps
 from pipeline.logs.messages.columns import sections
 from pipeline.logs.messages.raw_log import NANOSECONDS, ChannelSamples, Note, NoteKind, RawLog
 from pipeline.machine.specification import MachineSpecification
@@ -30,7 +30,7 @@ class HeldChannel:
         stream = self._finite(found, section_rows)
         if count_unset(found.time_ns, gap_ns):
             stream = keep_first_unset(stream, what, "time", self.notes)
-        stream = drop_isolated_stamps(stream, gap_ns, what, "time", self.notes)
+        stream = drop_stray_stamps(stream, gap_ns, what, "time", self.notes)
         stream = sort_by_time(split_at_steps_back(stream, gap_ns), gap_ns, what, "time", self.notes)
         self.held = HeldCommands(stream)
 

@@ -9,7 +9,10 @@ from functools import partial
 import numpy as np
 
 from pipeline.logs.conditioning.order_statistics import quantiles
-from pipeline.logs.messages.columns import SECTION_ROWS, Column, sections
+from pipeline.logs.conditioning.ordering import split_at_steps_back
+from pipeline.logs.conditioning.samples import Samples
+from pipeline.logs.conditioning.stray_stamps import steady_stamps
+from pipeline.logs.messages.columns import Column, sections
 from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind, RawLog
 from pipeline.machine.log_sources import ClockChoice, CommandSource, JointStateSource
 from pipeline.machine.specification import MachineSpecification
@@ -168,8 +171,7 @@ def _why_not_stamps(
         return "all header stamps are alike"
     if abs(apart_s) > maximum_clock_offset_s:
         return f"header stamps are {apart_s:.3f} s from log time, so of another clock than the commands"
-    n_back, n_isolated = _steps_back(stamp, gap_ns)
-    if n_back > _steps_back(log_time, gap_ns)[0] + n_isolated:
+    if _steps_back(stamp, gap_ns) > _steps_back(log_time, gap_ns):
         return "the header stamps' clock steps back"
     return ""
 
@@ -190,26 +192,10 @@ def drift_ppm(stamp: Column, log_time: Column) -> float:
 
 
 def extremes_without_outliers(time_ns: Column, gap_ns: int) -> list[int]:
-    """Return the first and the last times of a column's sections, unset and isolated stamps excluded."""
-    found = []
+    """Return the first and the last times of a column's sections, unset and stray stamps excluded."""
     has_unset = count_unset(time_ns, gap_ns) > 0
-    for part, begin, end in _with_neighbours(time_ns):
-        is_stray = isolated_stamps(part, gap_ns) | (has_unset & (part == 0))
-        steady = part[begin:end][~is_stray[begin:end]]
-        if len(steady):
-            found += [int(steady.min()), int(steady.max())]
-    return found
-
-
-def isolated_stamps(time_ns: np.ndarray, gap_ns: int) -> np.ndarray:
-    """Return which stamps lie far from both neighbours while these agree, shape (N,), bool."""
-    isolated = np.zeros(len(time_ns), dtype=bool)
-    if len(time_ns) >= 3:
-        time = time_ns.astype(np.float64)  # differences of damaged stamps may overflow int64
-        far = np.abs(np.diff(time)) > gap_ns
-        agree = np.abs(time[2:] - time[:-2]) <= gap_ns
-        isolated[1:-1] = far[:-1] & far[1:] & agree
-    return isolated
+    steady = (part[part != 0] if has_unset else part for part in steady_stamps(time_ns, gap_ns))
+    return [int(extreme) for part in steady if len(part) for extreme in (part.min(), part.max())]
 
 
 def _offsets_s(
@@ -225,17 +211,7 @@ def _elapsed_s(time_ns: Column, start_ns: int, begin: int, end: int) -> Iterator
     return ((part - start_ns) / NANOSECONDS for (part,) in sections((time_ns,), begin, end))
 
 
-def _steps_back(time_ns: Column, gap_ns: int) -> tuple[int, int]:
-    """Count steps back of more than `gap_ns`, and isolated stamps."""
-    n_back = n_isolated = 0
-    for part, begin, end in _with_neighbours(time_ns):
-        n_back += int((np.diff(part[:end]) < -gap_ns).sum())
-        n_isolated += int(isolated_stamps(part, gap_ns)[begin:end].sum())
-    return n_back, n_isolated
-
-
-def _with_neighbours(time_ns: Column) -> Iterator[tuple[np.ndarray, int, int]]:
-    """Yield each section extended by one time on either side, and the section's bounds within it."""
-    for row in range(0, len(time_ns), SECTION_ROWS):
-        first = max(row - 1, 0)
-        yield time_ns[first : row + SECTION_ROWS + 1], row - first, row - first + SECTION_ROWS
+def _steps_back(time_ns: Column, gap_ns: int) -> int:
+    """Count steps back of more than `gap_ns` between the stamps that are not stray."""
+    steps = split_at_steps_back((Samples(part, part) for part in steady_stamps(time_ns, gap_ns)), gap_ns)
+    return max((section.era for section in steps), default=0)

@@ -4,7 +4,7 @@ Messages that are stored out of order of their log time are put in order first (
 
 Rules for joint samples, in this order:
 - A sample whose stamp is zero because the clock had not started is dropped.
-- A sample whose stamp lies far from both neighbours, while these agree, is dropped (a damaged stamp).
+- Samples with a stray stamp are dropped (`stray_stamps`).
 - Samples with a value that is not finite, or too large for a position, are dropped.
 - Encoder wrap-around of revolute joints is undone; whole turns are subtracted so that the log starts near the limits.
 - Values outside the joint limits are kept and counted: the limits describe the machine, not its encoders.
@@ -14,7 +14,7 @@ Rules for joint samples, in this order:
   lasting jump splits the log.
 
 Rules for commands: a command outside the machine's set is unknown until the next command, so no tuples are made there.
-If they are many, the configuration is wrong and the log is refused. As for joint samples, isolated stamps are dropped
+If they are many, the configuration is wrong and the log is refused. As for joint samples, stray stamps are dropped
 and commands are sorted. Commands whose log time is zero, because the recorder's clock had not started, count as given
 before all others.
 """
@@ -35,7 +35,6 @@ from pipeline.logs.conditioning.command_rules import HeldCommands, keep_first_un
 from pipeline.logs.conditioning.encoder_rules import (
     count_beyond_limits,
     drop_impossible,
-    drop_isolated_stamps,
     drop_spikes,
     drop_unset_times,
     split_at_jumps,
@@ -49,6 +48,7 @@ from pipeline.logs.conditioning.ordering import (
 )
 from pipeline.logs.conditioning.recording_order import in_order_of_time
 from pipeline.logs.conditioning.samples import Samples
+from pipeline.logs.conditioning.stray_stamps import drop_stray_stamps
 from pipeline.logs.conditioning.units import unit_warnings
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.messages.columns import ColumnStore, sections
@@ -96,7 +96,7 @@ class ConditionedLog:
         samples = (Samples(at_ns, q) for at_ns, q in sections((time_ns, raw.q), n_rows=section_rows))
         n_unset = count_unset(time_ns, gap_ns)
         stream: Iterator[Samples] = drop_unset_times(samples, n_unset, "joint samples", name, notes)
-        stream = drop_isolated_stamps(stream, gap_ns, "joint samples", name, notes)
+        stream = drop_stray_stamps(stream, gap_ns, "joint samples", name, notes)
         stream = unwrap(drop_impossible(stream, machine, notes), machine, notes)
         stream = split_at_steps_back(count_beyond_limits(stream, machine, notes), gap_ns)
         stream = sort_by_time(self._counted(stream), gap_ns, "joint samples", name, notes)
@@ -118,7 +118,7 @@ class ConditionedLog:
                     f"{other.replace(' ', '_')} in conf/machine/{machine.name}.yaml if they have one"
                 )
             issued = keep_first_unset(issued, "commands", by, notes)
-        issued = drop_isolated_stamps(issued, gap_ns, "commands", by, notes)
+        issued = drop_stray_stamps(issued, gap_ns, "commands", by, notes)
         valid = mark_invalid(issued, machine, config.maximum_invalid_command_fraction, raw.path, self.notes)
         ordered = sort_by_time(split_at_steps_back(valid, gap_ns), gap_ns, "commands", by, self.notes)
         self.channels = held_channels(raw, machine, gap_ns, section_rows)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.logs.conditioning.clocks import isolated_stamps
 from pipeline.logs.conditioning.samples import Samples, join, with_neighbours
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.messages.raw_log import NANOSECONDS, Note, NoteKind
@@ -25,21 +24,6 @@ def drop_unset_times(
         notes.append(Note(NoteKind.left_out, f"{what}: their {clock_name} is zero", n_unset))
     for section in stream:
         yield section[section.time_ns != 0] if n_unset else section
-
-
-def drop_isolated_stamps(
-    stream: Iterable[Samples], gap_ns: int, what: str, clock_name: str, notes: list[Note]
-) -> Iterator[Samples]:
-    """Drop samples whose stamp lies far from both neighbours while these agree."""
-    count = 0
-    for widened, begin, end in with_neighbours(stream):
-        stray = isolated_stamps(widened.time_ns, gap_ns)[begin:end]
-        count += int(stray.sum())
-        section = widened[begin:end]
-        yield section[~stray] if stray.any() else section
-    if count:
-        text = f"{what}: their {clock_name} lies far from both neighbours'"
-        notes.append(Note(NoteKind.left_out, text, count))
 
 
 def drop_impossible(

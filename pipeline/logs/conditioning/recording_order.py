@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.logs.conditioning.encoder_rules import drop_isolated_stamps
 from pipeline.logs.conditioning.ordering import split_at_steps_back
 from pipeline.logs.conditioning.samples import Samples
+from pipeline.logs.conditioning.stray_stamps import drop_stray_stamps
 from pipeline.logs.messages.columns import SECTION_ROWS, Column, ColumnStore, sections
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
 from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog
@@ -39,7 +39,7 @@ STANDARD_DEVIATIONS = 2
 
 @dataclass(frozen=True)
 class Stretches:
-    """The stretches of a stream between steps back of its log time; isolated times are not counted.
+    """The stretches of a stream between steps back of its log time; stray times are not counted.
 
     Attributes:
         first_row: Shape (k,), int64.
@@ -221,7 +221,7 @@ def _pieces(log_time_ns: Column, stamp_ns: Column, gap_ns: int) -> Iterator[Samp
             yield Samples(time_ns, np.stack([stamp, begin + np.arange(len(stamp))], axis=1))
             begin += len(stamp)
 
-    return split_at_steps_back(drop_isolated_stamps(samples(), gap_ns, "", "", []), gap_ns)
+    return split_at_steps_back(drop_stray_stamps(samples(), gap_ns, "", "", []), gap_ns)
 
 
 def _holes(own: Stretches, gap_ns: int) -> np.ndarray:

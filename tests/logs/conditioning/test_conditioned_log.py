@@ -154,13 +154,14 @@ def test_clock_step_of_one_stream_alone_is_refused(raw, make, step):
         make(raw)
 
 
+@pytest.mark.parametrize("n", [1, 3])
 @pytest.mark.parametrize("by_s", [-100, 100])
-def test_damaged_times_cost_their_own_message_only(raw, make, by_s):
+def test_damaged_times_cost_their_own_messages_only(raw, make, by_s, n):
     expected = make(raw).trajectories[0]
-    raw.command_log_time_ns[200] += by_s * SECOND
-    raw.joint_log_time_ns[300] += by_s * SECOND
+    raw.command_log_time_ns[200 : 200 + n] += by_s * SECOND
+    raw.joint_log_time_ns[300 : 300 + n] += by_s * SECOND
     result = make(raw)
-    assert noted(result, "commands: their log time lies far from both neighbours'") == 1
+    assert noted(result, "commands: their log time lies far from both neighbours'") == n
     (trajectory,) = result.trajectories
     np.testing.assert_array_equal(trajectory.t_s, expected.t_s)
     np.testing.assert_array_equal(trajectory.q, expected.q)

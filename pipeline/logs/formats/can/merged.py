@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from pipeline.logs.conditioning.encoder_rules import drop_isolated_stamps
 from pipeline.logs.conditioning.ordering import sort_by_time, split_at_steps_back
 from pipeline.logs.conditioning.samples import Samples, join
+from pipeline.logs.conditioning.stray_stamps import drop_stray_stamps
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
 from pipeline.logs.messages.raw_log import Note
 
@@ -34,7 +34,7 @@ def merged_rows(
         what: For the notes.
         notes: Gets what is left out.
     """
-    stream = split_at_steps_back(drop_isolated_stamps(frames, gap_ns, what, "time", notes), gap_ns)
+    stream = split_at_steps_back(drop_stray_stamps(frames, gap_ns, what, "time", notes), gap_ns)
     stream = sort_by_time(stream, gap_ns, what, "time", notes)
     return _held(stream, joints) if is_held else _interpolated(stream, joints, gap_ns)
 
