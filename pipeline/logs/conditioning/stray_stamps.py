@@ -2,7 +2,8 @@
 
 The file's order is the order of recording, so samples with stray stamps were taken between their neighbours. One is
 stray if its neighbours are at most a gap apart. Several in a row also need the time for it: as many intervals directly
-before them must not take longer. So blocks that are stored out of order do not count, as no time passes at their place. At a log's ends there is no second neighbour, so a step back there is one of the clock.
+before them must not take longer. So blocks that are stored out of order do not count, as no time passes at their place.
+At a log's ends there is no second neighbour: a step back there is one of the clock.
 """
 
 import itertools
