@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from pipeline.logs.conditioning.clock_steps import step_apart_ns
 from pipeline.logs.conditioning.order_statistics import quantiles
 from pipeline.logs.conditioning.ordering import split_at_steps_back
 from pipeline.logs.conditioning.samples import Samples
@@ -54,8 +55,8 @@ def choose_clock(
     """Choose the joint samples' clock and measure the clocks against each other.
 
     The header stamp is the sample time (contract, section 1). Unless the machine's configuration names the clock, log
-    time replaces it if more than a few stamps are zero, if all are equal, if they step back while log time does not, or
-    if they are so far from the commands' times that they come from another clock.
+    time replaces it if more than a few stamps are zero, if all are equal, if one of the two clocks steps and the other
+    does not, or if they are so far from the commands' times that they come from another clock.
 
     Args:
         raw: The log.
@@ -79,6 +80,9 @@ def choose_clock(
     elif choice is ClockChoice.automatic and has_stamps:
         apart_s = median - commands_offset_s
         reason = _why_not_stamps(stamp, log_time, apart_s, gap_ns, maximum_clock_offset_s)
+        if not reason and raw.command_stamp_ns is None and (by_ns := step_apart_ns(stamp, log_time, gap_ns)):
+            way = "forward" if by_ns > 0 else "back"
+            reason = f"log time steps {way} by {abs(by_ns) / NANOSECONDS:.1f} s against header stamps"
     used = LOG_TIME if reason else HEADER_STAMP
     report = ClockReport(used, reason, median, low, high, drift_ppm(stamp, log_time))
     notes = []

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.errors import InputError
 from pipeline.logs.conditioning import recording_order
 from pipeline.logs.conditioning.recording_order import in_order_of_time, steps_of_clock, stretches
 from pipeline.logs.formats.bags import read_log
@@ -136,10 +135,14 @@ def test_clock_that_is_set_back_splits_the_log(raw, make, by_s):
     np.testing.assert_array_equal(both[0], make(raw).trajectories[0].q[: len(both[0])])
 
 
-def test_clock_of_the_recorder_alone_is_no_other_order(raw, make):
-    """Header stamps ascend; commands have log time only."""
-    with pytest.raises(InputError, match="split the bag at the steps"):
-        make(set_back(raw, 10.0, 3.0, with_stamps=False))
+@pytest.mark.parametrize("by_s", [0.8, 3.0, 3600.0, -0.8, -3.0, -3600.0])
+def test_a_clock_of_the_recorder_alone_that_is_set_splits_the_log(raw, make, by_s):
+    """Header stamps ascend and commands have log time only: the rows are those of the two halves by log time."""
+    by_log_time = replace(raw, joint_stamp_ns=raw.joint_log_time_ns)
+    result, expected = (make(set_back(one, 10.0, by_s, with_stamps=False)) for one in (raw, by_log_time))
+    assert len(result.trajectories) == 2
+    assert_same_rows(result, expected)
+    assert f"log time steps {'back' if by_s > 0 else 'forward'} by {abs(by_s):.1f} s" in texts(result)
 
 
 @pytest.mark.parametrize("by_s", [1.0, 3.0, 3600.0])
