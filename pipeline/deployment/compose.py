@@ -114,7 +114,7 @@ def graph_parts(settings: GraphSettings) -> GraphParts:
         controller = IcemController(task, settings.icem, settings.action_repeats, deployment.seed)
     else:
         controller = PolicyController(task, load_policy_of(Path(str(settings.policy)), Path(settings.model)))
-    new_supervisor = partial(supervise, task.machine, deployment, settings.machine_directory)
+    new_supervisor = partial(supervise, task.machine, deployment, settings.machine_directory, settings.model)
     return GraphParts(
         task,
         controller,

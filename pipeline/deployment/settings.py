@@ -48,11 +48,39 @@ class TerminationConfig:
 
 
 @dataclass
+class EnvelopeConfig:
+    """The region in which experiments are planned: W+, unless the operator widens it.
+
+    Attributes:
+        wider_m: by which the bounds of radius and height lie further out than those of W+.
+        wider_rad: the same of the yaw.
+        joints: lowest and highest angle of a joint by its name, rad (m), beside the region of the tip.
+    """
+
+    wider_m: float
+    wider_rad: float
+    joints: dict[str, list[float]]
+
+    def __post_init__(self) -> None:
+        for name, bounds in self.joints.items():
+            if len(bounds) != 2 or not bounds[0] < bounds[1]:
+                raise InputError(
+                    f"deployment.supervisor.envelope.joints.{name} is {bounds}; give the lowest and the highest angle"
+                )
+        for name in ("wider_m", "wider_rad"):
+            if not getattr(self, name) >= 0:
+                raise InputError(
+                    f"deployment.supervisor.envelope.{name} is {getattr(self, name)}; it must not be negative"
+                )
+
+
+@dataclass
 class SupervisorConfig:
     """Limits of the supervisor's rules; `rules` names the active ones.
 
     Attributes:
         rules: any of `supervisor_rules.RULES`; none for the paper's experiments.
+        warnings: those of the rules that warn where they would stop the machine.
         period_s: period of its timer and its sign of life.
         maximum_command_gap_s: between two commands of a server that has not fallen silent.
         maximum_command_rate_hz: mean over a second.
@@ -63,6 +91,8 @@ class SupervisorConfig:
         clock_tolerance_s: largest lead of a stamp over the clock.
         maximum_speed: of a joint, in joint ranges per second; faster is a jump of the encoder.
         jump_tolerance: allowance for noise, as a share of the joint's range.
+        frozen_command: command, as a share of the full one, from which a joint has to move; proportional valves have a
+            dead band.
         frozen_after_s: time after which an unchanged reading of a commanded joint counts as frozen.
         limit_tolerance: allowed excess over a joint limit, as a share of its range.
         limit_prediction_s: prediction horizon of the limits at the present velocity; zero if limits are end stops,
@@ -71,9 +101,13 @@ class SupervisorConfig:
         prediction_s: prediction horizon of self-collision at the present velocity.
         clearance_m: least distance between links that are not neighbours.
         neutral_s: time for which sticks and commands are neutral before an acknowledged stop is released.
+        floor: file of `measure_floor` for the model that the graph is given; without it `model_residual` is off.
+        false_stop_hours: least mean time between false stops by `model_residual`, while all joints move.
+        envelope: region of the rule `envelope`.
     """
 
     rules: list[str]
+    warnings: list[str]
     period_s: float
     maximum_command_gap_s: float
     maximum_command_rate_hz: float
@@ -84,6 +118,7 @@ class SupervisorConfig:
     clock_tolerance_s: float
     maximum_speed: float
     jump_tolerance: float
+    frozen_command: float
     frozen_after_s: float
     limit_tolerance: float
     limit_prediction_s: float
@@ -91,11 +126,17 @@ class SupervisorConfig:
     prediction_s: float
     clearance_m: float
     neutral_s: float
+    floor: str | None
+    false_stop_hours: float
+    envelope: EnvelopeConfig
 
     def __post_init__(self) -> None:
+        if others := [name for name in self.warnings if name not in self.rules]:
+            raise InputError(f"deployment.supervisor.warnings: {', '.join(others)} not among its rules")
         _check_positive(
             self,
             "supervisor",
+            "false_stop_hours",
             "period_s",
             "maximum_command_gap_s",
             "maximum_command_rate_hz",
@@ -104,6 +145,7 @@ class SupervisorConfig:
             "maximum_state_gap_s",
             "maximum_state_delay_s",
             "maximum_speed",
+            "frozen_command",
             "frozen_after_s",
             "maximum_stop_s",
             "neutral_s",

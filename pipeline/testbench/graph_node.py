@@ -58,7 +58,7 @@ def component(settings: NodeSettings, name: str) -> Component:
     if name == "control_interface":
         return ControlInterface(machine, deployment.interface)
     if name == "control_supervisor":
-        return supervise(machine, deployment, settings.machine_directory)
+        return supervise(machine, deployment, settings.machine_directory, settings.model)
     if name == "teleoperation_server":
         return TeleoperationServer(machine, deployment.teleoperation)
     if name == JOYSTICK:

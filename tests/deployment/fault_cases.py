@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import can
 import numpy as np
 
+from pipeline.configuration.load import load_section
 from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
 from pipeline.deployment.drivers.programmable_controller import ProgrammableController
 from pipeline.deployment.messages import (
@@ -22,6 +23,7 @@ from pipeline.deployment.messages import (
     ReachResult,
     Topic,
 )
+from pipeline.deployment.settings import DeploymentConfig, EnvelopeConfig
 from pipeline.deployment.transports.simulated_time.delays import Distribution
 from pipeline.deployment.transports.simulated_time.faults import Fault
 from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
@@ -291,13 +293,77 @@ def outcome_of(watch: Watch, plc: ObservedPLC) -> FaultRun:
     )
 
 
+# What each rule objects to, the settings that limit it, and why.
+RULES_TOLD: dict[str, tuple[str, tuple[str, ...], str]] = {
+    "command_frequency": (
+        "commands that are missing or too frequent",
+        ("maximum_command_gap_s", "maximum_command_rate_hz"),
+        "a server died, or sends in a loop",
+    ),
+    "command_delay": (
+        "old messages, old decisions",
+        ("maximum_command_delay_s", "maximum_decision_age_s", "clock_tolerance_s"),
+        "they belong to a machine of the past",
+    ),
+    "command_order": ("requests out of order", (), "one was lost or came twice"),
+    "command_value": ("impossible commands", (), "the valves take no others"),
+    "state_frequency": (
+        "joint states that are missing, late or out of order",
+        ("maximum_state_gap_s", "maximum_state_delay_s", "clock_tolerance_s"),
+        "nobody sees the machine",
+    ),
+    "encoder_reading": (
+        "readings that are not finite, or jump",
+        ("maximum_speed", "jump_tolerance"),
+        "no joint is so fast",
+    ),
+    "frozen_encoder": (
+        "a reading that does not change under command",
+        ("frozen_command", "frozen_after_s"),
+        "encoder or valve is stuck",
+    ),
+    "joint_limits": (
+        "readings beyond a limit; pressing against an end stop",
+        ("limit_tolerance", "limit_prediction_s", "maximum_stop_s"),
+        "a fault; hot oil",
+    ),
+    "self_collision": (
+        "links too near to each other",
+        ("clearance_m", "prediction_s"),
+        "until a stop takes effect",
+    ),
+    "envelope": (
+        "a tip that leaves W⁺, or a joint its bounds",
+        ("envelope",),
+        "experiments are planned inside",
+    ),
+    "model_residual": (
+        "a joint that no longer follows its model",
+        ("floor", "false_stop_hours"),
+        "half speed, a stuck valve, motion without command",
+    ),
+}
+RULE_PAGE = """
+## Rules of the supervisor
+
+All are on in profile `default`; `model_residual` needs a floor. Limits are those of `deployment.supervisor`.
+
+| rule | objects to | limits | why |
+|---|---|---|---|
+"""
 PAGE = """\
 <!-- generated: python -m tests.deployment.fault_cases -->
-# Faults in the deployment graph
+# Rules and faults of the deployment graph
+
+## Faults
 
 Who reacts to each fault in the graph of the real machine, and when the valves are at zero
 ([safety](deployment.md#safety)). The CAN bus is python-can's virtual one, delays are 0.5 to 2 ms. Each figure is the
 latest of three seeds.
+
+Tests inject these faults, alone and in pairs. Each stops the machine: valves are at zero within one control period
+(50 ms) after detection, and the interface sends no later command. Where the way to the valves is cut, the PLC stops by
+itself 0.2 s after the last frame.
 
 """
 
@@ -313,7 +379,19 @@ def fault_page() -> str:
         reactions = sorted({run.reaction for run in runs})
         known, stopped = (max(getattr(run, k) for run in runs) for k in ("known_s", "stopped_s"))
         lines.append(f"| {name} | {' or '.join(reactions)} | {known:.3f} | {stopped:.3f} |")
-    return PAGE + "\n".join(lines) + "\n"
+    rules = [
+        f"| `{name}` | {objects} | {', '.join(f'`{key}` {told(key)}' for key in keys)} | {why} |"
+        for name, (objects, keys, why) in RULES_TOLD.items()
+    ]
+    return PAGE + "\n".join(lines) + "\n" + RULE_PAGE + "\n".join(rules) + "\n"
+
+
+def told(key: str) -> str:
+    """A limit of the profile `default`."""
+    value = getattr(load_section("deployment", DeploymentConfig, "default").supervisor, key)
+    if isinstance(value, EnvelopeConfig):
+        return f"wider by {value.wider_m:g} m, {value.wider_rad:g} rad"
+    return "none" if value is None else f"{value:g}"
 
 
 if __name__ == "__main__":

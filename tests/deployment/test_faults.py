@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.components.supervisor_rules import RULES
-from tests.deployment.fault_cases import CUTS, DELAYS, FAULTS, fault_page, run_faults
+from tests.deployment.fault_cases import CUTS, DELAYS, FAULTS, RULES_TOLD, fault_page, run_faults
 from tests.deployment.machines import bobcat, supervised
 
 PAGE = Path(__file__).parents[2] / "docs/faults.md"
@@ -42,6 +42,10 @@ def test_a_sound_graph_runs_on_with_every_rule_switched_on() -> None:
     run = run_faults(seed=3, rules=tuple(RULES))
     assert run.reaction == "none"
     assert max(link.quantiles_s[-1] for link in DELAYS.values()) * NANOSECONDS > 0
+
+
+def test_every_rule_is_told() -> None:
+    assert list(RULES_TOLD) == list(RULES)
 
 
 def test_the_page_is_what_these_runs_give() -> None:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.deployment.component import Component, Output, Publication, nanoseconds
-from pipeline.deployment.components.supervisor_rules import Rule, build_rules
+from pipeline.deployment.components.rule import Rule
+from pipeline.deployment.components.supervisor_rules import RuleParts, build_rules
 from pipeline.deployment.messages import (
     EmergencyStop,
     JointCommand,
@@ -30,6 +31,10 @@ class ControlSupervisor(Component):
     and sticks and requested commands have to be neutral for `neutral_s`; only then is the stop released. A further
     violation in between is a further stop, with a stamp of its own. While a stop is in force, the sign of life names
     it, which compensates for a lost emergency signal.
+
+    Attributes:
+        stop: the stop in force.
+        warned: what rules that only warn objected to last, by their names, since the last acknowledgement.
     """
 
     name = "control_supervisor"
@@ -62,6 +67,8 @@ class ControlSupervisor(Component):
         self._threshold = teleoperation.threshold
         self._new_rules = new_rules
         self._rules = new_rules()
+        self._only_warn = frozenset(config.warnings)
+        self.warned: dict[str, str] = {}
         self._are_sticks_neutral = True
         self._neutral_since_ns: int | None = None  # None: not acknowledged
         self._latest_stop_ns = self._released_ns = -1
@@ -105,6 +112,7 @@ class ControlSupervisor(Component):
             return (Publication(Topic.release, Release(now_ns, self._released_ns)),) if is_known else ()
         if reset.stop_ns == self.stop.stamp_ns and self._neutral_since_ns is None:
             self._rules = self._new_rules()
+            self.warned.clear()
             self._neutral_since_ns = now_ns
         return ()
 
@@ -125,7 +133,11 @@ class ControlSupervisor(Component):
         if self.stop is not None and self._neutral_since_ns is None:
             return ()
         for name, detail in objections.items():
-            if detail is not None:
+            if detail is None:
+                continue
+            if name in self._only_warn:
+                self.warned[name] = detail
+            else:
                 stop = EmergencyStop(max(now_ns, self._latest_stop_ns + 1), name, detail)
                 self._stop(stop)
                 return (Publication(Topic.emergency_stop, stop),)
@@ -135,11 +147,19 @@ class ControlSupervisor(Component):
         self.stop, self._latest_stop_ns, self._neutral_since_ns = stop, stop.stamp_ns, None
 
 
-def supervise(machine: MachineSpecification, config: DeploymentConfig, directory: Path) -> ControlSupervisor:
-    """A supervisor with the configured rules; `directory` is where conf/machine lies.
+def supervise(
+    machine: MachineSpecification, config: DeploymentConfig, directory: Path, model: str | None = None
+) -> ControlSupervisor:
+    """A supervisor with the configured rules.
+
+    Args:
+        machine: its joints, limits and workspace.
+        config: section `deployment`.
+        directory: where conf/machine lies.
+        model: folder of the model that the machine should follow; empty or None: there is none.
 
     Raises:
-        InputError: a rule is unknown.
+        InputError: a rule is unknown, or lacks what it needs.
     """
-    new_rules = partial(build_rules, machine, config.supervisor, directory)
-    return ControlSupervisor(machine, new_rules, config.supervisor, config.teleoperation)
+    parts = RuleParts(machine, config.supervisor, directory, Path(model) if model else None)
+    return ControlSupervisor(machine, partial(build_rules, parts), config.supervisor, config.teleoperation)

@@ -1,4 +1,4 @@
-"""The rules of the control supervisor: one small class each, independent of clocks and transports.
+"""The rules of the control supervisor: one small class each.
 
 A rule receives every command and joint state with its time of arrival, and is called at every tick of the supervisor.
 It returns a violation in words, or None. Limits are those of `SupervisorConfig`.
@@ -6,33 +6,26 @@ It returns a violation in words, or None. Limits are those of `SupervisorConfig`
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.commands import is_command
+from pipeline.deployment.components.envelope_rule import Envelope, StaysInEnvelope
+from pipeline.deployment.components.free_running_model import FreeRunningModel
+from pipeline.deployment.components.model_floor import ModelFloor, read_floor
+from pipeline.deployment.components.residual_rule import FollowsModel
+from pipeline.deployment.components.rule import Rule
 from pipeline.deployment.components.self_collision import SelfCollision
 from pipeline.deployment.messages import JointCommand, JointState
 from pipeline.deployment.settings import SupervisorConfig
+from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.errors import InputError
+from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
-
-
-class Rule:
-    """Base of all rules, which never reports a violation."""
-
-    def on_command(self, command: JointCommand, now_ns: int) -> str | None:
-        """Check a command at its arrival."""
-        return None
-
-    def on_state(self, state: JointState, now_ns: int) -> str | None:
-        """Check a joint state at its arrival."""
-        return None
-
-    def on_tick(self, now_ns: int) -> str | None:
-        """Check at a tick."""
-        return None
 
 
 class CommandFrequency(Rule):
@@ -164,6 +157,7 @@ class FrozenEncoder(Rule):
 
     def __init__(self, machine: MachineSpecification, config: SupervisorConfig) -> None:
         self._machine = machine
+        self._threshold = config.frozen_command
         self._frozen_after_ns = nanoseconds(config.frozen_after_s)
         self._margin = config.limit_tolerance * (machine.upper - machine.lower)
         self._command = np.zeros(machine.n_joint)
@@ -183,7 +177,7 @@ class FrozenEncoder(Rule):
         at_limit = (position <= self._machine.lower + self._margin) | (
             position >= self._machine.upper - self._margin
         )
-        idle = self._command == 0
+        idle = np.abs(self._command) < self._threshold
         self._position = position
         self._since_ns = np.where(moved | at_limit | idle, now_ns, self._since_ns)
         return None
@@ -291,26 +285,70 @@ class _Age:
         return f"{self._what} is {age_ns * 1e-9:.3f} s old"
 
 
-RULES: dict[str, Callable[[MachineSpecification, SupervisorConfig, Path], Rule]] = {
-    "command_frequency": lambda machine, config, folder: CommandFrequency(config),
-    "command_delay": lambda machine, config, folder: CommandDelay(config),
-    "command_order": lambda machine, config, folder: CommandOrder(),
-    "command_value": lambda machine, config, folder: CommandValue(machine),
-    "state_frequency": lambda machine, config, folder: StateFrequency(config),
-    "encoder_reading": lambda machine, config, folder: EncoderReading(machine, config),
-    "frozen_encoder": lambda machine, config, folder: FrozenEncoder(machine, config),
-    "joint_limits": lambda machine, config, folder: JointLimits(machine, config),
-    "self_collision": lambda machine, config, folder: LinkClearance(SelfCollision(machine, folder), config),
+@dataclass(frozen=True)
+class RuleParts:
+    """What rules are built of; what takes long is built once, as rules are built anew at every reset.
+
+    Attributes:
+        machine: joints, limits and workspace.
+        config: limits of the rules.
+        directory: where conf/machine lies.
+        model: folder of the model that the machine should follow; None: there is none.
+    """
+
+    machine: MachineSpecification
+    config: SupervisorConfig
+    directory: Path
+    model: Path | None = None
+
+    @cached_property
+    def shapes(self) -> SelfCollision:
+        """The links' shapes."""
+        return SelfCollision(self.machine, self.directory)
+
+    @cached_property
+    def envelope(self) -> Envelope:
+        """The planned region."""
+        return Envelope(self.machine, load_arm(self.machine, self.directory), self.config.envelope)
+
+    @cached_property
+    def followed(self) -> tuple[FreeRunningModel, ModelFloor]:
+        """The model beside the machine, and its floor."""
+        assert self.model is not None and self.config.floor is not None
+        floor = read_floor(Path(self.config.floor), dynamics_fingerprint(self.model))
+        return FreeRunningModel(*load_dynamics(self.model, self.machine), self.machine), floor
+
+    @property
+    def has_floor(self) -> bool:
+        """Whether the model's residual can be judged."""
+        return self.model is not None and self.config.floor is not None
+
+
+RULES: dict[str, Callable[[RuleParts], Rule]] = {
+    "command_frequency": lambda parts: CommandFrequency(parts.config),
+    "command_delay": lambda parts: CommandDelay(parts.config),
+    "command_order": lambda parts: CommandOrder(),
+    "command_value": lambda parts: CommandValue(parts.machine),
+    "state_frequency": lambda parts: StateFrequency(parts.config),
+    "encoder_reading": lambda parts: EncoderReading(parts.machine, parts.config),
+    "frozen_encoder": lambda parts: FrozenEncoder(parts.machine, parts.config),
+    "joint_limits": lambda parts: JointLimits(parts.machine, parts.config),
+    "self_collision": lambda parts: LinkClearance(parts.shapes, parts.config),
+    "envelope": lambda parts: StaysInEnvelope(parts.envelope),
+    "model_residual": lambda parts: FollowsModel(
+        parts.machine, *parts.followed, parts.config.false_stop_hours
+    ),
 }
 
 
-def build_rules(machine: MachineSpecification, config: SupervisorConfig, directory: Path) -> dict[str, Rule]:
-    """The active rules by name; `directory` is where conf/machine lies.
+def build_rules(parts: RuleParts) -> dict[str, Rule]:
+    """The active rules by name; `model_residual` is left out where there is no model or no floor.
 
     Raises:
-        InputError: a rule is unknown.
+        InputError: a rule is unknown, or the machine lacks what it needs.
     """
-    for name in config.rules:
+    names = parts.config.rules
+    for name in names:
         if name not in RULES:
             raise InputError(f"deployment.supervisor.rules: no rule `{name}`; known are {', '.join(RULES)}")
-    return {name: RULES[name](machine, config, directory) for name in config.rules}
+    return {name: RULES[name](parts) for name in names if name != "model_residual" or parts.has_floor}

@@ -1,0 +1,198 @@
+"""What a model misses on a sound machine: its floor, in blocks of motion of one joint.
+
+A block is `BLOCK_STEPS` steps in which the joint moves, or the model expects it to. R is the sum of measured less
+expected displacements, M the sum of the larger of their two sizes. Scores compare half the expected speed with the
+expected one, for normal errors of the floor's size σ:
+
+    s = (M / 2) (|R| - M / 4) / σ²
+
+A joint within a quarter of its expected speed scores below zero: it follows, and its p-value is one. Else the rank of
+its score among the floor's gives a conformal p-value. An e-value is κ p^(κ-1) (Vovk and Wang, E-values, Annals of
+Statistics 2021). With κ = 1 / ln(n + 1) it is largest for a block that is worse than all n of the floor. Ranks take no
+shape of errors for granted.
+
+Evidence of a joint is the logarithm of the product of successive blocks' e-values, begun anew where it falls below 0.
+On sound driving, blocks of all joints number at least b on average before one reaches ln b (Shin, Ramdas and Rinaldo,
+E-detectors, 2024). A joint's limit is what half its speed reaches within two seconds of motion, which leaves the
+longest time between false stops: `measure_floor` halves the motion of its own logs to see it.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipeline.deployment.components.free_running_model import FreeRunningModel
+from pipeline.dynamics.model.shown_motion import NEAR_SHARE, STANDING_SHARE
+from pipeline.dynamics.model.specification import ModelSpecification
+from pipeline.errors import InputError
+from pipeline.files.atomic import write_json
+from pipeline.logs.tuples import Trajectory
+
+BLOCK_STEPS = 4
+STOPS_WITHIN_S = 2.0  # of motion, at half speed
+LATER_SHARE = 0.01  # of half-speed motion that takes longer
+FEWEST_BLOCKS = (
+    100  # of fewer, two seconds of blocks that are all worse are no evidence of once in 3000 hours
+)
+SCHEMA_VERSION = 1
+
+
+class Blocks(NamedTuple):
+    """Blocks of one joint, (n,) each: R and M, rad (m)."""
+
+    residual: np.ndarray
+    motion: np.ndarray
+
+
+class MovingSteps:
+    """Which steps count: the joint moves or should, and is not pushed into an end of its range."""
+
+    def __init__(self, specification: ModelSpecification) -> None:
+        lower, upper = np.array(specification.position_lower), np.array(specification.position_upper)
+        margin = NEAR_SHARE * (upper - lower)
+        self._lower, self._upper = lower + margin, upper - margin
+        self._standing = STANDING_SHARE * specification.dt_s * np.array(specification.velocity_limit)
+
+    def count(self, q: np.ndarray, expected: np.ndarray, measured: np.ndarray) -> np.ndarray:
+        """Of steps from `q` with two displacements, (..., n_joint) each; bool of that shape."""
+        is_pushed = ((q < self._lower) & (expected < 0)) | ((q > self._upper) & (expected > 0))
+        return (np.maximum(np.abs(expected), np.abs(measured)) > self._standing) & ~is_pushed
+
+
+@dataclass(frozen=True)
+class ModelFloor:
+    """Blocks of sound driving.
+
+    Attributes:
+        model: fingerprint of the model.
+        scale: (n_joint,) root mean square of R, rad (m).
+        scores: (n,) of all joints' blocks, ascending.
+        limit: (n_joint,) evidence at which a joint no longer follows its model.
+    """
+
+    model: str
+    scale: np.ndarray
+    scores: np.ndarray
+    limit: np.ndarray
+
+    def log_e_value(self, joint: int, residual: ArrayLike, motion: ArrayLike) -> np.ndarray:
+        """Logarithms of blocks' e-values, of R and M, rad (m), all of one shape."""
+        n = len(self.scores)
+        scores = score(residual, motion, self.scale[joint])
+        worse = np.where(scores < 0.0, n, n - np.searchsorted(self.scores, scores, side="left"))
+        exponent = 1.0 / np.log(n + 1)
+        return np.asarray(np.log(exponent) + (exponent - 1.0) * np.log((1 + worse) / (n + 1)))
+
+    def write(self, path: Path) -> None:
+        """Write a JSON file."""
+        content = {
+            "schema_version": SCHEMA_VERSION,
+            "model": self.model,
+            "scale": self.scale.tolist(),
+            "limit": self.limit.tolist(),
+            "scores": np.round(self.scores, 4).tolist(),
+        }
+        write_json(path, content)
+
+
+def score(residual: ArrayLike, motion: ArrayLike, scale: float) -> np.ndarray:
+    """Log-likelihood ratio of half the expected speed to the expected one; R, M and σ, rad (m)."""
+    return np.asarray(motion) / 2 * (np.abs(residual) - np.asarray(motion) / 4) / scale**2
+
+
+def read_floor(path: Path, model: str) -> ModelFloor:
+    """Read the floor of the model with this fingerprint.
+
+    Raises:
+        InputError: the file is missing, damaged, or of another model.
+    """
+    remedy = "run measure_floor with this model"
+    try:
+        content = json.loads(path.read_text())
+        columns = (np.array(content[name], float) for name in ("scale", "scores", "limit"))
+        floor = ModelFloor(str(content["model"]), *columns)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; {remedy}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not a model's floor ({error}); {remedy}") from error
+    if floor.model != model:
+        raise InputError(f"{path}: is the floor of another model; {remedy}")
+    return floor
+
+
+def measure_floor(
+    follower: FreeRunningModel, model: str, trajectories: Sequence[Trajectory], seen_in_fit: Sequence[str]
+) -> ModelFloor:
+    """The floor over rows of sound driving: all rows, but only the validation rows of what the model was fitted to.
+
+    Args:
+        follower: the model.
+        model: its fingerprint.
+        trajectories: tuples of its machine.
+        seen_in_fit: names of the trajectories that it was fitted to.
+
+    Raises:
+        InputError: there are too few blocks.
+    """
+    moving = MovingSteps(follower.specification)
+    of_joint: list[list[Blocks]] = [[] for _ in follower.specification.joints]
+    at_half_speed: list[list[Blocks]] = [[] for _ in follower.specification.joints]
+    for trajectory in trajectories:
+        expected, measured = follower.displacements(trajectory.q, trajectory.a), np.diff(trajectory.q, axis=0)
+        is_known = np.arange(len(expected)) < follower.settling_steps
+        if trajectory.name.partition("#")[0] in seen_in_fit:
+            is_known |= ~trajectory.is_validation[:-1]
+        for moved, found in ((measured, of_joint), (measured / 2, at_half_speed)):
+            counts = moving.count(trajectory.q[:-1], expected, moved) & ~is_known[:, None]
+            for joint, blocks in enumerate(found):
+                rows = np.flatnonzero(counts[:, joint])
+                blocks.append(blocks_of(expected[rows, joint], moved[rows, joint]))
+    joined = [_joined(blocks) for blocks in of_joint]
+    n_blocks = sum(len(blocks.residual) for blocks in joined)
+    if n_blocks < FEWEST_BLOCKS or not all(np.any(blocks.residual) for blocks in joined):
+        raise InputError(
+            f"{n_blocks} blocks of motion that no fit saw, of all joints; {FEWEST_BLOCKS} are needed: give longer logs"
+        )
+    scale = np.array([np.sqrt(np.mean(blocks.residual**2)) for blocks in joined])
+    scores = [score(*blocks, of) for blocks, of in zip(joined, scale.tolist(), strict=True)]
+    floor = ModelFloor(model, scale, np.sort(np.concatenate(scores)), np.zeros_like(scale))
+    n_blocks = (
+        round(STOPS_WITHIN_S / follower.specification.dt_s) // BLOCK_STEPS - 1
+    )  # one begins before the fault
+    limit = [
+        np.quantile(_reached(floor.log_e_value(joint, *_joined(blocks)), n_blocks), LATER_SHARE)
+        for joint, blocks in enumerate(at_half_speed)
+    ]
+    return replace(floor, limit=np.array(limit))
+
+
+def blocks_of(expected: np.ndarray, measured: np.ndarray) -> Blocks:
+    """Blocks of one joint's counted steps, (T,) displacements each; an incomplete one is left out."""
+    n = len(expected) // BLOCK_STEPS * BLOCK_STEPS
+    residual = (measured - expected)[:n].reshape(-1, BLOCK_STEPS).sum(axis=1)
+    motion = np.maximum(np.abs(measured), np.abs(expected))[:n].reshape(-1, BLOCK_STEPS).sum(axis=1)
+    return Blocks(residual, motion)
+
+
+def evidence(log_e_values: np.ndarray) -> np.ndarray:
+    """Evidence of one joint after each of its blocks, (n,)."""
+    reached, products = 0.0, np.empty(len(log_e_values))
+    for number, value in enumerate(log_e_values.tolist()):
+        reached = max(reached, 0.0) + value
+        products[number] = reached
+    return products
+
+
+def _reached(log_e_values: np.ndarray, n_blocks: int) -> np.ndarray:
+    """Highest evidence within every run of so many blocks."""
+    runs = np.lib.stride_tricks.sliding_window_view(log_e_values, n_blocks)
+    return np.array([evidence(run).max() for run in runs])
+
+
+def _joined(blocks: Sequence[Blocks]) -> Blocks:
+    return Blocks(*map(np.concatenate, zip(*blocks, strict=True)))

@@ -1,0 +1,81 @@
+"""The envelope: W+ of the reference kinematics, widened as the operator says."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.deployment.components.envelope_rule import Envelope, StaysInEnvelope
+from pipeline.deployment.messages import JointState
+from pipeline.deployment.settings import EnvelopeConfig
+from pipeline.errors import InputError
+from pipeline.machine.poses import workspace_of
+from pipeline.machine.workspace import depths
+from tests.deployment.machines import MIDDLE, arm, bobcat, paper
+
+SHARES = st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4)
+ENVELOPE = Envelope(bobcat(), arm(), paper().supervisor.envelope)
+WIDER_M = 0.2
+WIDER = Envelope(bobcat(), arm(), EnvelopeConfig(WIDER_M, 0.0, {}))
+
+
+def depth_m(q: np.ndarray) -> float:
+    """Distance to the nearest face of W+; negative outside."""
+    pose = arm().forward(jnp.asarray(q))
+    return float(min(depths(workspace_of(bobcat()), pose.position, arm().yaw(jnp.asarray(q)))))
+
+
+def state(q: np.ndarray) -> JointState:
+    return JointState(0, np.asarray(q, float), np.zeros(4))
+
+
+@given(SHARES)
+def test_the_envelope_is_where_every_face_of_the_workspace_is_outside(shares: list[float]) -> None:
+    q = bobcat().lower + np.array(shares) * (bobcat().upper - bobcat().lower)
+    if abs(depth := depth_m(q)) > 1e-4:
+        assert ENVELOPE.holds(q) == (depth > 0)
+        assert not ENVELOPE.holds(q) or WIDER.holds(q)
+        if abs(bobcat().upper[0] * (2 * shares[0] - 1)) < workspace_of(bobcat()).yaw_max_rad:
+            assert WIDER.holds(q) or depth < -WIDER_M / 2
+
+
+def test_bounds_of_joints_hold_beside_the_region_of_the_tip() -> None:
+    narrow = Envelope(bobcat(), arm(), EnvelopeConfig(0.0, 0.0, {"swing": [-0.5, -0.1]}))
+    assert ENVELOPE.holds(MIDDLE) and not narrow.holds(MIDDLE)
+    assert narrow.holds(MIDDLE - np.array([0.3, 0, 0, 0]))
+
+
+@pytest.mark.parametrize(
+    ("path", "objects"),
+    [
+        ([MIDDLE, bobcat().lower], [False, True]),
+        ([bobcat().lower, MIDDLE, bobcat().lower], [False, False, True]),  # it may come in first
+        ([MIDDLE, np.full(4, np.nan), MIDDLE], [False, False, False]),
+    ],
+)
+def test_the_arm_may_come_in_but_not_leave(path: list[np.ndarray], objects: list[bool]) -> None:
+    rule = StaysInEnvelope(ENVELOPE)
+    heard = []
+    for q in path:
+        assert rule.on_state(state(q), 0) is None
+        heard.append(rule.on_tick(0) is not None)
+        assert rule.on_tick(1) is None  # nothing new was measured
+    assert heard == objects
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ({"wider_m": -0.1}, "envelope.wider_m is -0.1"),
+        ({"wider_rad": np.nan}, "envelope.wider_rad is nan"),
+        ({"joints": {"boom": [1.0, 0.0]}}, r"joints.boom is \[1.0, 0.0\]"),
+        ({"joints": {"boom": [1.0]}}, r"joints.boom is \[1.0\]"),
+        ({"joints": {"hand": [0.0, 1.0]}}, "no joint `hand`; known are swing"),
+    ],
+)
+def test_what_is_no_region_is_refused(changes: dict, fault: str) -> None:
+    with pytest.raises(InputError, match=fault):
+        Envelope(bobcat(), arm(), dataclasses.replace(paper().supervisor.envelope, **changes))

@@ -1,0 +1,263 @@
+"""The rule of the residual: e-values against their definition, a model whose motion is written down as the machine."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.deployment.component import nanoseconds
+from pipeline.deployment.components.control_supervisor import supervise
+from pipeline.deployment.components.free_running_model import FreeRunningModel, moved_to
+from pipeline.deployment.components.model_floor import (
+    BLOCK_STEPS,
+    ModelFloor,
+    MovingSteps,
+    blocks_of,
+    evidence,
+    measure_floor,
+    read_floor,
+)
+from pipeline.deployment.components.residual_rule import FollowsModel
+from pipeline.deployment.messages import EmergencyStop, JointCommand, JointState, SupervisorState, Topic
+from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.errors import InputError
+from pipeline.logs.tuples import Trajectory
+from tests.deployment.machines import MIDDLE, bobcat, supervised
+from tests.reaching.lag import FULL_SPEED, lag_dynamics
+
+MACHINE, DT_S = bobcat(), bobcat().dt_s
+NAMES = MACHINE.joint_names
+HOURS = 10.0
+FOLLOWER = FreeRunningModel(lag_dynamics(MACHINE), {}, MACHINE)
+PERIOD_STEPS = 30  # of a command up and down
+
+
+def driven(
+    seed: int, n_steps: int, slow: tuple[int, float, int] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and commands of a machine like the model, whose speed wanders by some percent; (T, 4) each.
+
+    Args:
+        seed: of its noise.
+        n_steps: T.
+        slow: joint, share of its speed, and step from which it holds.
+    """
+    random, share = np.random.default_rng(seed), np.ones(4)
+    phase = random.integers(PERIOD_STEPS, size=4)
+    a = np.where((np.arange(n_steps)[:, None] + phase) % PERIOD_STEPS < PERIOD_STEPS // 2, 1.0, -1.0)
+    history, q, positions = FOLLOWER.begin(MIDDLE), MIDDLE.copy(), []
+    for step in range(n_steps):
+        positions.append(q + 1e-4 * random.standard_normal(4))
+        if slow is not None and step == slow[2]:
+            share[slow[0]] = slow[1]
+        history, moved = FOLLOWER.step(history, q, a[step])
+        q = q + moved * share * (1.0 + 0.05 * random.standard_normal(4))
+    return np.array(positions), a
+
+
+def trajectory(q: np.ndarray, a: np.ndarray, is_validation: bool = True) -> Trajectory:
+    rows = np.full(len(q), is_validation)
+    t_s = DT_S * np.arange(len(q))
+    return Trajectory("drive", t_s, (1e9 * t_s).astype(np.int64), q, 0 * q, a, rows)
+
+
+@pytest.fixture(scope="module")
+def floor() -> ModelFloor:
+    return measure_floor(FOLLOWER, "lag", [trajectory(*driven(0, 2400))], [])
+
+
+def heard(rule: FollowsModel, q: np.ndarray, a: np.ndarray, late_s: float = 0.001) -> list[tuple[int, str]]:
+    """What the rule says of rows that arrive one by one, with the rows' numbers."""
+    said = []
+    for step in range(len(q)):
+        now_ns = nanoseconds(step * DT_S)
+        rule.on_command(JointCommand(now_ns, "server", step, now_ns, a[step]), now_ns)
+        text = rule.on_state(JointState(now_ns, q[step], 0 * q[step]), now_ns + nanoseconds(late_s))
+        if text is not None:
+            said.append((step, text))
+    return said
+
+
+def test_e_values_of_the_floor_s_own_blocks_are_one_on_average(floor: ModelFloor) -> None:
+    """Of ranks 1 … n+1 alike, so is their mean by definition: at most one."""
+    n = len(floor.scores)
+    kappa = 1.0 / np.log(n + 1)
+    e_values = kappa * (np.arange(1, n + 2) / (n + 1)) ** (kappa - 1.0)
+    assert e_values.mean() <= 1.0
+    motion = 0.1
+    assert floor.log_e_value(0, motion, motion) == pytest.approx(np.log(e_values[0]))  # a joint that stands
+    assert floor.log_e_value(0, 0.24 * motion, motion) == pytest.approx(
+        np.log(e_values[-1])
+    )  # one that follows
+
+
+def test_evidence_begins_anew_below_zero() -> None:
+    np.testing.assert_allclose(evidence(np.array([2.0, -3.0, 1.0, 1.0])), [2.0, -1.0, 1.0, 2.0])
+
+
+def test_the_rule_is_the_sum_over_blocks_row_by_row(floor: ModelFloor) -> None:
+    q, a = driven(1, 300)
+    rule = FollowsModel(MACHINE, FOLLOWER, floor, HOURS)
+    assert heard(rule, q, a) == []
+    expected, measured = FOLLOWER.displacements(q, a), np.diff(q, axis=0)
+    counts = MovingSteps(FOLLOWER.specification).count(q[:-1], expected, measured)
+    counts[: FOLLOWER.settling_steps] = False
+    for joint in range(4):
+        at = np.flatnonzero(counts[:, joint])
+        blocks = blocks_of(expected[at, joint], measured[at, joint])
+        assert len(blocks.residual) > 20
+        assert rule.evidence[joint] == pytest.approx(
+            evidence(floor.log_e_value(joint, *blocks))[-1], abs=1e-3
+        )
+
+
+@pytest.mark.parametrize("joint", range(4))
+@pytest.mark.parametrize("share", [0.5, 0.0, -1.0])
+def test_a_joint_that_no_longer_follows_is_told_within_two_seconds(
+    joint: int, share: float, floor: ModelFloor
+) -> None:
+    onset = 100
+    rule = FollowsModel(MACHINE, FOLLOWER, floor, HOURS)
+    said = heard(rule, *driven(2, 200, (joint, share, onset)))
+    assert said and said[0][1].startswith(f"{NAMES[joint]} no longer follows its model")
+    standing_s = 0.4  # around each reversal, where nothing moves
+    assert onset < said[0][0] <= onset + (2.0 + 3 * standing_s) / DT_S
+
+
+@pytest.mark.parametrize("share", [0.85, 1.15])
+def test_a_joint_near_its_speed_still_follows(share: float, floor: ModelFloor) -> None:
+    assert heard(FollowsModel(MACHINE, FOLLOWER, floor, HOURS), *driven(3, 400, (0, share, 0))) == []
+
+
+def test_a_joint_that_moves_without_a_command_is_told(floor: ModelFloor) -> None:
+    q = np.tile(MIDDLE, (120, 1))
+    q[60:, 2] -= FULL_SPEED * DT_S * np.arange(60)
+    said = heard(FollowsModel(MACHINE, FOLLOWER, floor, HOURS), q, np.zeros_like(q))
+    assert said and said[0][1].startswith("arm")
+
+
+def test_a_joint_at_its_end_stop_is_not_told(floor: ModelFloor) -> None:
+    q = np.tile(MACHINE.upper, (200, 1)) - 1e-3
+    assert heard(FollowsModel(MACHINE, FOLLOWER, floor, HOURS), q, np.ones_like(q)) == []
+
+
+def test_gaps_and_readings_that_are_no_numbers_begin_anew(floor: ModelFloor) -> None:
+    """A machine in motion is not judged before the model's window is that of the motion."""
+    q, a = driven(4, 200)
+    q[60] = np.nan
+    assert heard(FollowsModel(MACHINE, FOLLOWER, floor, HOURS), q, a) == []
+    rule = FollowsModel(MACHINE, FOLLOWER, floor, HOURS)
+    invalid = JointCommand(0, "server", 0, 0, np.full(4, 2.0))
+    assert rule.on_command(invalid, 0) is None
+    for stamp_s in (0.0, 5.0, 4.0, 4.0):
+        assert (
+            rule.on_state(JointState(nanoseconds(stamp_s), MIDDLE, 0 * MIDDLE), nanoseconds(stamp_s)) is None
+        )
+
+
+def test_readings_between_the_rows_are_interpolated(floor: ModelFloor) -> None:
+    """Readings five times as often, off the grid, say the same of a motion at constant speed."""
+    steps = np.arange(0, 100, 0.2)
+    a = np.tile([1.0, 0, 0, 0], (100, 1))
+    q = np.concatenate(
+        [MIDDLE[None], MIDDLE + np.cumsum(FOLLOWER.displacements(np.tile(MIDDLE, (100, 1)), a), axis=0)]
+    )
+    fine = np.stack([np.interp(steps, np.arange(100), column) for column in q.T], axis=1)
+    coarse, dense = (FollowsModel(MACHINE, FOLLOWER, floor, HOURS) for _ in range(2))
+    heard(coarse, q, a)
+    for number, step in enumerate(steps):
+        now_ns = nanoseconds(step * DT_S)
+        if number % 5 == 0:
+            dense.on_command(JointCommand(now_ns, "server", number, now_ns, a[0]), now_ns)
+        dense.on_state(JointState(now_ns, fine[number], 0 * MIDDLE), now_ns)
+    np.testing.assert_allclose(dense.evidence, coarse.evidence, atol=1e-6)
+
+
+def test_only_rows_that_no_fit_saw_make_the_floor() -> None:
+    seen, unseen = trajectory(*driven(5, 900), is_validation=False), trajectory(*driven(6, 900))
+    assert len(measure_floor(FOLLOWER, "lag", [seen, unseen], ["drive"]).scores) == len(
+        measure_floor(FOLLOWER, "lag", [unseen], []).scores
+    )
+    with pytest.raises(InputError, match="0 blocks of motion that no fit saw"):
+        measure_floor(FOLLOWER, "lag", [seen], ["drive"])
+
+
+def test_a_floor_is_read_as_it_was_written(floor: ModelFloor, tmp_path: Path) -> None:
+    path = tmp_path / "floor.json"
+    floor.write(path)
+    again = read_floor(path, "lag")
+    np.testing.assert_array_equal(again.scale, floor.scale)
+    np.testing.assert_array_equal(again.limit, floor.limit)
+    np.testing.assert_allclose(again.scores, floor.scores, atol=1e-4)
+    with pytest.raises(InputError, match="is the floor of another model"):
+        read_floor(path, "other")
+    with pytest.raises(InputError, match="No such file"):
+        read_floor(tmp_path / "none.json", "lag")
+    path.write_text(json.dumps({"model": "lag"}))
+    with pytest.raises(InputError, match="not a model's floor"):
+        read_floor(path, "lag")
+
+
+def test_a_floor_that_tells_too_little_is_refused(floor: ModelFloor) -> None:
+    with pytest.raises(InputError, match="false_stop_hours is 1000000000000"):
+        FollowsModel(MACHINE, FOLLOWER, floor, 1e12)
+
+
+@pytest.mark.parametrize("only_warns", [False, True])
+def test_the_supervisor_stops_or_warns(only_warns: bool, floor: ModelFloor, monkeypatch) -> None:
+    from pipeline.deployment.components.supervisor_rules import RuleParts
+
+    monkeypatch.setattr(RuleParts, "followed", (FOLLOWER, floor))
+    config = supervised()
+    rules = dataclasses.replace(
+        config.supervisor,
+        rules=["model_residual"],
+        warnings=["model_residual"] if only_warns else [],
+        floor="floor.json",
+        false_stop_hours=HOURS,
+    )
+    config = dataclasses.replace(config, supervisor=rules)
+    supervisor = supervise(MACHINE, config, MACHINE_DIRECTORY, "model")
+    q, a = driven(7, 200, (1, 0.0, 60))
+    stops = []
+    for step in range(len(q)):
+        now_ns = nanoseconds(step * DT_S)
+        supervisor.on_message(
+            Topic.requested_commands, JointCommand(now_ns, "server", step, now_ns, a[step]), now_ns
+        )
+        state = JointState(now_ns, q[step], 0 * MIDDLE)
+        stops += [o.message for o in supervisor.on_message(Topic.joint_states, state, now_ns)]
+    assert [stop.rule for stop in stops if isinstance(stop, EmergencyStop)] == ["model_residual"] * (
+        not only_warns
+    )
+    assert supervisor.warned.keys() == ({"model_residual"} if only_warns else set())
+    assert isinstance(supervisor.on_timer(0)[-1].message, SupervisorState)
+
+
+def test_without_a_floor_the_rule_is_left_out() -> None:
+    assert "model_residual" not in supervise(MACHINE, supervised(), MACHINE_DIRECTORY, "model")._rules
+
+
+def test_a_warning_of_a_rule_that_is_off_is_refused() -> None:
+    with pytest.raises(InputError, match="warnings: joint_limits not among its rules"):
+        dataclasses.replace(supervised().supervisor, rules=[], warnings=["joint_limits"])
+
+
+@pytest.mark.parametrize("target", list(Target))
+def test_motion_elsewhere_is_the_same_motion(target: Target) -> None:
+    history = FOLLOWER.begin(MIDDLE)
+    moved = moved_to(history, MIDDLE + 0.1, target)
+    np.testing.assert_allclose(moved.q, MIDDLE + 0.1, atol=1e-6)
+    np.testing.assert_allclose(
+        moved.motion, history.motion + (0.1 if target is Target.dq else 0.0), atol=1e-6
+    )
+
+
+def test_blocks_are_sums_of_so_many_steps() -> None:
+    measured = np.arange(2.0 * BLOCK_STEPS + 1)
+    blocks = blocks_of(np.zeros_like(measured), measured)
+    np.testing.assert_allclose(blocks.motion, [measured[:4].sum(), measured[4:8].sum()])
+    np.testing.assert_allclose(blocks.residual, blocks.motion)
