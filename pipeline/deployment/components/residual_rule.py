@@ -52,6 +52,7 @@ class FollowsModel(Rule):
         self._last: JointState | None = None
         self._grid_ns = 0
         self._q: np.ndarray | None = None
+        self._expected = np.zeros(self._machine.n_joint)
         self._n_rows = 0
         self._block = np.zeros((self._machine.n_joint, 3))  # steps, R, M
 
@@ -84,6 +85,7 @@ class FollowsModel(Rule):
 
     def _compare(self, q: np.ndarray) -> int | None:
         """One row: what was expected of the last one against `q` (n_joint,); the joint that no longer follows."""
+        told: int | None = None
         if self._q is None:
             self._history = self._follower.begin(q)
         else:
@@ -93,15 +95,15 @@ class FollowsModel(Rule):
             motion = np.maximum(np.abs(measured), np.abs(self._expected))
             step = np.stack([np.ones_like(q), measured - self._expected, motion], axis=1)
             self._block[counts] += step[counts]
-            for joint in np.flatnonzero(self._block[:, 0] >= BLOCK_STEPS):
+            for joint in np.flatnonzero(self._block[:, 0] >= BLOCK_STEPS).tolist():
                 log_e = self._floor.log_e_value(joint, *self._block[joint, 1:])
                 self.evidence[joint] = max(self.evidence[joint], 0.0) + log_e
                 self._block[joint] = 0.0
                 if self.evidence[joint] >= self._floor.limit[joint]:
-                    return int(joint)
+                    told = joint
         while len(self._commands) > 1 and self._commands[1][0] <= self._grid_ns:
             self._commands.popleft()
         self._history, self._expected = self._follower.step(self._history, q, self._commands[0][1])
         self._q = q
         self._n_rows += 1
-        return None
+        return told
