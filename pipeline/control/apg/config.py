@@ -47,6 +47,7 @@ class APGConfig:
         feedback: share of the gradient that goes through what the policy observes. At 1 it is the whole gradient. At 0
             later commands count as fixed, as in a plan.
         step_slope: slope of the smooth step that gives discrete commands their gradient.
+        between: whether the model's gradient is taken between discrete commands, not at them; see `rollout.py`.
         noise: standard deviation of the noise on proto-actions, at the start.
         final_noise: the same at the end, linear in between.
         learning_rate: of Adam, after the warm-up.
@@ -69,6 +70,7 @@ class APGConfig:
     discount: float
     feedback: float
     step_slope: float
+    between: bool
     noise: float
     final_noise: float
     learning_rate: float

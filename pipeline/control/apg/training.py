@@ -12,11 +12,12 @@ import optax
 
 from pipeline.control.apg.config import APGConfig
 from pipeline.control.apg.network import as_policy, error_inputs, initial_layers
-from pipeline.control.apg.rollout import discounted_cost
+from pipeline.control.apg.rollout import Between, discounted_cost
 from pipeline.control.checkpoint import restored_like
 from pipeline.control.curve import CurvePoint
 from pipeline.control.policy import PolicyLayer
 from pipeline.control.training import LearningCurve, TrainingResult
+from pipeline.machine.specification import CommandKind
 from pipeline.reaching.environment import ReachingEnvironment
 from pipeline.reaching.episodes import Episodes
 from pipeline.reaching.fresh_episodes import where_over
@@ -90,11 +91,14 @@ class Trainer:
         deviation = config.noise + share * (config.final_noise - config.noise)
         shape = (config.horizon, config.environments, self._environment.action_size)
         noise = deviation * jax.random.normal(noise_key, shape)
+        between = None
+        if config.between and self._environment.task.machine.command_kind is CommandKind.discrete:
+            between = Between.draw(jax.random.fold_in(noise_key, 0), *shape[1:])
 
         def cost(layers: Layers) -> tuple[jax.Array, TaskState]:
             environment, policy = self._environment, as_policy(layers, self.inputs)
             task, repeats = environment.task, environment.action_repeats
-            return discounted_cost(config, task, repeats, policy, state.episodes, noise)
+            return discounted_cost(config, task, repeats, policy, state.episodes, noise, between)
 
         (value, episodes), gradient = jax.value_and_grad(cost, has_aux=True)(state.layers)
         step, optimiser = self._optimiser.update(gradient, state.optimiser)

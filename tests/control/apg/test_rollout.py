@@ -12,7 +12,8 @@ import pytest
 from pipeline.configuration.load import load_section
 from pipeline.control.apg.config import APGConfig
 from pipeline.control.apg.network import as_policy, error_inputs, initial_layers
-from pipeline.control.apg.rollout import discounted_cost, straight_through
+from pipeline.control.apg.rollout import Between, discounted_cost, straight_through, with_gradient_between
+from pipeline.dynamics.model.features import History
 from pipeline.machine.specification import CommandKind
 from pipeline.machine.workspace import contains, depths
 from pipeline.reaching.task import ReachingTask
@@ -46,11 +47,35 @@ def test_a_discrete_command_is_exact_and_has_the_gradient_of_the_smooth_step():
     np.testing.assert_allclose(slope, by_hand, rtol=1e-5)
 
 
+def test_gradients_between_two_commands_average_to_what_the_switch_does():
+    """Of a joint with a dead band, which is flat at both commands: it moves when its last two commands add up to 1."""
+    n = 2001
+
+    def hold(history, command):
+        moved = jax.nn.sigmoid(20.0 * (history.commands[:, -1] + command - 1.0))
+        return history._replace(q=history.q + moved), moved
+
+    rest = History(jnp.zeros((n, 1, 1)), jnp.zeros((n, 1, 1)), jnp.zeros((n, 1)))
+    between = Between(jnp.linspace(0.0, 1.0, n)[:, None], jnp.ones((n, 1)))
+
+    def displacement(before, command):
+        return with_gradient_between(hold, between)(rest._replace(commands=before[:, None]), command)[0].q
+
+    zero = jnp.zeros((n, 1))
+    np.testing.assert_array_equal(displacement(zero, zero), hold(rest, zero)[1])
+    of_both = jax.grad(lambda before, command: displacement(before, command).sum(), (0, 1))(zero, zero)
+    total = np.asarray(sum(of_both))[:, 0]
+    switched = jax.nn.sigmoid(20.0) - jax.nn.sigmoid(-20.0)
+    np.testing.assert_allclose(np.trapezoid(total, dx=1.0 / (n - 1)), switched, rtol=1e-3)
+    assert total[0] < 1e-6  # exact commands alone
+
+
 def test_the_forward_pass_is_the_environments(environment, config):
     task = environment.task
     policy, before = as_policy(layers_of(task), error_inputs(task, config.error_gain)), episodes(environment)
     decide = jax.jit(partial(discounted_cost, config, task, REPEATS, policy))
-    _, after = decide(before, jnp.zeros((DECISIONS, N, 4)))
+    between = Between.draw(jax.random.key(6), N, 4)  # values are those of exact commands
+    _, after = decide(before, jnp.zeros((DECISIONS, N, 4)), between)
     state = jax.jit(jax.vmap(environment.reset))(jax.random.split(jax.random.key(0), N))
     state = state.replace(pipeline_state=state.pipeline_state._replace(task=before), obs=task.observe(before))
     step = jax.jit(lambda state: environment.step(state, policy.act(state.obs)))
