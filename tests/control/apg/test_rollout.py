@@ -14,6 +14,7 @@ from pipeline.control.apg.config import APGConfig
 from pipeline.control.apg.network import as_policy, error_inputs, initial_layers
 from pipeline.control.apg.rollout import Between, discounted_cost, straight_through, with_gradient_between
 from pipeline.dynamics.model.features import History
+from pipeline.effects.augmented_model import AugmentedHistory
 from pipeline.machine.specification import CommandKind
 from pipeline.machine.workspace import contains, depths
 from pipeline.reaching.task import ReachingTask
@@ -68,6 +69,15 @@ def test_gradients_between_two_commands_average_to_what_the_switch_does():
     switched = jax.nn.sigmoid(20.0) - jax.nn.sigmoid(-20.0)
     np.testing.assert_allclose(np.trapezoid(total, dx=1.0 / (n - 1)), switched, rtol=1e-3)
     assert total[0] < 1e-6  # exact commands alone
+
+
+def test_the_window_that_effects_have_of_their_own_moves_as_well():
+    window = History(jnp.zeros((2, 3, 1)), jnp.ones((2, 3, 1)), jnp.zeros((2, 1)))
+    history = AugmentedHistory(*window, window, {}, jnp.zeros(2))
+    between = Between(jnp.full((2, 1), 0.25), jnp.full((2, 1), -1.0))
+    moved = between.of_history(history)
+    np.testing.assert_array_equal(moved.commands, 0.5 * window.commands)
+    np.testing.assert_array_equal(moved.nominal.commands, moved.commands)
 
 
 def test_the_forward_pass_is_the_environments(environment, config):
