@@ -105,11 +105,10 @@ def discounted_cost(
         The cost, and the episodes after the last decision.
     """
 
-    def hold(history: Any, command: jax.Array) -> tuple[Any, jax.Array]:
+    def exact(history: Any, command: jax.Array) -> tuple[Any, jax.Array]:
         return task.dynamics.hold(task.parameters, history, command, action_repeats, task.stops)
 
-    if between is not None:
-        hold = with_gradient_between(hold, between)
+    hold: Hold = exact if between is None else with_gradient_between(exact, between)
 
     def decide(state: TaskState, noise: jax.Array) -> tuple[TaskState, tuple[jax.Array, ...]]:
         seen = task.observe(state)
