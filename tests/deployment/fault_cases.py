@@ -240,11 +240,34 @@ class ObservedPLC(ProgrammableController):
         return outputs
 
 
-def run_faults(*names: str, seed: int = 0, rules: Sequence[str] = RULES_WITHOUT_SHAPES) -> FaultRun:
-    """Run the graph, with faults from one second on, until it has stopped for a while."""
-    faults = [FAULTS[name]() for name in names]
+class Later(Fault):
+    """A fault that sets in some time after the others' onset."""
+
+    def __init__(self, fault: Fault, later_ns: int) -> None:
+        self.fault, self.later_ns = fault, later_ns
+
+    def deliver(self, topic, target, message, time_ns):
+        return self.fault.deliver(topic, target, message, time_ns - self.later_ns)
+
+    def is_running(self, component, time_ns):
+        return self.fault.is_running(component, time_ns - self.later_ns)
+
+    def clock_error_ns(self, component, time_ns):
+        return self.fault.clock_error_ns(component, time_ns - self.later_ns)
+
+    def extra_computation_ns(self, component, time_ns):
+        return self.fault.extra_computation_ns(component, time_ns - self.later_ns)
+
+
+def run_faults(
+    *names: str, seed: int = 0, rules: Sequence[str] = RULES_WITHOUT_SHAPES, later_ns: Sequence[int] = ()
+) -> FaultRun:
+    """Run the graph, with faults from one second on or somewhat later, until it has stopped for a while."""
+    pairs = zip(names, later_ns or [0] * len(names), strict=True)
+    faults = [Later(FAULTS[name](), later) for name, later in pairs]
     clock: list[SimulatedGraph] = []
-    is_off = lambda: any(isinstance(f, BusOff) for f in faults) and clock[0].time_ns >= ONSET_NS  # noqa: E731
+    off_ns = [ONSET_NS + f.later_ns for f in faults if isinstance(f.fault, BusOff)]
+    is_off = lambda: bool(off_ns) and clock[0].time_ns >= min(off_ns)  # noqa: E731
     channel = uuid.uuid4().hex
     controller, watch = BackAndForth(), Watch()
     with can.Bus(channel, interface="virtual") as host, can.Bus(channel, interface="virtual") as plc_end:
@@ -254,10 +277,11 @@ def run_faults(*names: str, seed: int = 0, rules: Sequence[str] = RULES_WITHOUT_
         graph = SimulatedGraph(components, DELAYS, np.random.SeedSequence(seed), faults=faults, taps=[watch])
         clock.append(graph)
         graph.send(Topic.goal, ReachGoal(1, np.zeros(3), np.array([1.0, 0, 0, 0])))
-        graph.run(ONSET_NS)
-        for fault in faults:
-            if isinstance(fault, BadPolicy):
-                controller.values = fault.values
+        for fault in sorted(faults, key=lambda fault: fault.later_ns):
+            if isinstance(fault.fault, BadPolicy):
+                graph.run(ONSET_NS + fault.later_ns)
+                controller.values = fault.fault.values
+        graph.run(max(graph.time_ns, ONSET_NS))
 
         def is_over() -> bool:
             outputs = plc.outputs

@@ -8,12 +8,9 @@ import pytest
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.components.supervisor_rules import RULES
 from tests.deployment.fault_cases import CUTS, DELAYS, FAULTS, RULES_TOLD, fault_page, run_faults
-from tests.deployment.machines import bobcat, supervised
+from tests.deployment.fault_triples import CONTROL_PERIOD_S, PLC_STOPS_S, are_of_one_clock, findings, sampled
 
 PAGE = Path(__file__).parents[2] / "docs/faults.md"
-CONTROL_PERIOD_S = bobcat().dt_s
-# when the PLC stops by itself: its time-out, begun with a command of up to a period before, seen in its next cycle
-PLC_STOPS_S = supervised().driver.command_timeout_s + CONTROL_PERIOD_S + supervised().driver.can_period_s
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -28,7 +25,7 @@ def test_a_fault_stops_the_machine_within_a_control_period(name: str) -> None:
 @pytest.mark.parametrize("first", FAULTS)
 def test_faults_in_pairs_stop_it_too(first: str) -> None:
     for a, b in combinations(FAULTS, 2):
-        if a != first or (a.startswith("clock") and a.rsplit(" ", 3)[0] == b.rsplit(" ", 3)[0]):
+        if a != first or are_of_one_clock(a, b):
             continue  # one clock does not step on and back at once
         run = run_faults(a, b, seed=1)
         assert run.reaction != "none", (a, b)
@@ -36,6 +33,12 @@ def test_faults_in_pairs_stop_it_too(first: str) -> None:
         limit_s = max(PLC_STOPS_S - run.known_s, CONTROL_PERIOD_S) if {a, b} & set(CUTS) else CONTROL_PERIOD_S
         assert run.stopped_s <= limit_s, (a, b)
         assert run.commands_after == run.moves_after == 0, (a, b)
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_faults_in_triples_at_any_phase_stop_it_too(number: int) -> None:
+    names, later_ns, seed = sampled(number)
+    assert findings(names, later_ns, run_faults(*names, seed=seed, later_ns=later_ns)) == []
 
 
 def test_a_sound_graph_runs_on_with_every_rule_switched_on() -> None:
