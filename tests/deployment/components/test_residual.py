@@ -4,6 +4,7 @@ import dataclasses
 import json
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
@@ -21,11 +22,14 @@ from pipeline.deployment.components.model_floor import (
     read_floor,
 )
 from pipeline.deployment.components.residual_rule import FollowsModel
+from pipeline.deployment.components.supervisor_rules import RuleParts, build_rules
 from pipeline.deployment.messages import EmergencyStop, JointCommand, JointState, SupervisorState, Topic
-from pipeline.dynamics.model.dynamics_model import Target
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.store import model_fingerprint, save_model
+from pipeline.effects.augmented_model import AugmentedHistory
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
-from tests.deployment.machines import MIDDLE, bobcat, supervised
+from tests.deployment.machines import MIDDLE, bobcat, specification, supervised
 from tests.reaching.lag import FULL_SPEED, lag_dynamics
 
 MACHINE, DT_S = bobcat(), bobcat().dt_s
@@ -208,8 +212,6 @@ def test_a_floor_that_tells_too_little_is_refused(floor: ModelFloor) -> None:
 
 @pytest.mark.parametrize("only_warns", [False, True])
 def test_the_supervisor_stops_or_warns(only_warns: bool, floor: ModelFloor, monkeypatch) -> None:
-    from pipeline.deployment.components.supervisor_rules import RuleParts
-
     monkeypatch.setattr(RuleParts, "followed", (FOLLOWER, floor))
     config = supervised()
     rules = dataclasses.replace(
@@ -261,3 +263,23 @@ def test_blocks_are_sums_of_so_many_steps() -> None:
     blocks = blocks_of(np.zeros_like(measured), measured)
     np.testing.assert_allclose(blocks.motion, [measured[:4].sum(), measured[4:8].sum()])
     np.testing.assert_allclose(blocks.residual, blocks.motion)
+
+
+def test_motion_elsewhere_moves_the_machine_within_effects_too() -> None:
+    history = FOLLOWER.begin(MIDDLE)
+    nominal = history._replace(q=history.q + 0.3)  # as with a sensor's bias
+    moved = moved_to(AugmentedHistory(*history, nominal, {}, 0.0), MIDDLE + 0.1, Target.dqdot)
+    np.testing.assert_allclose(moved.q, MIDDLE + 0.1, atol=1e-6)
+    np.testing.assert_allclose(moved.nominal.q, MIDDLE + 0.4, atol=1e-6)
+
+
+def test_the_rule_is_built_of_a_model_s_folder_and_its_floor(tmp_path: Path) -> None:
+    model = DynamicsModel(specification())
+    save_model(tmp_path / "model", model, model.initialise(jax.random.key(0)), {}, {}, {})
+    one = np.ones(4)
+    ModelFloor(model_fingerprint(tmp_path / "model"), one, one, 100 * one).write(tmp_path / "floor.json")
+    config = dataclasses.replace(
+        supervised().supervisor, rules=["model_residual"], floor=str(tmp_path / "floor.json")
+    )
+    rules = build_rules(RuleParts(MACHINE, config, MACHINE_DIRECTORY, tmp_path / "model"))
+    assert isinstance(rules["model_residual"], FollowsModel)

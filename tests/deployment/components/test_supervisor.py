@@ -24,7 +24,7 @@ from pipeline.deployment.components.supervisor_rules import (
     StateFrequency,
     build_rules,
 )
-from pipeline.deployment.messages import EmergencyStop, JointCommand, JointState, Topic
+from pipeline.deployment.messages import EmergencyStop, JointCommand, JointState, Joystick, Reset, Topic
 from pipeline.errors import InputError
 from tests.deployment.machines import MIDDLE, bobcat, paper, supervised
 
@@ -241,6 +241,27 @@ def test_the_supervisor_stops_once_and_goes_on_saying_so() -> None:
     stops = [output.message for output in outputs if isinstance(output.message, EmergencyStop)]
     assert [stop.rule for stop in stops] == ["command_value"]
     assert outputs[-1].message.rule == "command_value"
+
+
+def test_an_older_stop_of_another_component_changes_nothing() -> None:
+    supervisor = supervise(bobcat(), paper(), MACHINE_DIRECTORY)
+    for stamp_ns in (5, 3):
+        assert supervisor.on_message(Topic.emergency_stop, EmergencyStop(stamp_ns, "a", ""), 10) == ()
+    assert supervisor.stop is not None and supervisor.stop.stamp_ns == 5
+
+
+def test_a_joystick_with_too_few_axes_is_not_neutral() -> None:
+    supervisor = supervise(bobcat(), paper(), MACHINE_DIRECTORY)
+    supervisor.on_message(Topic.emergency_stop, EmergencyStop(5, "a", ""), 10)
+    supervisor.on_message(Topic.joystick, Joystick(20, np.zeros(2)), 20)
+    supervisor.on_message(Topic.reset, Reset(30, 5), 30)
+    supervisor.on_timer(nanoseconds(2 * paper().supervisor.neutral_s))
+    assert supervisor.stop is not None
+
+
+def test_shapes_that_are_all_near_are_all_measured() -> None:
+    shapes = SelfCollision(bobcat(), MACHINE_DIRECTORY)
+    assert 0.0 < shapes.clearance(MIDDLE, 100.0) == pytest.approx(shapes.clearance(MIDDLE, 10.0))
 
 
 def test_an_unknown_rule_is_refused() -> None:
