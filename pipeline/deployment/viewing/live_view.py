@@ -53,6 +53,7 @@ class LiveView:
             [],
             [(result.stamp_ns, result) for result in heard.results],
             [(stop.stamp_ns, stop) for stop in heard.stops],
+            [(release.stamp_ns, release) for release in heard.releases],
         )
         for moving in changing_topics(self._log(), record, self._machine, self._directory):
             newest = moving.messages[-1:] if moving.name in ("/tf", "/joints") else moving.messages

@@ -138,7 +138,7 @@ def target_mark() -> np.ndarray:
 
 
 def _events(log: RawLog, graph: GraphRecord) -> list[tuple[int, "Msg"]]:
-    """Targets, ends of goals and emergency stops, as lines of a log."""
+    """Targets, ends of goals, emergency stops and their resets, as lines of a log."""
     lines: list[tuple[int, int, str, str]] = []
     if log.targets is not None:
         for t, p in zip(
@@ -152,6 +152,8 @@ def _events(log: RawLog, graph: GraphRecord) -> list[tuple[int, "Msg"]]:
         lines.append((t, LEVEL_INFORMATION, "autonomous_server", text))
     for t, stop in graph.stops:
         lines.append((t, LEVEL_ERROR, "control_supervisor", f"stopped by {stop.rule}: {stop.detail}"))
+    for t, _ in graph.releases:
+        lines.append((t, LEVEL_INFORMATION, "control_supervisor", "the stop was reset"))
     make = _type("rcl_interfaces/msg/Log")
     return [
         (t, make(stamp=_time(t), level=level, name=name, msg=text, file="", function="", line=0))
