@@ -63,7 +63,10 @@ def _pieces(stamp_ns: Column, log_time_ns: Column, gap_ns: int) -> Iterator[Piec
 def _offsets(stamp_ns: Column, log_time_ns: Column, gap_ns: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield log time, and log time − header stamp, of the samples that have both, and neither stray."""
     both = (Samples(stamp, log_time) for stamp, log_time in sections((stamp_ns, log_time_ns)))
-    both = (section[(section.time_ns != 0) & (section.value != 0)] for section in both)
+    both = (
+        one if one.time_ns.all() and one.value.all() else one[(one.time_ns != 0) & (one.value != 0)]
+        for one in both
+    )
     steady = drop_stray_stamps(both, gap_ns, "", "", [])
     steady = drop_stray_stamps((Samples(one.value, one.time_ns) for one in steady), gap_ns, "", "", [])
     return ((section.time_ns, section.time_ns - section.value) for section in steady if len(section))

@@ -15,6 +15,8 @@ from pipeline.logs.conditioning.samples import Samples, join
 from pipeline.logs.messages.columns import Column, sections
 from pipeline.logs.messages.raw_log import Note, NoteKind
 
+FIRST_LOOK = 64  # samples; twice as many each time that they all lie within a gap
+
 
 def drop_stray_stamps(
     stream: Iterable[Samples], gap_ns: int, what: str, clock_name: str, notes: list[Note]
@@ -49,7 +51,8 @@ def _judged(stream: Iterable[Samples], gap_ns: int) -> Iterator[tuple[Samples, n
         n_new = n_decided - len(before)
         if n_new:
             yield waiting[:n_new], is_stray[len(before) : n_decided]
-        before, waiting = _last_stretch(time_ns[:n_decided], gap_ns), waiting[n_new:]
+        before = _last_stretch(time_ns[:n_decided], gap_ns)
+        waiting = waiting[n_new:] if n_new < len(waiting) else None
 
 
 def _stray(time_ns: np.ndarray, gap_ns: int, is_end: bool) -> tuple[np.ndarray, int]:
@@ -78,7 +81,10 @@ def _stray(time_ns: np.ndarray, gap_ns: int, is_end: bool) -> tuple[np.ndarray, 
 
 def _last_stretch(time: np.ndarray, gap_ns: int) -> np.ndarray:
     """Return the last stamps that lie within a gap of the very last."""
-    is_far = (
-        np.abs(time[::-1].astype(np.float64) - float(time[-1])) > gap_ns if len(time) else np.zeros(0, bool)
-    )
-    return time[len(time) - int(is_far.argmax()) :] if is_far.any() else time
+    n = FIRST_LOOK
+    while True:
+        tail = time[-n:]
+        far = np.flatnonzero(np.abs(tail.astype(np.float64) - float(time[-1] if len(time) else 0)) > gap_ns)
+        if len(far) or n >= len(time):
+            return tail[far[-1] + 1 :] if len(far) else tail
+        n *= 2
