@@ -70,7 +70,7 @@ class Node:
 
     Attributes:
         name: For messages; a ROS program's node name is its own affair.
-        process: The process.
+        process: Its first process, which leads the group.
         output: The file that takes what it prints.
     """
 

@@ -53,7 +53,7 @@ def read(path: Path) -> list[Record]:
     """All records, in the order in which they were added; none where there is no ledger yet.
 
     Raises:
-        InputError: A line is no record.
+        InputError: A line is not a record.
     """
     if not path.exists():
         return []

@@ -17,7 +17,7 @@ def losing_step(
     """The step, in words.
 
     Args:
-        effect: That is no hit.
+        effect: That is not a hit.
         answer: `closed_loop.json`.
         is_of: Whether a reported effect is a true one.
     """

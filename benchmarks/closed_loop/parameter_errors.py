@@ -68,7 +68,7 @@ def parameter_errors(
 ) -> list[ParameterError]:
     """Errors of the family's numbers that the truth states, signs left out.
 
-    What is neutral and was told to be so without an interval is no estimate: of an encoder, that it is shifted and not
+    What is neutral and was told to be so without an interval is not an estimate: of an encoder, that it is shifted and not
     scaled.
     """
     errors = []

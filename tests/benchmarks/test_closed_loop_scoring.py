@@ -297,7 +297,7 @@ def test_intervals_are_over_machines():
     assert share_interval([[True]] * 20) == (pytest.approx(0.025 ** (1 / 20)), 1.0)
     assert share_interval([[True] * 5] * 20) == share_interval(
         [[True]] * 20
-    )  # five of a machine are no five machines
+    )  # five of a machine are not five machines
     lower, upper = share_interval([[True] * 10, [False] * 10] * 10)
     assert upper - lower == pytest.approx(2 * 1.96 * 0.5 / math.sqrt(20), rel=0.15)
     lower, upper = over_machines([[value] for value in range(101)], lambda drawn: float(np.median(drawn)))

@@ -58,7 +58,7 @@ def test_its_value_and_its_line_are_brax_s(name: str) -> None:
         for function in (networks.make_ppo_networks, distribution.NormalTanhDistribution.__init__)
         for name, parameter in inspect.signature(function).parameters.items()
     }
-    # a row of the optimiser is no argument's; it is read off the line
+    # a row of the optimiser belongs to no argument; it is read off the line
     assert written(defaults[name]) == value if name in defaults else value in text
 
 

@@ -33,7 +33,7 @@ ROGUE_PERIOD_S = 0.02
 
 
 def run(folder: Path) -> dict:
-    """Two goals in peace; some that end early; one in which somebody sends a command that is none; then more."""
+    """Two goals in peace; some that end early; one in which somebody sends an impossible command; then more."""
     rospy, machine = require_ros(), load_machine("bobcat_e10")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("", 0))

@@ -121,7 +121,7 @@ def test_what_a_killed_run_left_is_removed_and_nothing_else(run, tmp_path):
 
 
 def test_output_among_the_logs(machine, config, loop_tracker, folder):
-    """Its tuples are no logs; the very folder of the logs is refused."""
+    """Its tuples are not logs; the very folder of the logs is refused."""
     for n_skipped in (0, 3):
         summary = ingest(machine, folder, folder / "tuples", config, loop_tracker)
         assert summary.n_skipped == n_skipped and len(summary.reports) == 3 and not summary.failures

@@ -21,7 +21,7 @@ COMMANDS = [
 ]
 TRIED = {"gain", "delay", "lag"}  # of all families
 EXCLUDED = [family for family in (*KNOWN, *WITHOUT_WRAPPER) if family not in TRIED]
-# Appended to what the page says, so that the whole takes seconds of processor time; what they are is no matter.
+# Appended to what the page says, so that the whole takes seconds of processor time; what they are does not matter.
 SMALLEST = {
     "record": ["record.session_minutes=[2,2]", "record.held_out_minutes=0.7"],
     "record_changed": ["record_changed.session_minutes=[1.5,1.5]"],

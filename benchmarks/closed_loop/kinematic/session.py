@@ -45,7 +45,7 @@ def record_session(
         changes: Later machines, each with the time since start, s, from which on it holds; ascending.
 
     Raises:
-        InputError: The control period is no multiple of the substep, or a machine paints that has no workspace.
+        InputError: The control period is not a multiple of the substep, or a machine paints that has no workspace.
     """
     operator_seed, motion_seed = np.random.SeedSequence(seed).spawn(2)
     at_sticks = driver(specification, machine.work, style_seed, int(operator_seed.generate_state(1)[0]))

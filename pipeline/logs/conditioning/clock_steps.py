@@ -2,7 +2,7 @@
 
 A step changes the offset log time − header stamp at once and for good. Messages that are held up change it too, but the
 ones after them come less and less late. So the offset has stepped up if it does not come down again by the log's end,
-and has stepped down if it falls below all that came before. What lasts for less than a gap is no step.
+and has stepped down if it falls below all that came before. What lasts for less than a gap does not count.
 """
 
 import itertools

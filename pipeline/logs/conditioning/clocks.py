@@ -97,7 +97,7 @@ def choose_clock(
 def command_times(raw: RawLog, source: CommandSource, gap_ns: int) -> tuple[Column, float]:
     """Return the commands' times, a column of shape (M,), int64, and the median by which log time is after them, s.
 
-    The latter is zero where log time times the commands: what is added to it then is no difference of clocks.
+    The latter is zero where log time times the commands: what is added to it then is not a difference of clocks.
     """
     stamp, log_time = raw.command_stamp_ns, raw.command_log_time_ns
     if stamp is None:

@@ -24,7 +24,6 @@ def field_types(topic: LoggedTopic, message: bytes) -> dict[str, str]:
     """Return the types of a topic's fields by path; of a list of messages only the first one's.
 
     Args:
-        topic: The topic.
         message: Its first message.
 
     Raises:

@@ -236,8 +236,8 @@ def _selected(
         listed = ", ".join(name[:LISTED_CHARACTERS] for name in seen[:LISTED_COLUMNS])
         more = f" and {len(seen) - LISTED_COLUMNS} more" if len(seen) > LISTED_COLUMNS else ""
         raise InputError(
-            f"{path}: column {', '.join(missing)} is missing; map it in {place}, or move the table away if it is no "
-            f"log; columns seen: {listed}{more}"
+            f"{path}: column {', '.join(missing)} is missing; map it in {place}, or move the table away if it is not "
+            f"a log; columns seen: {listed}{more}"
         )
     there = [name for name in optional if name in schema]
     for number, name in enumerate(wanted):

@@ -110,4 +110,4 @@ def test_a_reversal_locks_the_valve_whether_or_not_there_is_a_rest_between():
         late, sound = (speeds(driven(of, commands), SWING) for of in (effect.apply(QUIET), QUIET))
         begins = [int(np.argmax(speed < -0.5 * FULL_RAD_S)) for speed in (late, sound)]
         assert begins[0] - begins[1] == pytest.approx(lockout, abs=1)
-        np.testing.assert_allclose(late[-10:], sound[-10:])  # the same sign again is no reversal
+        np.testing.assert_allclose(late[-10:], sound[-10:])  # the same sign again is not a reversal

@@ -72,7 +72,7 @@ def test_a_gain_is_a_ratio_of_speeds():
     drawn = [effects.draw("gain", seed, QUIET, 1.0) for seed in range(9)]
     effect = next(e for e in drawn if e.truth["direction"].value != -1)
     joint = QUIET.specification.joint_names.index(effect.joints[0])
-    free = QUIET.change("cylinder", viscous_N_s_m=np.zeros(N))  # what drag costs is no matter of ports
+    free = QUIET.change("cylinder", viscous_N_s_m=np.zeros(N))  # what drag costs has nothing to do with ports
     slow, sound = (steady_speed(arm, joint, MIDDLE) for arm in (effect.apply(free), free))
     assert slow / sound == pytest.approx(effect.truth["speed_ratio"].value)
 

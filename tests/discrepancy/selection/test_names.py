@@ -9,7 +9,7 @@ import pytest
 from pipeline.configuration.load import load_section
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis
-from pipeline.discrepancy.families import uncorrectable as wrapperless
+from pipeline.discrepancy.families import uncorrectable
 from pipeline.discrepancy.families.plausibility import is_at_bound, is_plausible
 from pipeline.discrepancy.families.whole_machine import COMMON_FACTOR, DOUBTED_FACTOR, common_cause
 from pipeline.discrepancy.selection import search as search_module
@@ -224,8 +224,8 @@ def test_what_a_common_change_of_speed_leaves_is_no_joints_own_course(
     course, rest = candidate("other:absolute_time", 0, 50.0), candidate("gain", 0, 40.0)
     monkeypatch.setattr(search_module, "screen", lambda *_, **__: [rest])
     monkeypatch.setattr(search_module, "with_onsets", lambda *arguments: arguments[3])
-    monkeypatch.setitem(wrapperless.TRIED, "other:absolute_time", lambda *_: [course])
-    monkeypatch.setitem(wrapperless.TRIED, "supply_variation", lambda *_: [])
+    monkeypatch.setitem(uncorrectable.TRIED, "other:absolute_time", lambda *_: [course])
+    monkeypatch.setitem(uncorrectable.TRIED, "supply_variation", lambda *_: [])
     assert looking._candidates() == [rest, course]
     looking.found = [SelectedEffect(candidate("supply_variation", 0, 100.0, point={"width": 6.0}))]
     assert looking._candidates() == [rest]

@@ -77,7 +77,7 @@ def test_training_stops_after_patience_evaluations_without_improvement(
         make_identify(patience_evaluations=patience),
         seed=0,
     )
-    # Equal is no improvement. Patience 1 ends at the third evaluation, patience 3 at the seventh.
+    # Equal is not an improvement. Patience 1 ends at the third evaluation, patience 3 at the seventh.
     assert result.metrics["epochs"] == {1: 3, 3: 7}[patience]
     assert result.metrics["best_epoch"] == {1: 2, 3: 4}[patience]
 

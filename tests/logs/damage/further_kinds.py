@@ -44,7 +44,7 @@ def flip_in_a_message(folder: Path, log: WholeLog) -> Damaged:
 
 @case("bit flip in a frame", *CAN_TEXT)
 def flip_in_a_frame(folder: Path, log: WholeLog) -> Damaged:
-    """A digit becomes a letter that is none of its data: the line is no frame."""
+    """A digit becomes a letter that data cannot hold: the line is not a frame."""
     at = log.ends[log.n_messages // 2] - 6
     return Damaged(log.write(folder / "a", flipped(log.content, at, bit=6)), log.n_messages - 1, may_differ=1)
 
@@ -79,7 +79,7 @@ def empty_file(folder: Path, log: WholeLog) -> Damaged:
     return refused(log.write(folder / "a", b""))
 
 
-@case("a file that is no log", *KINDS)
+@case("a file that is not a log", *KINDS)
 def no_log(folder: Path, log: WholeLog) -> Damaged:
     return refused(log.write(folder / "a", b"this is no log, whatever its name says\n" * 9))
 
@@ -131,7 +131,7 @@ def immense_object(folder: Path, log: WholeLog) -> Damaged:
         struct.pack("<4sHHLLH6xL4x", b"LOBJ", 16, 1, size, 10, 0, len(inside)) + inside + bytes(size % 4)
     )
     content = log.content[:BLF_HEADER_BYTES] + container + log.content[BLF_HEADER_BYTES:]
-    return Damaged(log.write(folder / "a", content), log.n_messages, (r"are no objects",))
+    return Damaged(log.write(folder / "a", content), log.n_messages, (r"hold no objects",))
 
 
 def dataset(folder: Path, frames: bytes | None = None) -> Path:
@@ -169,7 +169,7 @@ def missing_frames(folder: Path, log: WholeLog) -> Damaged:
     return Damaged(path, 800, (r"400 frames of episode 0; the dataset states 600",))
 
 
-@case("info.json that is none", LEROBOT)
+@case("info.json of another kind", LEROBOT)
 def odd_information(folder: Path, log: WholeLog) -> Damaged:
     """A million brackets behind the word by which datasets are known."""
     path = dataset(folder)

@@ -22,12 +22,12 @@ def empty_file(folder: Path, log: WholeLog) -> Damaged:
     return refused(log.write(folder / "a", b""))
 
 
-@case("a file that is no log", "ROS 1", "MCAP", SQLITE, *TABLES)
+@case("a file that is not a log", "ROS 1", "MCAP", SQLITE, *TABLES)
 def no_log(folder: Path, log: WholeLog) -> Damaged:
     return refused(log.write(folder / "a", b"this is no log, whatever its name says\n" * 9))
 
 
-@case("a `.bag.active` that is no log", "ROS 1")
+@case("a `.bag.active` that is not a log", "ROS 1")
 def no_active_log(folder: Path, log: WholeLog) -> Damaged:
     path = folder / "a.bag.active"
     path.write_bytes(bytes(5000))

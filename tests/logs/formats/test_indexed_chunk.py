@@ -211,7 +211,7 @@ def test_flip_in_a_chunk_without_checksum_costs_one_message(tmp_path, machine, k
 
 @pytest.mark.parametrize("name", READERS)
 def test_index_at_the_end_that_points_beyond_the_file(bags, tmp_path, machine, name):
-    """Looked up behind damage, its places are no places that a file can be read at."""
+    """Looked up behind damage, its places lie outside the file."""
     content = bytearray((bags / name).read_bytes())
     if name == "a.mcap":
         with (bags / name).open("rb") as stream:

@@ -170,7 +170,7 @@ def test_command(tmp_path, dataset, machine, config, loop_tracker):
 
 
 def test_odd_columns_are_told_in_one_line(tmp_path, dataset, machine):
-    """Episodes that are no numbers, or too many; frames whose state is text."""
+    """Episodes that are not numbers, or too many; frames whose state is text."""
     path = dataset / "data/chunk-000/file-000.parquet"
     frames = polars.read_parquet(path)
     n = MAXIMUM_EPISODES + 1

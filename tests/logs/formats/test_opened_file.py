@@ -1,4 +1,4 @@
-"""What is no regular file gives one line at once, wherever it is met."""
+"""What is not a regular file gives one line at once, wherever it is met."""
 
 import os
 import signal

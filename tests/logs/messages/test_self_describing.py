@@ -145,7 +145,7 @@ def test_stamps_of_every_convention():
     ],
 )
 def test_times_in_text_are_those_of_rfc_3339(text, stamp):
-    """As Protobuf writes time stamps in JSON; other texts are no times, and not zero."""
+    """As Protobuf writes time stamps in JSON; other texts give neither a time nor zero."""
     ((group,), _) = decode(block_of("json", b'{"timestamp": "%s"}' % text.encode()), stamp_paths())
     assert stamps_ns(group).tolist() == [stamp]
 
@@ -163,7 +163,7 @@ def test_steps_of_paths():
 
 
 def test_unset_numbers_of_protobuf():
-    """An optional position that is not set is no position; a number without presence is zero."""
+    """An optional position that is not set gives none; a number without presence is zero."""
     states, _ = bags.classes()
     definition = bags.schema_files().SerializeToString().decode("latin-1")
     message = states(joints=[{"name": "a"}, {"name": "b", "position": 2.0}]).SerializeToString()

@@ -161,6 +161,6 @@ def _whole_objects(data: bytes, offset: int, opened: OpenedFile) -> tuple[list[b
         position = begin + size
     if n_lost:
         opened.ledger.damage(
-            offset, f"{n_lost} bytes of the container that starts here are no objects; they are lost"
+            offset, f"{n_lost} bytes of the container that starts here hold no objects; they are lost"
         )
     return objects, rest

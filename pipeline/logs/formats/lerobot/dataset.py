@@ -57,7 +57,7 @@ def read_information(directory: Path) -> DatasetInformation:
             content = json.loads(file.read(MAXIMUM_INFORMATION_BYTES))
         version, fps, features = str(content["codebase_version"]), float(content["fps"]), content["features"]
         if not all(isinstance(feature, dict) for feature in features.values()):
-            raise TypeError("features are no descriptions")
+            raise TypeError("features are not descriptions")
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         reason = first_line(error)[:80]
         raise InputError(f"{path}: not a LeRobot dataset's description ({reason})") from error

@@ -21,7 +21,7 @@ class Summary:
     """The summary of a file, as far as it can be read.
 
     Attributes:
-        file: The file.
+        file: Opened for reading, at any position.
         size: Its length in bytes.
         chunk_lengths: By offset of each chunk's record, the record's length in bytes.
         n_messages: How many messages the file states; None without statistics.
