@@ -400,6 +400,14 @@ def test_damaged_lines_cost_their_frames(tmp_path, machine, short, recorded, suf
     )
 
 
+def test_a_trc_log_without_its_columns_is_refused(tmp_path, machine, recorded):
+    """`python-can` asks for the head again after each line, and at the file's end too."""
+    path = can_logs.write(tmp_path / "a.trc", recorded)
+    path.write_bytes(path.read_bytes().replace(b"$COLUMNS", b"$"))
+    with pytest.raises(InputError, match=r"no usable frame .* is not read \(File has no column information"):
+        read(path, machine)
+
+
 def test_a_frame_of_asc_without_its_direction_is_told(tmp_path, machine, short, recorded):
     path = can_logs.write(tmp_path / "a.asc", recorded)
     lines = path.read_text().splitlines(keepends=True)

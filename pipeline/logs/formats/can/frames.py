@@ -70,7 +70,7 @@ def _of_text(opened: OpenedFile, suffix: str) -> Iterator[can.Message]:
     reader_type, options, header = TEXT_READERS[suffix]
     lines = TextLines(opened.file, opened.ledger, _is_lost_asc if suffix == ".asc" else None)
     reader = reader_type(lines, **options)  # type: ignore[arg-type]
-    is_within = False
+    is_within, n_read = False, -1
     with closing(lines), warnings_handled("can", _DamageHandler(lines.damaged)):
         while True:
             if is_within and header:
@@ -85,6 +85,9 @@ def _of_text(opened: OpenedFile, suffix: str) -> Iterator[can.Message]:
                     yield frame
                 return
             except FAULTS as error:
+                if lines.number == n_read:  # the file has ended, and what its head lacks fails again
+                    return
+                n_read = lines.number
                 lines.damaged(f"is not read ({first_line(error)[:80]})")
 
 
