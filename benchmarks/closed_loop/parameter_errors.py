@@ -68,8 +68,8 @@ def parameter_errors(
 ) -> list[ParameterError]:
     """Errors of the family's numbers that the truth states, signs left out.
 
-    What is neutral and was told to be so without an interval is not an estimate: of an encoder, that it is shifted and not
-    scaled.
+    What is neutral and was told to be so without an interval is not an estimate: of an encoder, that it is shifted
+    and not scaled.
     """
     errors = []
     for name in numbers_of(family, truth):
