@@ -400,6 +400,20 @@ def test_damaged_lines_cost_their_frames(tmp_path, machine, short, recorded, suf
     )
 
 
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".trc", ".csv"])
+def test_a_log_that_ends_within_a_frame_gives_no_wrong_bytes(tmp_path, machine, recorded, suffix):
+    """Half a byte would be read as a byte."""
+    path = can_logs.write(tmp_path / f"a{suffix}", recorded[:20])
+    lines = [line for line in path.read_bytes().splitlines(keepends=True) if not line.startswith(b"End")]
+    for n_lost in range(1, 12):
+        path.write_bytes(b"".join(lines)[:-n_lost])
+        ledger = ReadingLedger(path)
+        frames = list(read_frames(path, ledger))
+        assert [frame.data for frame in frames] == [frame.data for frame in recorded[:19]]
+        (note,) = ledger.notes
+        assert f"line {len(lines)} is not read" in note.text
+
+
 def test_a_trc_log_without_its_columns_is_refused(tmp_path, machine, recorded):
     """`python-can` asks for the head again after each line, and at the file's end too."""
     path = can_logs.write(tmp_path / "a.trc", recorded)

@@ -68,7 +68,7 @@ def time_ns(frame: can.Message) -> int | None:
 
 def _of_text(opened: OpenedFile, suffix: str) -> Iterator[can.Message]:
     reader_type, options, header = TEXT_READERS[suffix]
-    lines = TextLines(opened.file, opened.ledger, _is_lost_asc if suffix == ".asc" else None)
+    lines = TextLines(opened.file, opened.ledger, _is_lost_asc if suffix == ".asc" else _is_cut)
     reader = reader_type(lines, **options)  # type: ignore[arg-type]
     is_within, n_read = False, -1
     with closing(lines), warnings_handled("can", _DamageHandler(lines.damaged)):
@@ -91,10 +91,15 @@ def _of_text(opened: OpenedFile, suffix: str) -> Iterator[can.Message]:
                 lines.damaged(f"is not read ({first_line(error)[:80]})")
 
 
+def _is_cut(line: str) -> bool:
+    """Whether the file ends within this line, so that its last byte may lack a digit."""
+    return not line.endswith("\n")
+
+
 def _is_lost_asc(line: str) -> bool:
     """Whether a line of an ASC file was a frame, and cannot be read as one."""
-    is_cut = not line.endswith("\n") and not line.startswith("End")
-    return ASC_FRAME.match(line) is None and (is_cut or ASC_DATA.search(line) is not None)
+    is_cut = _is_cut(line) and not line.startswith("End")
+    return is_cut or (ASC_FRAME.match(line) is None and ASC_DATA.search(line) is not None)
 
 
 class _DamageHandler(logging.Handler):
