@@ -14,8 +14,9 @@ from pipeline.discrepancy.diagnosis.diagnose import diagnose
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour
 from pipeline.discrepancy.diagnosis.prepare import prepare
 from pipeline.discrepancy.journal import Journal
+from pipeline.discrepancy.posterior.accept_by_posterior import accept_by_posterior
 from pipeline.discrepancy.posterior.select_by_posterior import select_by_posterior
-from pipeline.discrepancy.selection.select import select
+from pipeline.discrepancy.selection.select import Selection, select
 from pipeline.discrepancy.settings import CloseLoopConfig, Engine
 from pipeline.discrepancy.verdict.build_report_data import report_data_of
 from pipeline.discrepancy.verdict.document import document_of
@@ -59,8 +60,13 @@ def close_loop(
     journal = Journal(log)
     logs = prepare(nominal, measured, machine, config, identify)
     diagnosis = diagnose(logs, nominal_behaviour, kept, journal)
-    selection = (select_by_posterior if config.engine is Engine.posterior else select)(diagnosis, journal)
-    acceptance = accept(diagnosis, selection, journal)
+    if config.engine is Engine.posterior:
+        by_posterior = select_by_posterior(diagnosis, journal)
+        selection: Selection = by_posterior
+        acceptance = accept_by_posterior(diagnosis, by_posterior, journal)
+    else:
+        selection = select(diagnosis, journal)
+        acceptance = accept(diagnosis, selection, journal)
     own = diagnosis.nominal.diagnosis
     frozen, parameters = model or (own.model, own.parameters)
     correction = correct(frozen, parameters, diagnosis, selection, acceptance, journal)

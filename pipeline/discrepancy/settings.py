@@ -7,6 +7,7 @@ from pipeline.discrepancy.acceptance.gate import GateConfig
 from pipeline.discrepancy.baselines.continued_training import BaselinesConfig
 from pipeline.discrepancy.diagnosis.splits import SplitConfig
 from pipeline.discrepancy.families.uncorrectable import refuse_unknown
+from pipeline.discrepancy.posterior.posterior_config import PosteriorConfig
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
 from pipeline.dynamics.settings import TrainingConfig
 
@@ -28,6 +29,7 @@ class CloseLoopConfig:
         split: Of the measured rows.
         search: Thresholds of the search.
         gate: Thresholds of the gate.
+        posterior: When the posterior tells an effect.
         baselines: Whether other corrections are tried on the same rows, to compare with.
         baselines_budget: Of those that are trained.
         exclude: Families that are not tried.
@@ -39,6 +41,7 @@ class CloseLoopConfig:
     split: SplitConfig
     search: EffectSearchConfig
     gate: GateConfig
+    posterior: PosteriorConfig
     baselines: bool
     baselines_budget: BaselinesConfig
     exclude: list[str] = field(default_factory=list)

@@ -25,7 +25,6 @@ class Timing(CommandEffect):
         complexity=1.0,
         drawn_over=Abscissa.since_command,
         counted_along=Along.change,
-        can_set_in=False,
         parameters=(
             Parameter(
                 "latency", "s", 0.0, 0.0, 0.8, grid=(0.025, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)

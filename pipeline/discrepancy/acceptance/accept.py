@@ -1,7 +1,7 @@
 """Step 4: the confirmation rows are opened once, and only what they bear out stays."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects, grouped, refitted
@@ -13,6 +13,8 @@ from pipeline.discrepancy.families.cold_oil import with_doubts_of_the_oil
 from pipeline.discrepancy.families.contract_parameters import OF_95_PERCENT
 from pipeline.discrepancy.families.gain_of_a_dependence import doubted_by_what_varies
 from pipeline.discrepancy.journal import Journal
+from pipeline.discrepancy.posterior.explanations import Explanation
+from pipeline.discrepancy.posterior.power import Visible
 from pipeline.discrepancy.selection.candidate import Key
 from pipeline.discrepancy.selection.select import Selection
 
@@ -26,10 +28,18 @@ class Acceptance:
     Attributes:
         judgements: Of each effect that was selected.
         fit: Effects that passed.
+        probability_none: Of no effect at all; None: no posterior was asked for.
+        power: What these logs would have shown.
+        of_rivals: Probability of equivalents, by family and joint.
+        explanations: All that were weighed, on all rows; empty where no posterior was asked for.
     """
 
     judgements: Mapping[Key, Confirmed]
     fit: FittedEffects
+    probability_none: float | None = None
+    power: Sequence[Visible] = ()
+    of_rivals: Mapping[tuple[str, int], float] = field(default_factory=dict)
+    explanations: Sequence[Explanation] = ()
 
 
 def accept(diagnosis: Diagnosis, selection: Selection, journal: Journal) -> Acceptance:

@@ -83,6 +83,13 @@ def columns_of(simulation: Simulation, rows: ScoredRows, excluded: Sequence[str]
     return Columns(builder.residual, [np.stack(c, axis=1) for c in builder.columns], builder.terms)
 
 
+def _with_what_belongs_to_them(effect: Effect) -> list[Variant]:
+    """Variants, also with the parameters that do not make an effect known: what these explain is no other effect."""
+    variants = effect.variants()
+    later = [tuple(one for one in effect.freed_later() if one not in variant) for variant in variants]
+    return [*variants, *(v + of for v, of in zip(variants, later, strict=True) if of)]
+
+
 class _Builder:
     def __init__(self, simulation: Simulation, rows: ScoredRows, without_timing: bool) -> None:
         self.simulation, self.rows, self._without_timing = simulation, rows, without_timing
@@ -108,7 +115,7 @@ class _Builder:
 
     def named(self, family: str, effect: Effect) -> None:
         """A family with grid points and linear parameters."""
-        points, variants = effect.grid(), effect.variants()
+        points, variants = effect.grid(), _with_what_belongs_to_them(effect)
         freed = list(dict.fromkeys(one for variant in variants for one in variant))
         if not freed:
             self._grid_points(family, effect, points)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from pipeline.discrepancy.posterior.gram import Prior
+from pipeline.discrepancy.posterior.products import Prior
 
 ITERATIONS = 5  # from the prior's mean on; further ones change the evidence by less than 0.1
 
@@ -42,31 +42,38 @@ class Fit(NamedTuple):
 
     Attributes:
         evidence: Log, but for a constant that depends on the rows alone.
+        likelihood: The same at the coefficients; the nuisance alone is integrated out.
         coefficients: (k,) most probable ones within their bounds.
+        noisier: g.
         weights: Per block (N,) how much a row counts, in units of its whitened variance.
     """
 
     evidence: float
+    likelihood: float
     coefficients: np.ndarray
+    noisier: float
     weights: list[np.ndarray]
 
 
-def fit(blocks: Sequence[Block], prior: Prior) -> Fit:
+def fit(blocks: Sequence[Block], prior: Prior, noisier: float | None = None) -> Fit:
     """Fit coefficients that all blocks share, beside a nuisance of each block's own.
 
     Args:
         blocks: Rows.
         prior: Of the k coefficients; its columns are not used.
+        noisier: g, where it is known.
     """
     mean, precision = prior.mean, prior.precision
-    shared, own, noisier = mean.copy(), [np.zeros(block.nuisance.shape[1]) for block in blocks], 1.0
+    shared, own = mean.copy(), [np.zeros(block.nuisance.shape[1]) for block in blocks]
+    is_known, noisier = noisier is not None, noisier or 1.0
     for iteration in range(ITERATIONS):
         errors = [
             b.residual - b.effects @ shared - b.nuisance @ of for b, of in zip(blocks, own, strict=True)
         ]
-        if iteration:
+        if iteration and not is_known:
             noisier = _noisier(blocks, errors, noisier)
-        hessian, wanted, log_determinant, factors = np.diag(precision), precision * mean, 0.0, []
+        hessian, wanted, factors = np.diag(precision), precision * mean, []
+        log_determinant = 0.0
         for block, error in zip(blocks, errors, strict=True):
             weight = (_weight(error, block, noisier) / (noisier * block.scale) ** 2).astype(np.float32)
             weighted = block.nuisance * weight[:, None]
@@ -78,7 +85,7 @@ def fit(blocks: Sequence[Block], prior: Prior) -> Fit:
             effects = block.effects * weight[:, None]
             hessian = hessian + effects.T @ block.effects - of_effects.T @ of_effects
             wanted = wanted + effects.T @ block.residual - of_effects.T @ of_residual
-            log_determinant += 2.0 * np.log(np.diag(factor)).sum()
+            log_determinant += 2.0 * float(np.log(np.diag(factor)).sum())
             factors.append((factor, of_effects, of_residual))
         shared = np.clip(np.linalg.solve(hessian, wanted), prior.lower, prior.upper)
         own = [
@@ -88,13 +95,14 @@ def fit(blocks: Sequence[Block], prior: Prior) -> Fit:
             for factor, of_effects, of_residual in factors
         ]
     weights = []
-    evidence = -0.5 * log_determinant - 0.5 * np.linalg.slogdet(hessian)[1]
-    evidence += 0.5 * np.sum(np.log(precision) - precision * (shared - mean) ** 2)
+    likelihood = -0.5 * log_determinant
     for block, of in zip(blocks, own, strict=True):
         error = block.residual - block.effects @ shared - block.nuisance @ of
-        evidence += _log_likelihood(error, block, noisier) - 0.5 * of @ of
+        likelihood += _log_likelihood(error, block, noisier) - 0.5 * float(of @ of)
         weights.append(_weight(error, block, noisier) / (noisier * block.scale) ** 2)
-    return Fit(float(evidence), shared, weights)
+    evidence = likelihood - 0.5 * np.linalg.slogdet(hessian)[1]
+    evidence += 0.5 * np.sum(np.log(precision) - precision * (shared - mean) ** 2)
+    return Fit(float(evidence), float(likelihood), shared, noisier, weights)
 
 
 def _log_likelihood(error: np.ndarray, block: Block, noisier: float) -> float:

@@ -1,7 +1,7 @@
 """Step 3 by the posterior: the most probable explanation, with what the logs cannot tell from it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from pipeline.discrepancy.families.plausibility import DELAY, TIMING
 from pipeline.discrepancy.families.uncorrectable import has_wrapper, screen_without_wrapper
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.columns import columns_of
-from pipeline.discrepancy.posterior.explanations import Cause, Explanation, Posterior
+from pipeline.discrepancy.posterior.explanations import NOTHING, Cause, Explanation, Posterior
+from pipeline.discrepancy.posterior.findings import Finding, findings_of, rivals_of
 from pipeline.discrepancy.posterior.joint_evidence import ONSET_STEP_S, JointEvidence, Rows
 from pipeline.discrepancy.posterior.rows import facts_of
 from pipeline.discrepancy.selection.candidate import Candidate
@@ -22,17 +23,33 @@ from pipeline.discrepancy.selection.screen import screen
 from pipeline.discrepancy.selection.select import Selection, encoders_on
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 
-CREDIBLE = 0.95  # of all probability holds what is told: the most probable explanation and its equivalents
+CREDIBLE = 0.95  # of all probability holds what is told: an effect and its equivalents
 TOLD = 3  # explanations in the log
 
 
-def select_by_posterior(diagnosis: Diagnosis, journal: Journal) -> Selection:
+@dataclass(frozen=True)
+class PosteriorSelection(Selection):
+    """The most probable explanation.
+
+    Attributes:
+        explanations: All that were weighed, most probable first.
+        joints: Their evidence on the rows for fitting and selection.
+        chosen: The most probable one that has an effect.
+        findings: Its effects; `found` has their numbers as its causes.
+    """
+
+    explanations: Sequence[Explanation] = ()
+    joints: Sequence[JointEvidence] = ()
+    chosen: Explanation = NOTHING
+    findings: Sequence[Finding] = ()
+
+
+def select_by_posterior(diagnosis: Diagnosis, journal: Journal) -> PosteriorSelection:
     """Weigh sets of effects against each other on the rows for fitting and selection."""
     nominal, logs, simulation, rows = diagnosis.nominal, diagnosis.logs, diagnosis.simulation, diagnosis.rows
     excluded = logs.config.exclude
-    scale = nominal.setting.speed_scale
-    of_nominal = _rows(nominal.simulation, nominal.rows, None, excluded, scale)
-    of_measured = _rows(simulation, rows, logs.label, excluded, scale)
+    of_nominal = rows_with_columns(diagnosis, nominal.simulation, nominal.rows)
+    of_measured = rows_with_columns(diagnosis, simulation, rows, logs.label)
     joints = [
         JointEvidence(joint, of_nominal, of_measured, nominal.present) for joint in range(len(logs.joints))
     ]
@@ -43,29 +60,44 @@ def select_by_posterior(diagnosis: Diagnosis, journal: Journal) -> Selection:
         journal.log(f"probability {of.probability:.3f}: {_in_words(of, logs.joints)}.")
     screened = screen(simulation, NOMINAL, rows, excluded, nominal=nominal.null)
     without_wrapper = screen_without_wrapper(simulation, NOMINAL, rows, excluded, nominal.null)
-    best = explanations[0]
-    found = []
-    for cause in best.causes:
-        for joint, candidate in _candidates(cause, best, joints, without_wrapper).items():
-            equivalents = _equivalents(cause, joint, best, explanations, joints)
-            found.append(SelectedEffect(completed(simulation, candidate, nominal.present), equivalents))
+    # Whether there is any effect, all rows decide later.
+    best = next((of for of in explanations if of.causes), explanations[0])
+    findings, found = findings_of(best.causes), []
+    for number, finding in enumerate(findings):
+        rivals = rivals_of(finding, explanations, CREDIBLE)
+        for cause in finding.causes:
+            for joint, candidate in _candidates(cause, best, joints, without_wrapper).items():
+                equivalents = _equivalents(finding, joint, rivals, joints)
+                effect = SelectedEffect(
+                    completed(simulation, candidate, nominal.present),
+                    equivalents,
+                    cause=(number, finding.family),
+                )
+                found.append(effect)
     found = _with_gains(simulation, rows, refine(simulation, rows, found))
     journal.end_part("search on measured logs")
     comparison = Comparison(rows.folds, logs.config.search, tuple(nominal.at_rest.tolist()))
     ranked = sorted([*screened, *without_wrapper], key=comparison.net, reverse=True)
-    return Selection(found, ranked, comparison, encoders_on(diagnosis))
+    encoders = encoders_on(diagnosis)
+    return PosteriorSelection(found, ranked, comparison, encoders, explanations, joints, best, findings)
 
 
-def _rows(
-    simulation: Simulation,
-    rows: ScoredRows,
-    purpose: np.ndarray | None,
-    excluded: Sequence[str],
-    speed_scale: np.ndarray,
+def rows_with_columns(
+    diagnosis: Diagnosis, simulation: Simulation, rows: ScoredRows, purpose: np.ndarray | None = None
 ) -> Rows:
+    """What the posterior has to know of rows.
+
+    Args:
+        diagnosis: That they are of.
+        simulation: On their logs.
+        rows: In use.
+        purpose: (B, T) of measured rows.
+    """
     velocity = rows.averaged(simulation.velocities([NOMINAL])[0])
-    facts = facts_of(simulation.sequences, rows, velocity, speed_scale, purpose)
-    return Rows(columns_of(simulation, rows, excluded), facts, velocity, rows.weight)
+    scale = diagnosis.nominal.setting.speed_scale
+    facts = facts_of(simulation.sequences, rows, velocity, scale, purpose)
+    columns = columns_of(simulation, rows, diagnosis.logs.config.exclude)
+    return Rows(columns, facts, velocity, rows.weight)
 
 
 def _candidates(
@@ -77,7 +109,7 @@ def _candidates(
     """By joint, with the coefficients that are most probable in the explanation."""
     if not cause.terms:
         of_family = {c.joint: c for c in without_wrapper if c.family == cause.family}
-        return {joint: of_family[joint] for joint in cause.joints}
+        return {joint: of_family[joint] for joint in cause.joints if joint in of_family}
     return {joint: _candidate(joints[joint], index, explanation) for joint, index in cause.terms.items()}
 
 
@@ -107,28 +139,19 @@ def _candidate(evidence: JointEvidence, index: int, explanation: Explanation) ->
 
 
 def _equivalents(
-    cause: Cause,
+    finding: Finding,
     joint: int,
-    best: Explanation,
-    explanations: Sequence[Explanation],
+    rivals: Sequence[tuple[Finding, Explanation, float]],
     joints: Sequence[JointEvidence],
 ) -> list[Candidate]:
-    """What may stand in the place of a cause on a joint: until the credible set is full, most probable first."""
-    kept = {of.label for of in best.causes if of is not cause}
-    held, result, named = 0.0, [], {_told(cause.family)}
-    for explanation in explanations:
-        if held >= CREDIBLE:
-            break
-        held += explanation.probability
-        if any(of.label == cause.label for of in explanation.causes):
-            continue
-        for rival in explanation.causes:
-            index = rival.terms.get(joint)
-            if index is None or rival.label in kept or _told(rival.family) in named:
-                continue
-            named.add(_told(rival.family))
-            result.append(_candidate(joints[joint], index, explanation))
-    return result
+    """What may stand in the place of a finding on a joint, most probable first."""
+    result: dict[str, Candidate] = {}
+    for rival, explanation, _ in rivals:
+        for cause in rival.causes:
+            index = cause.terms.get(joint)
+            if index is not None and _told(cause.family) != _told(finding.causes[0].family):
+                result.setdefault(_told(cause.family), _candidate(joints[joint], index, explanation))
+    return list(result.values())
 
 
 def _told(family: str) -> str:

@@ -13,15 +13,16 @@ import numpy as np
 from scipy.special import logsumexp
 
 from pipeline.discrepancy.posterior.columns import Term
+from pipeline.discrepancy.posterior.products import Products
 
 SIZES = (1.0 / 3.0, 1.0, 3.0)  # times the usual one
 
 
-def term_evidence(gram: np.ndarray, terms: Sequence[Term]) -> np.ndarray:
+def term_evidence(products: Products, terms: Sequence[Term]) -> np.ndarray:
     """(n_terms,) log Bayes factor of each term over none.
 
     Args:
-        gram: (M + 1, M + 1) products in units of noise and nuisance; the residual is the last.
+        products: Of their columns.
         terms: Of the columns.
     """
     result = np.empty(len(terms))
@@ -34,7 +35,7 @@ def term_evidence(gram: np.ndarray, terms: Sequence[Term]) -> np.ndarray:
             np.array([getattr(term, name) for term in of])
             for name in ("columns", "mean", "scale", "lower", "upper")
         )
-        squares = gram[columns[:, :, None], columns[:, None, :]], gram[columns, -1]
+        squares = products.of_terms(columns)
         by_size = [
             _evidence(*squares, mean, np.where(mean == 0.0, size * scale, scale), lower, upper)
             for size in SIZES

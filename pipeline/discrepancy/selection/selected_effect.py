@@ -19,11 +19,13 @@ class SelectedEffect:
         candidate: The effect.
         equivalents: Others that are as simple and not significantly worse.
         losers: The next best, with a clause that says why they lost.
+        cause: Number and family of the cause of the machine that it is part of, where that is known.
     """
 
     candidate: Candidate
     equivalents: list[Candidate] = field(default_factory=list)
     losers: list[tuple[Candidate, str]] = field(default_factory=list)
+    cause: tuple[int, str] | None = None
 
 
 def hypothesis_of(simulation: Simulation, found: Sequence[SelectedEffect]) -> Hypothesis:

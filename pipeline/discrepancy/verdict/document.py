@@ -5,9 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.discrepancy.acceptance.confirmation import Confirmed
 from pipeline.discrepancy.acceptance.parameters import parameters_of
 from pipeline.discrepancy.correction.correct import Alternative
 from pipeline.discrepancy.diagnosis.splits import Purpose
+from pipeline.discrepancy.posterior.accept_by_posterior import LARGEST_LOGARITHM
+from pipeline.discrepancy.posterior.select_by_posterior import CREDIBLE
 from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, contract_family, depends_on
 from pipeline.discrepancy.verdict.next_experiment import next_experiment
 from pipeline.discrepancy.verdict.trace import trace_of
@@ -46,7 +49,8 @@ def document_of(verdict: Verdict) -> dict[str, Any]:
         "detected": None if word == "unexcited" else bool(entries),
         "verdict": word,
         "effects": entries,
-        "alternatives": [_alternative(of, logs.joints) for of in correction.alternatives],
+        **_of_posterior(verdict),
+        "alternatives": [_alternative(verdict, of) for of in correction.alternatives],
         "error": {
             "one_step_rmse": {
                 "before": _by_joint(logs.joints, errors[1][0].rmse),
@@ -80,6 +84,21 @@ def document_of(verdict: Verdict) -> dict[str, Any]:
     }
 
 
+def _of_posterior(verdict: Verdict) -> dict[str, Any]:
+    acceptance = verdict.acceptance
+    if acceptance.probability_none is None:
+        return {}
+    power = [
+        {
+            **of._asdict(),
+            "joint": verdict.logs.joints[of.joint],
+            "size": of.size if np.isfinite(of.size) else None,
+        }
+        for of in acceptance.power
+    ]
+    return {"probability_none": acceptance.probability_none, "power": power}
+
+
 def _by_joint(joints: Sequence[str], values: np.ndarray) -> dict[str, float | None]:
     return {
         joint: float(value) if np.isfinite(value) else None
@@ -97,10 +116,22 @@ def _entry(verdict: Verdict, effect: MachineEffect, error_reduction: float) -> d
         "parameters": parameters_of(verdict.correction.fit, effect),
         "onset": onset,
         "certain": not effect.equivalents,
+        **_belief(judgements[effect.members[0].candidate.key]),
         "p_value": float(min(judgements[m.candidate.key].p_value for m in effect.members)),
         "error_reduction": error_reduction,
     }
     return {**entry, "of": effect.family} if onset is not None else entry
+
+
+def _belief(judgement: Confirmed) -> dict[str, Any]:
+    """What the posterior and confirmation rows say, where there is one."""
+    if judgement.probability is None:
+        return {}
+    return {
+        "certain": judgement.probability >= CREDIBLE,
+        "probability": judgement.probability,
+        "e_value": float(np.exp(min(judgement.bound, LARGEST_LOGARITHM))),
+    }
 
 
 def _onset(measured: Sequence[Trajectory], stamp_ns: int | None) -> dict[str, Any] | None:
@@ -118,10 +149,13 @@ def _onset(measured: Sequence[Trajectory], stamp_ns: int | None) -> dict[str, An
     return {"trajectory": measured[number].name, "t": float(measured[number].t_s[place])}
 
 
-def _alternative(of: Alternative, joints: Sequence[str]) -> dict[str, Any]:
+def _alternative(verdict: Verdict, of: Alternative) -> dict[str, Any]:
+    family, joint = contract_family(of.candidate), of.candidate.joint
+    probability = verdict.acceptance.of_rivals.get((family, joint))
     entry: dict[str, Any] = {
-        "family": contract_family(of.candidate),
-        "joints": [joints[of.candidate.joint]],
+        "family": family,
+        "joints": [verdict.logs.joints[joint]],
+        **({} if probability is None else {"probability": probability}),
         "error_reduction": of.error_reduction,
         "why_not": of.why_not or f"these logs cannot tell it from {of.chosen}",
     }

@@ -76,7 +76,7 @@ def test_what_sets_in_is_found_with_its_moment() -> None:
     (cause,) = explained({(0, 0): -0.3}, since)[0].causes
     assert (cause.family, cause.sets_in) == ("gain", True)
     joint = JointEvidence(0, rows(1, {}), rows(2, {(0, 0): -0.3}, since))
-    joint.let_set_in(["gain"])
+    joint.let_set_in([0], joint.moments())
     onset = joint.onsets[cause.terms[0]]
     assert onset is not None
     assert abs(onset - STAMP_NS[since]) < 11e9

@@ -1,0 +1,106 @@
+"""What these logs would have shown: the size from which on a family on a joint is found with 90 %.
+
+An effect of size s has a score z ~ N(s √I(τ), 1), where I is what the rows say of it beside noise and nuisance. Without
+the effect, a larger τ may explain it, at the price of evidence L(τ) ≤ L(τ₀) elsewhere. It is found when
+
+    min over τ of  z² / 2 + L(τ₀) − L(τ)  −  log(1 + σ² I(τ₀)) / 2
+
+times EXPONENT makes up for its prior and for what is asked.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from pipeline.discrepancy.posterior.columns import Term
+from pipeline.discrepancy.posterior.explanations import EXPONENT, LOG_MORE
+from pipeline.discrepancy.posterior.joint_evidence import LEAST_SHARES, JointEvidence
+from pipeline.discrepancy.posterior.products import Products
+from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.effect import Parameter
+
+FOUND_WITH = 0.9
+
+
+class Visible(NamedTuple):
+    """Of a family on a joint.
+
+    Attributes:
+        family: Name.
+        joint: Index.
+        size: Of its first parameter, how far from neutral; infinite where no plausible size would have been found.
+        unit: Of that parameter, as on its card.
+    """
+
+    family: str
+    joint: int
+    size: float
+    unit: str
+
+
+class Scatter(NamedTuple):
+    """One size τ of the nuisance.
+
+    Attributes:
+        products: Of all columns.
+        price: Log evidence that it costs against the most probable size.
+    """
+
+    products: Products
+    price: float
+
+
+def visible_sizes(
+    joint: JointEvidence, families: Sequence[str], log_prior: float, least_odds: float
+) -> list[Visible]:
+    """Of every family with an equation on one joint.
+
+    Args:
+        joint: Its rows.
+        families: Names.
+        log_prior: Of one cause on one joint.
+        least_odds: Log odds that are asked of a finding.
+    """
+    evidence = np.array([joint.evidence_of_nothing(least) for least in LEAST_SHARES])
+    scatters = [
+        Scatter(joint.products_beside((), least), float(evidence.max() - of))
+        for least, of in zip(LEAST_SHARES, evidence, strict=True)
+    ]
+    result = []
+    for family in families:
+        of_family = [
+            (index, term)
+            for index, (term, onset) in enumerate(zip(joint.terms, joint.onsets, strict=True))
+            if term.family == family and onset is None
+        ]
+        if not of_family:
+            continue
+        needed = least_odds - log_prior - LOG_MORE + np.log(joint.n_alternatives(of_family[0][0]))
+        parameter = KNOWN[family].card.parameters[0]
+        sizes = [_visible(term, scatters, needed, parameter) for _, term in of_family]
+        result.append(Visible(family, joint.joint, float(min(sizes)), parameter.unit))
+    return result
+
+
+def _visible(term: Term, scatters: Sequence[Scatter], needed: float, parameter: Parameter) -> float:
+    """Smallest size of a term that is found; all its coefficients are alike."""
+    columns, n = np.array([term.columns]), len(term.columns)
+    information = np.array([of.products.of_terms(columns)[0].sum() for of in scatters])
+    if information.min() <= 0.0:
+        return np.inf
+    likeliest = information[int(np.argmin([of.price for of in scatters]))]
+    wanted = max(needed, 0.0) / EXPONENT + 0.5 * np.log1p(float(np.mean(term.scale)) ** 2 * likeliest / n)
+    of_scatter = [
+        np.sqrt(2.0 * max(wanted - scatter.price, 0.0) / of)
+        for scatter, of in zip(scatters, information, strict=True)
+    ]
+    size = max(of_scatter) + norm.ppf(FOUND_WITH) / np.sqrt(likeliest)
+    if term.freed:
+        return float(size) if size <= max(np.abs((term.lower, term.upper)).max(), 0.0) else np.inf
+    return _of_point(term.point, parameter) if size <= 1.0 else np.inf
+
+
+def _of_point(point: Mapping[str, float], parameter: Parameter) -> float:
+    return abs(point.get(parameter.name, parameter.neutral) - parameter.neutral) or np.inf
