@@ -172,9 +172,13 @@ def test_the_posterior_finds_the_same(nominal, model, usual, slower: float) -> N
     if slower == 1.0:
         assert document["verdict"] == "none"
         return
-    assert document["verdict"] == "named"
+    assert document["probability_none"] < 0.05
     (effect,) = document["effects"]
     assert (effect["family"], effect["joints"]) == ("gain", ["turn"])
+    # On one joint a load may do the same: what evidence hardly parts stands beside the name, less probable.
+    rivals = [of["probability"] for of in document["alternatives"] if of.get("equivalent")]
+    assert effect["probability"] > max(rivals, default=0.0)
+    assert effect["certain"] == (effect["probability"] >= 0.95) == (document["verdict"] == "named")
     assert effect["parameters"]["speed_ratio"]["value"] == pytest.approx(0.7, abs=0.04)
     errors = document["error"]["open_loop_rmse_80"]
     assert errors["after"]["turn"] < 0.6 * errors["before"]["turn"]

@@ -1,6 +1,7 @@
 """Step 4 by the posterior: what is probable enough is told, with what confirmation rows say of it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,13 @@ from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.e_values import log_e_value
 from pipeline.discrepancy.posterior.explanations import LOG_MORE
-from pipeline.discrepancy.posterior.findings import Finding, probability_of, probability_of_none, rivals_of
+from pipeline.discrepancy.posterior.findings import (
+    Finding,
+    probability_of,
+    probability_of_none,
+    rivals_of,
+    told_as,
+)
 from pipeline.discrepancy.posterior.new_rows import on_all_rows
 from pipeline.discrepancy.posterior.power import Visible, visible_sizes
 from pipeline.discrepancy.posterior.select_by_posterior import CREDIBLE, PosteriorSelection, rows_with_columns
@@ -75,7 +82,11 @@ def accept_by_posterior(diagnosis: Diagnosis, selection: PosteriorSelection, jou
             is_pooled=False,
             probability=belief.probability,
         )
-    passed = [f for f in selection.found if judgements[f.candidate.key].is_confirmed]
+    passed = [
+        _with_rivals_left(f, beliefs[f.cause[0]])
+        for f in selection.found
+        if f.cause is not None and judgements[f.candidate.key].is_confirmed
+    ]
     is_part = 0 < len(passed) < len(selection.found)
     fit = refitted(diagnosis, passed) if is_part else grouped(diagnosis, passed)
     journal.end_part("confirmation")
@@ -86,6 +97,12 @@ def accept_by_posterior(diagnosis: Diagnosis, selection: PosteriorSelection, jou
         for joint in rival.joints
     }
     return Acceptance(judgements, fit, of_none, _power(diagnosis, selection), of_rivals, explanations)
+
+
+def _with_rivals_left(effect: SelectedEffect, belief: Belief) -> SelectedEffect:
+    """An effect with the equivalents that confirmation rows leave."""
+    names = {rival.family for rival, _ in belief.rivals}
+    return replace(effect, equivalents=[c for c in effect.equivalents if told_as(c.family) in names])
 
 
 def _share(diagnosis: Diagnosis, selection: PosteriorSelection, effect: SelectedEffect) -> float:
