@@ -66,7 +66,8 @@ def told_as(family: str) -> str:
 
 def probability_of(finding: Finding, explanations: Sequence[Explanation]) -> float:
     """Of all explanations that have it."""
-    return float(sum(of.probability for of in explanations if finding.has_part_in(of)))
+    total = sum(of.probability for of in explanations if finding.has_part_in(of))
+    return float(min(total, 1.0))  # rounding adds up
 
 
 def probability_of_none(explanations: Sequence[Explanation]) -> float:
