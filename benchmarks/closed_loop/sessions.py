@@ -9,7 +9,6 @@ import numpy as np
 
 from benchmarks.closed_loop.simulator import MACHINE, Machine, Simulator
 from pipeline.configuration.load import ControlConfiguration, load_machine, load_section
-from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.raw_log import RawLog
@@ -17,6 +16,7 @@ from pipeline.logs.trajectories import make_trajectories
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.recording.session import NANOSECONDS, SessionLog
+from pipeline.testbench.recording import write_session
 
 PROFILE = "default"
 
@@ -80,17 +80,7 @@ def ingest_settings() -> tuple[IngestConfig, LoopTrackerConfig]:
 
 def write(session: Session, folder: Path) -> None:
     """Record a session into a bag in `folder`."""
-    log = session.record()
-    write_bag(
-        folder / session.name,
-        session.specification,
-        joint_state_header_stamp_ns=log.joint_state_header_stamp_ns,
-        joint_state_log_time_ns=log.joint_state_log_time_ns,
-        joint_names=log.joint_names,
-        positions=log.positions,
-        command_log_time_ns=log.command_log_time_ns,
-        commands=log.commands,
-    )
+    write_session(folder / session.name, session.specification, session.record())
 
 
 def trajectories(session: Session) -> list[Trajectory]:

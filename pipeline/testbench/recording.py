@@ -17,7 +17,13 @@ from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import PlantEffect
 from pipeline.plant.machines.simulated import simulated_machine
 from pipeline.plant.recording.operator import draw_style
-from pipeline.plant.recording.session import NANOSECONDS, SESSION_NAME, RecordConfig, record_session
+from pipeline.plant.recording.session import (
+    NANOSECONDS,
+    SESSION_NAME,
+    RecordConfig,
+    SessionLog,
+    record_session,
+)
 from pipeline.plant.sealed.seal import write_seal
 from pipeline.plant.sealed.undeclared import draw_effects, parameters_of_session
 
@@ -209,8 +215,19 @@ def _record_bag(
         changes=changes,
         progress=progress,
     )
+    channels = {name: ChannelSamples(*samples) for name, samples in log.channels.items()}
+    write_session(session.path, machine, log, channels)
+
+
+def write_session(
+    path: Path,
+    machine: MachineSpecification,
+    log: SessionLog,
+    channels: Mapping[str, ChannelSamples] | None = None,
+) -> None:
+    """Write a simulated session as a bag; `channels` are those of the machine's file."""
     write_bag(
-        session.path,
+        path,
         machine,
         joint_state_header_stamp_ns=log.joint_state_header_stamp_ns,
         joint_state_log_time_ns=log.joint_state_log_time_ns,
@@ -218,5 +235,5 @@ def _record_bag(
         positions=log.positions,
         command_log_time_ns=log.command_log_time_ns,
         commands=log.commands,
-        channels={name: ChannelSamples(*samples) for name, samples in log.channels.items()},
+        channels=channels,
     )

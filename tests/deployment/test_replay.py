@@ -16,7 +16,6 @@ from pipeline.deployment.settings import DeploymentConfig, SupervisorConfig
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discover import find_logs
 from pipeline.logs.formats.log_entry import LogEntry
-from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.columns import as_array
 from pipeline.machine.kinematics import load_arm
@@ -25,6 +24,7 @@ from pipeline.machine.workspace import contains
 from pipeline.plant.machines.simulated import simulated_machine
 from pipeline.plant.recording.operator import draw_style
 from pipeline.plant.recording.session import record_session
+from pipeline.testbench.recording import write_session
 
 MEASURED = Path(__file__).parents[3] / "shared/measured"  # of rc_excavator, a real machine
 BAGS = sorted(path.parent for path in MEASURED.glob("*/*/metadata.yaml"))
@@ -105,15 +105,6 @@ def test_a_bag_of_the_simulated_machine_is_objected_to_where_the_operator_leaves
 ) -> None:
     machine = load_machine("bobcat_e10")
     log = record_session(machine, simulated_machine(machine.name), draw_style(0), 1.0, 0, 10 * NANOSECONDS)
-    write_bag(
-        tmp_path / "bag",
-        machine,
-        joint_state_header_stamp_ns=log.joint_state_header_stamp_ns,
-        joint_state_log_time_ns=log.joint_state_log_time_ns,
-        joint_names=log.joint_names,
-        positions=log.positions,
-        command_log_time_ns=log.command_log_time_ns,
-        commands=log.commands,
-    )
+    write_session(tmp_path / "bag", machine, log)
     (entry,) = find_logs(tmp_path)
     assert set(objections(entry, machine, list(RULES))) == reasons(entry, machine) == {"envelope"}
