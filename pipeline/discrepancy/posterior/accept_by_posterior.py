@@ -11,24 +11,21 @@ from pipeline.discrepancy.acceptance.confirmation import Confirmed
 from pipeline.discrepancy.acceptance.fitted_effects import grouped, refitted
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.journal import Journal
-from pipeline.discrepancy.posterior.e_values import log_e_value
+from pipeline.discrepancy.posterior.e_values import e_value_of, log_e_value
 from pipeline.discrepancy.posterior.explanations import LOG_MORE
 from pipeline.discrepancy.posterior.findings import (
     Finding,
     probability_of,
     probability_of_none,
     rivals_of,
-    told_as,
 )
 from pipeline.discrepancy.posterior.new_rows import on_all_rows
 from pipeline.discrepancy.posterior.power import Visible, visible_sizes
 from pipeline.discrepancy.posterior.select_by_posterior import CREDIBLE, PosteriorSelection, rows_with_columns
+from pipeline.discrepancy.selection.grouping import OTHER, told_as
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 
 PROBABLE = 0.5  # of an effect that is told: more probable than not (Barbieri and Berger 2004, median probability model)
-
-
-LARGEST_LOGARITHM = 700.0  # of a number that can be held
 
 
 class Belief(NamedTuple):
@@ -66,10 +63,8 @@ def accept_by_posterior(diagnosis: Diagnosis, selection: PosteriorSelection, jou
         log_e = log_e_value(finding, selection.chosen, fitted, held_out, residual)
         beliefs.append(Belief(probability_of(finding, explanations), rivals, log_e))
         joints = ", ".join(diagnosis.logs.joints[joint] for joint in sorted(finding.joints))
-        e_value = np.exp(min(log_e, LARGEST_LOGARITHM))
-        journal.log(
-            f"{finding.family} on {joints}: probability {beliefs[-1].probability:.3f}; e-value {e_value:.2g}."
-        )
+        probability, e_value = beliefs[-1].probability, e_value_of(log_e)
+        journal.log(f"{finding.family} on {joints}: probability {probability:.3f}; e-value {e_value:.2g}.")
     judgements = {}
     for effect in selection.found:
         assert effect.cause is not None
@@ -118,7 +113,7 @@ def _share(diagnosis: Diagnosis, selection: PosteriorSelection, effect: Selected
 
 
 def _power(diagnosis: Diagnosis, selection: PosteriorSelection) -> list[Visible]:
-    families = [family for family in diagnosis.simulation.effects if not family.startswith("other")]
+    families = [family for family in diagnosis.simulation.effects if told_as(family) != OTHER]
     largest = diagnosis.logs.config.posterior.largest_none
     n = len(selection.joints)
     log_prior = -np.log(len(diagnosis.simulation.effects)) - np.log(n) + LOG_MORE

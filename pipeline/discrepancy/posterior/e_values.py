@@ -3,10 +3,9 @@
     e  =  p(r | h, β̂)  /  max_{h'} max_β p(r | h', β)        on confirmation rows
 
 h is the explanation, with coefficients β̂ from the rows for fitting and selection, half of it by its columns and half by
-the simulation of its effects. h' is the explanation with another
-cause, or none, in the place of the finding. If one of these is true, e exceeds 1/α with
-probability α at most, whatever was searched. Source: Wasserman, Ramdas and Balakrishnan (2020), Universal inference,
-PNAS 117.
+the simulation of its effects. h' is the explanation with another cause, or none, in the place of the finding. If one of
+these is true, e exceeds 1/α with probability α at most, whatever was searched. Source: Wasserman, Ramdas and
+Balakrishnan (2020), Universal inference, PNAS 117.
 """
 
 from collections import defaultdict
@@ -15,11 +14,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.discrepancy.posterior.explanations import Explanation, acts_on_several, are_alike, terms_of
-from pipeline.discrepancy.posterior.findings import Finding, told_as
+from pipeline.discrepancy.posterior.findings import Finding
 from pipeline.discrepancy.posterior.joint_evidence import JointEvidence
 from pipeline.discrepancy.posterior.new_rows import log_predictive
+from pipeline.discrepancy.selection.grouping import told_as
 
 RIVALS = 8  # families per joint that are fitted with heavy tails: the most probable ones with normal noise
+LARGEST_LOGARITHM = 700.0  # of a number that can be held
+
+
+def e_value_of(logarithm: float) -> float:
+    """The e-value of a natural logarithm, as large as can be held."""
+    return float(np.exp(min(logarithm, LARGEST_LOGARITHM)))
 
 
 def log_e_value(

@@ -74,9 +74,6 @@ class Explanation(NamedTuple):
     log_evidence: float
 
 
-NOTHING = Explanation((), 1.0, 0.0, 0.0)
-
-
 class Posterior:
     """Over explanations of one set of measured logs."""
 
@@ -113,21 +110,18 @@ class Posterior:
             groups, _ = joint.groups(())
             keys = [(family, None, False) for family in self._setting_in]
             joint.let_set_in([groups[key].best for key in keys if key in groups], joint.moments())
-        for family in [f for f in self._setting_in if f in self._on_several]:
-            # A grid point is known no better than the moment: first the moment with any point, then the point.
-            moment = self._common_moment(family)
-            if moment is None:
-                continue
-            for joint in self.joints:
-                of_family = [
-                    i for i, t in enumerate(joint.terms) if t.family == family and joint.base(i) == i
-                ]
-                joint.let_set_in(of_family, [moment])
-            found = self._on_some_joints(family, {}, sets_in=True)
-            for number, index in found[1].terms.items() if found is not None else ():
-                self.joints[number].let_set_in(
-                    [self.joints[number].base(index)], self.joints[number].moments()
-                )
+        # A grid point is known no better than the moment: first the moment with any point, then the point.
+        of_several = [family for family in self._setting_in if family in self._on_several]
+        moments = {family: self._common_moment(family) for family in of_several}
+        for joint in self.joints:
+            for family, moment in moments.items():
+                if moment is not None:
+                    joint.let_set_in(joint.without_onset(family), [moment])
+        shared = [self._on_some_joints(family, {}, sets_in=True) for family in of_several]
+        for _, cause in filter(None, shared):
+            for number, index in cause.terms.items():
+                joint = self.joints[number]
+                joint.let_set_in([joint.base(index)], joint.moments())
 
     def _common_moment(self, family: str) -> int | None:
         """The most probable one, if each joint may have a point of its own."""

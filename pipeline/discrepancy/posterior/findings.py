@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from pipeline.discrepancy.posterior.explanations import Cause, Explanation
+from pipeline.discrepancy.selection.grouping import told_as
 from pipeline.effects.dependence import DEPENDENCES
-
-OTHER = "other"
 
 
 class Finding(NamedTuple):
@@ -57,11 +56,6 @@ def findings_of(causes: Sequence[Cause]) -> list[Finding]:
         else:
             group.append(cause)
     return [Finding(told_as(of[0].family), tuple(of)) for of in groups]
-
-
-def told_as(family: str) -> str:
-    """As in the contract: every dependence names no cause."""
-    return OTHER if family.startswith(OTHER) else family
 
 
 def probability_of(finding: Finding, explanations: Sequence[Explanation]) -> float:

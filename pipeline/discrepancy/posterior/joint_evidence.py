@@ -280,6 +280,11 @@ class JointEvidence:
     def _n_moments(self, terms: Sequence[int]) -> int:
         return len({self.onsets[index] for index in terms} - {None})
 
+    def without_onset(self, family: str) -> list[int]:
+        """Terms of a family that act all the time."""
+        pairs = zip(self.terms, self.onsets, strict=True)
+        return [index for index, (term, onset) in enumerate(pairs) if term.family == family and onset is None]
+
     def base(self, index: int) -> int:
         """The term that acts all the time, of one that sets in."""
         return self._bases[index]

@@ -70,16 +70,12 @@ def visible_sizes(
     ]
     result = []
     for family in families:
-        of_family = [
-            (index, term)
-            for index, (term, onset) in enumerate(zip(joint.terms, joint.onsets, strict=True))
-            if term.family == family and onset is None
-        ]
+        of_family = joint.without_onset(family)
         if not of_family:
             continue
-        needed = least_odds - log_prior - LOG_MORE + np.log(joint.n_alternatives(of_family[0][0]))
+        needed = least_odds - log_prior - LOG_MORE + np.log(joint.n_alternatives(of_family[0]))
         parameter = KNOWN[family].card.parameters[0]
-        sizes = [_visible(term, scatters, needed, parameter) for _, term in of_family]
+        sizes = [_visible(joint.terms[index], scatters, needed, parameter) for index in of_family]
         result.append(Visible(family, joint.joint, float(min(sizes)), parameter.unit))
     return result
 
@@ -98,7 +94,7 @@ def _visible(term: Term, scatters: Sequence[Scatter], needed: float, parameter: 
     ]
     size = max(of_scatter) + norm.ppf(FOUND_WITH) / np.sqrt(likeliest)
     if term.freed:
-        return float(size) if size <= max(np.abs((term.lower, term.upper)).max(), 0.0) else np.inf
+        return float(size) if size <= np.abs((term.lower, term.upper)).max() else np.inf
     return _of_point(term.point, parameter) if size <= 1.0 else np.inf
 
 

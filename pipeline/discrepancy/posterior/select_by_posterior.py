@@ -12,7 +12,7 @@ from pipeline.discrepancy.families.plausibility import DELAY, TIMING
 from pipeline.discrepancy.families.uncorrectable import has_wrapper, screen_without_wrapper
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.columns import columns_of
-from pipeline.discrepancy.posterior.explanations import NOTHING, Cause, Explanation, Posterior
+from pipeline.discrepancy.posterior.explanations import Cause, Explanation, Posterior
 from pipeline.discrepancy.posterior.findings import Finding, findings_of, rivals_of
 from pipeline.discrepancy.posterior.joint_evidence import ONSET_STEP_S, JointEvidence, Rows
 from pipeline.discrepancy.posterior.rows import facts_of
@@ -38,10 +38,10 @@ class PosteriorSelection(Selection):
         findings: Its effects; `found` has their numbers as its causes.
     """
 
-    explanations: Sequence[Explanation] = ()
-    joints: Sequence[JointEvidence] = ()
-    chosen: Explanation = NOTHING
-    findings: Sequence[Finding] = ()
+    explanations: Sequence[Explanation]
+    joints: Sequence[JointEvidence]
+    chosen: Explanation
+    findings: Sequence[Finding]
 
 
 def select_by_posterior(diagnosis: Diagnosis, journal: Journal) -> PosteriorSelection:

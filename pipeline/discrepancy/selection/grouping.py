@@ -11,7 +11,6 @@ from pipeline.discrepancy.families.plausibility import (
     LOAD,
     THERMAL_DRIFT,
     TIMING,
-    is_dependence,
 )
 from pipeline.discrepancy.families.shared_flow import coefficients_by_source
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
@@ -140,8 +139,13 @@ def without_lags_of_one_cause(effects: Sequence[MachineEffect]) -> list[MachineE
 
 
 def contract_family(candidate: Candidate) -> str:
-    """Its name in the contract's table: `other` for every dependence."""
-    return OTHER if is_dependence(candidate) else candidate.family
+    """Its name in the contract's table."""
+    return told_as(candidate.family)
+
+
+def told_as(family: str) -> str:
+    """A family's name in the contract's table: `other` for every dependence."""
+    return OTHER if family.startswith(OTHER) else family
 
 
 def depends_on(effect: MachineEffect, joints: Sequence[str]) -> list[str]:

@@ -9,7 +9,7 @@ from pipeline.discrepancy.acceptance.confirmation import Confirmed
 from pipeline.discrepancy.acceptance.parameters import parameters_of
 from pipeline.discrepancy.correction.correct import Alternative
 from pipeline.discrepancy.diagnosis.splits import Purpose
-from pipeline.discrepancy.posterior.accept_by_posterior import LARGEST_LOGARITHM
+from pipeline.discrepancy.posterior.e_values import e_value_of
 from pipeline.discrepancy.posterior.select_by_posterior import CREDIBLE
 from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, contract_family, depends_on
 from pipeline.discrepancy.verdict.next_experiment import next_experiment
@@ -130,7 +130,7 @@ def _belief(judgement: Confirmed) -> dict[str, Any]:
     return {
         "certain": judgement.probability >= CREDIBLE,
         "probability": judgement.probability,
-        "e_value": float(np.exp(min(judgement.bound, LARGEST_LOGARITHM))),
+        "e_value": e_value_of(judgement.bound),
     }
 
 
