@@ -99,9 +99,11 @@ def _channel_figures(raw: RawLog, gridded: GriddedLog, machine: MachineSpecifica
     n_channel, n_rows = len(machine.channels), sum(gridded.lengths)
     low, high, n_known = np.full(n_channel, np.inf), np.full(n_channel, -np.inf), np.zeros(n_channel)
     for begin in range(0, n_rows if n_channel else 0, SECTION_ROWS):
-        x = channel_values(gridded, begin, min(begin + SECTION_ROWS, n_rows), n_channel)
-        low, high = np.fmin(low, np.fmin.reduce(x)), np.fmax(high, np.fmax.reduce(x))
-        n_known += np.isfinite(x).sum(axis=0)
+        x = channel_values(gridded, begin, min(begin + SECTION_ROWS, n_rows), n_channel).T
+        is_known = np.isfinite(x)
+        low = np.minimum(low, np.where(is_known, x, np.inf).min(axis=1, initial=np.inf))
+        high = np.maximum(high, np.where(is_known, x, -np.inf).max(axis=1, initial=-np.inf))
+        n_known += is_known.sum(axis=1)
     figures: Figures = {}
     for number, name in enumerate(machine.channel_names):
         found = raw.channels.get(name)

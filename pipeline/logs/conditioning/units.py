@@ -23,10 +23,12 @@ def unit_warnings(raw: RawLog, machine: MachineSpecification) -> list[Note]:
     kinds = np.array([JointKind(joint.kind) for joint in machine.joints])
     allowed = machine.upper - machine.lower
     most = np.where(kinds == JointKind.revolute, np.maximum(allowed, TURN), allowed)
-    low, high = np.full((2, machine.n_joint), np.nan)
-    for (q,) in sections((raw.q,)):
-        q = np.where(np.abs(q) <= LARGEST_POSITION, q, np.nan)
-        low, high = np.fmin(low, np.fmin.reduce(q)), np.fmax(high, np.fmax.reduce(q))
+    low, high = np.full(machine.n_joint, np.inf), np.full(machine.n_joint, -np.inf)
+    for (section,) in sections((raw.q,)):
+        q = np.ascontiguousarray(section.T)  # a joint's positions side by side: NumPy reduces those much faster
+        is_possible = np.abs(q) <= LARGEST_POSITION
+        low = np.minimum(low, np.where(is_possible, q, np.inf).min(axis=1))
+        high = np.maximum(high, np.where(is_possible, q, -np.inf).max(axis=1))
     if not (high - low > most).any():  # which is the rule, and quickly told
         return []
     low, high = np.array([_most_positions(raw, number) for number in range(machine.n_joint)]).T
