@@ -1,23 +1,22 @@
-"""How far the posterior may trust its evidence: the exponent at which solved cases are most probable.
+"""How far the posterior may trust its evidence: the exponents at which solved cases are most probable.
 
     python -m benchmarks.closed_loop.calibrate ROOT
 
 Reads the explanations in the solutions below ROOT, which `close_loop.engine=posterior` writes, and opens the seals.
-With exponent w, an explanation has a probability in proportion to prior · evidence^w. Told is the w of the greatest
-mean log probability of the true explanation, with its interval over machines, and a reliability table at that w and
-at 1. Source: temperature scaling, Guo et al. (2017), On calibration of modern neural networks; of evidence: Grünwald
-and van Ommen (2017), Inconsistency of Bayesian inference for misspecified linear models.
+Told are the two exponents of `pipeline.discrepancy.posterior.probabilities`, each with its interval over machines, and
+reliability tables at these, at those that stand, and at 1. `OF_ANY` has the greatest mean log probability of "none" or
+"any", whichever is right; `OF_NAMES` that of the true effects among explanations with an effect. Source: temperature
+scaling, Guo et al. (2017), On calibration of modern neural networks.
 """
 
 import argparse
 import itertools
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from benchmarks.closed_loop import kinds
 from benchmarks.closed_loop.folders import Folders
@@ -26,6 +25,7 @@ from benchmarks.closed_loop.score import records
 from benchmarks.closed_loop.truth import Truth
 from pipeline.discrepancy.posterior.explanations import Cause
 from pipeline.discrepancy.posterior.findings import findings_of
+from pipeline.discrepancy.posterior.probabilities import OF_ANY, OF_NAMES, log_probabilities
 
 EXPONENTS = np.geomspace(0.02, 2.0, 60)
 STRANGE = 0.01  # share of cases in which any explanation may be right, whatever the evidence says
@@ -39,30 +39,46 @@ class Weighed(NamedTuple):
         machine: Simulator and number.
         log_prior: (n,).
         log_evidence: (n,).
+        is_none: (n,) whether it has no effect.
         is_right: (n,) whether it tells each true effect, or none where there is none.
     """
 
     machine: tuple[str, int]
     log_prior: np.ndarray
     log_evidence: np.ndarray
+    is_none: np.ndarray
     is_right: np.ndarray
 
-    def probability(self, exponent: float) -> np.ndarray:
-        """(n,)."""
-        score = self.log_prior + exponent * self.log_evidence
-        return np.asarray(np.exp(score - logsumexp(score)))
+    @property
+    def has_effect(self) -> bool:
+        """Whether an explanation with an effect is right, or none of all."""
+        return not self.is_right[self.is_none].any()
 
-    def log_score(self, exponent: float) -> float:
-        """Log probability of what is right; some explanation has to be."""
-        right = float(self.probability(exponent)[self.is_right].sum())
-        return float(np.log((1.0 - STRANGE) * right + STRANGE * self.is_right.mean()))
+    def probability(self, of_any: float, of_names: float) -> np.ndarray:
+        """(n,)."""
+        return np.exp(log_probabilities(self.log_prior, self.log_evidence, self.is_none, of_any, of_names))
+
+    def score_of_any(self, exponent: float) -> float:
+        """Log probability of "any" or "none", whichever is right."""
+        right = float(self.probability(exponent, 1.0)[self.is_none != self.has_effect].sum())
+        return float(np.log((1.0 - STRANGE) * right + STRANGE / 2))
+
+    def score_of_names(self, exponent: float) -> float:
+        """Log probability of the true effects, given that there is any."""
+        of = ~self.is_none
+        none = np.zeros(of.sum(), bool)
+        p = np.exp(log_probabilities(self.log_prior[of], self.log_evidence[of], none, of_names=exponent))
+        return float(
+            np.log((1.0 - STRANGE) * p[self.is_right[of]].sum() + STRANGE * self.is_right[of].mean())
+        )
 
 
 def weighed(truth: Truth, explanations: Sequence[Mapping[str, Any]]) -> Weighed:
     """A case with its truth, and what `trace.explanations` says of it."""
     of = {name: np.array([float(e[name]) for e in explanations]) for name in ("log_prior", "log_evidence")}
     right = np.array([is_right(truth, explanation["causes"]) for explanation in explanations])
-    return Weighed((truth.simulator, truth.number), of["log_prior"], of["log_evidence"], right)
+    none = np.array([not explanation["causes"] for explanation in explanations])
+    return Weighed((truth.simulator, truth.number), of["log_prior"], of["log_evidence"], none, right)
 
 
 def is_right(truth: Truth, causes: Sequence[Mapping[str, Any]]) -> bool:
@@ -86,12 +102,14 @@ def is_right(truth: Truth, causes: Sequence[Mapping[str, Any]]) -> bool:
     )
 
 
-def best_exponent(cases: Sequence[Weighed]) -> tuple[float, tuple[float, float]]:
+def best_exponent(
+    cases: Sequence[Weighed], score: Callable[[Weighed, float], float]
+) -> tuple[float, tuple[float, float]]:
     """The exponent of the greatest mean log score, and its 95 % interval over machines."""
     of_machines: dict[tuple[str, int], list[int]] = defaultdict(list)
     for number, case in enumerate(cases):
         of_machines[case.machine].append(number)
-    scores = np.array([[case.log_score(float(w)) for w in EXPONENTS] for case in cases])
+    scores = np.array([[score(case, float(w)) for w in EXPONENTS] for case in cases])
 
     def best(drawn: np.ndarray) -> float:
         return float(EXPONENTS[int(np.argmax(scores[drawn.astype(int)].mean(axis=0)))])
@@ -99,10 +117,14 @@ def best_exponent(cases: Sequence[Weighed]) -> tuple[float, tuple[float, float]]
     return best(np.arange(len(cases))), over_machines(list(of_machines.values()), best)
 
 
-def reliability(cases: Sequence[Weighed], exponent: float) -> list[tuple[float, float, int, float, float]]:
+def reliability(
+    cases: Sequence[Weighed], of_any: float, of_names: float
+) -> list[tuple[float, float, int, float, float]]:
     """Per bin of the best explanation's probability: edges, cases, mean probability, and share of right ones."""
     best = [
-        (p.max(), case.is_right[int(np.argmax(p))]) for case in cases for p in [case.probability(exponent)]
+        (p.max(), case.is_right[int(np.argmax(p))])
+        for case in cases
+        for p in [case.probability(of_any, of_names)]
     ]
     table = []
     for low, high in itertools.pairwise(BINS):
@@ -120,17 +142,23 @@ def main() -> None:
     found = [
         (r.truth, (r.solution.answer or {}).get("trace", {}).get("explanations")) for r in records(folders)
     ]
-    every = [weighed(truth, of) for truth, of in found if of]
-    cases = [case for case in every if case.is_right.any()]
-    if not cases:
-        parser.error(f"{folders.solutions}: no case was solved with close_loop.engine=posterior")
-    exponent, (lower, upper) = best_exponent(cases)
-    print(f"{len(cases)} of {len(every)} cases, in which some explanation is right")
-    print(f"exponent {exponent:.2f} ({lower:.2f} to {upper:.2f})")
-    for of in (exponent, 1.0):
-        mean = np.mean([case.log_score(of) for case in cases])
-        print(f"\nexponent {of:.2f}: mean log probability of what is right {mean:.2f}")
-        for low, high, n, p, share in reliability(cases, of):
+    cases = [weighed(truth, of) for truth, of in found if of]
+    named = [case for case in cases if case.has_effect and case.is_right.any()]
+    if not named or len(named) == len(cases):
+        parser.error(f"{folders.solutions}: needs cases with and without an effect, solved by the posterior")
+    of_any, interval = best_exponent(cases, Weighed.score_of_any)
+    print(f"{len(cases)} cases: OF_ANY {of_any:.2f} ({interval[0]:.2f} to {interval[1]:.2f})")
+    of_names, interval = best_exponent(named, Weighed.score_of_names)
+    print(
+        f"{len(named)} with a right explanation: OF_NAMES {of_names:.2f} ({interval[0]:.2f} to {interval[1]:.2f})"
+    )
+    for any_, names in ((of_any, of_names), (OF_ANY, OF_NAMES), (1.0, 1.0)):
+        scores = np.mean([case.score_of_any(any_) for case in cases])
+        of_right = np.mean([case.score_of_names(names) for case in named])
+        print(
+            f"\n{any_:.2f}, {names:.2f}: mean log probability of what is right {scores:.2f} and {of_right:.2f}"
+        )
+        for low, high, n, p, share in reliability(cases, any_, names):
             print(f"  best explanation {low:.2f} to {high:.2f}: {n} cases, mean {p:.3f}, right {share:.2f}")
 
 

@@ -19,6 +19,7 @@ from pipeline.discrepancy.families.plausibility import DELAY, LOAD, TIMING
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.posterior.joint_evidence import Found, JointEvidence
+from pipeline.discrepancy.posterior.probabilities import log_probabilities
 from pipeline.discrepancy.posterior.slow_variations import evidence_of_processes
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import OnCommand
@@ -30,7 +31,6 @@ MOST_CAUSES = 3
 BEAM = 12
 RESCORED, RESCORED_SINGLE = 12, 8
 CARD_ERROR = 0.1
-EXPONENT = 0.15  # estimated from solved cases, benchmarks.closed_loop.calibrate
 
 
 class Cause(NamedTuple):
@@ -234,8 +234,9 @@ class Posterior:
 
 def with_probabilities(explanations: Sequence[Explanation]) -> list[Explanation]:
     """By their priors and evidence, most probable first."""
-    score = np.array([of.log_prior + EXPONENT * of.log_evidence for of in explanations])
-    probability = np.exp(score - logsumexp(score))
+    prior, evidence = np.array([(of.log_prior, of.log_evidence) for of in explanations]).T
+    is_none = np.array([not of.causes for of in explanations])
+    probability = np.exp(log_probabilities(prior, evidence, is_none))
     result = [of._replace(probability=float(p)) for of, p in zip(explanations, probability, strict=True)]
     return sorted(result, key=lambda of: -of.probability)
 

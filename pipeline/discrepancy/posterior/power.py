@@ -5,7 +5,7 @@ the effect, a larger τ may explain it, at the price of evidence L(τ) ≤ L(τ�
 
     min over τ of  z² / 2 + L(τ₀) − L(τ)  −  log(1 + σ² I(τ₀)) / 2
 
-times EXPONENT makes up for its prior and for what is asked.
+times OF_ANY makes up for its prior and for what is asked.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,8 +15,9 @@ import numpy as np
 from scipy.stats import norm
 
 from pipeline.discrepancy.posterior.columns import Term
-from pipeline.discrepancy.posterior.explanations import EXPONENT, LOG_MORE
+from pipeline.discrepancy.posterior.explanations import LOG_MORE
 from pipeline.discrepancy.posterior.joint_evidence import LEAST_SHARES, JointEvidence
+from pipeline.discrepancy.posterior.probabilities import OF_ANY
 from pipeline.discrepancy.posterior.products import Products
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Parameter
@@ -87,7 +88,7 @@ def _visible(term: Term, scatters: Sequence[Scatter], needed: float, parameter: 
     if information.min() <= 0.0:
         return np.inf
     likeliest = information[int(np.argmin([of.price for of in scatters]))]
-    wanted = max(needed, 0.0) / EXPONENT + 0.5 * np.log1p(float(np.mean(term.scale)) ** 2 * likeliest / n)
+    wanted = max(needed, 0.0) / OF_ANY + 0.5 * np.log1p(float(np.mean(term.scale)) ** 2 * likeliest / n)
     of_scatter = [
         np.sqrt(2.0 * max(wanted - scatter.price, 0.0) / of)
         for scatter, of in zip(scatters, information, strict=True)

@@ -25,7 +25,9 @@ def unit_warnings(raw: RawLog, machine: MachineSpecification) -> list[Note]:
     most = np.where(kinds == JointKind.revolute, np.maximum(allowed, TURN), allowed)
     low, high = np.full(machine.n_joint, np.inf), np.full(machine.n_joint, -np.inf)
     for (section,) in sections((raw.q,)):
-        q = np.ascontiguousarray(section.T)  # a joint's positions side by side: NumPy reduces those much faster
+        q = np.ascontiguousarray(
+            section.T
+        )  # a joint's positions side by side: NumPy reduces those much faster
         is_possible = np.abs(q) <= LARGEST_POSITION
         low = np.minimum(low, np.where(is_possible, q, np.inf).min(axis=1))
         high = np.maximum(high, np.where(is_possible, q, -np.inf).max(axis=1))
