@@ -5,10 +5,10 @@ component's clock, and executes the returned outputs.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from pipeline.deployment.messages import Message, Topic
+from pipeline.deployment.messages import Level, Message, Topic
 
 NANOSECONDS = 1_000_000_000
 
@@ -27,6 +27,14 @@ class Computation(NamedTuple):
 
 
 Output = Publication | Computation
+
+
+class Condition(NamedTuple):
+    """How a component is: level, the same in words, details by name."""
+
+    level: Level
+    text: str
+    values: Mapping[str, str] = {}
 
 
 class Component:
@@ -49,6 +57,10 @@ class Component:
     def on_timer(self, now_ns: int) -> Sequence[Output]:
         """Process a timer tick."""
         return ()
+
+    def condition(self, now_ns: int) -> Condition:
+        """How the component is, for its diagnostics."""
+        return Condition(Level.ok, "runs")
 
 
 class ComputingComponent(Component, ABC):

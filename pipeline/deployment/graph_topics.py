@@ -1,7 +1,7 @@
-"""The graph's own topics in a bag, besides those of every log: requests of the servers, results, stops and releases.
+"""The graph's own topics in a bag, besides those of every log: requests, results, stops, their resets, diagnostics.
 
 A second file of the bag holds them, so that the first one looks like any log. Types are those of the ROS package
-`hydraulic_arm`; a bag recorded on the ROS graph is read in the same way.
+`hydraulic_arm`, and `diagnostic_msgs`; a bag recorded on the ROS graph is read in the same way.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,17 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.messages import EmergencyStop, GoalOutcome, JointCommand, ReachResult, Release, Topic
+from pipeline.deployment.diagnostic_arrays import DIAGNOSTIC_ARRAY, diagnostic_array, read_diagnostic_array
+from pipeline.deployment.messages import (
+    Diagnostics,
+    EmergencyStop,
+    GoalOutcome,
+    JointCommand,
+    ReachResult,
+    Release,
+    Reset,
+    Topic,
+)
 from pipeline.deployment.transports.mcap_file import RecordedTopic, write_mcap_file
 from pipeline.logs.formats.bags import STORAGE_READERS
 from pipeline.logs.formats.log_entry import LogEntry
@@ -34,18 +44,34 @@ class GraphRecord(NamedTuple):
     results: list[tuple[int, ReachResult]]
     stops: list[tuple[int, EmergencyStop]]
     releases: Sequence[tuple[int, Release]] = ()
+    resets: Sequence[tuple[int, Reset]] = ()
+    diagnostics: Sequence[tuple[int, Diagnostics]] = ()
 
 
 class _Kind(NamedTuple):
-    """A topic: its type's name, and the conversions from a message to its fields' values and back."""
+    """A topic: its type's name, the conversions from a message to ROS 2 and back, our own type's definition."""
 
     type_name: str
-    fields: Callable[[Any], dict[str, Any]]
+    ros: Callable[[Typestore, Any], "Msg"]
     read: Callable[[Any], Any]
+    definition: str | None = None
+
+
+def _own(name: str, fields: Callable[[Any], dict[str, Any]], read: Callable[[Any], Any]) -> _Kind:
+    """A type of the package, with its fields' values of a message."""
+    type_name, path = f"{PACKAGE}/msg/{name}", DEFINITIONS / f"{name}.msg"
+
+    def ros(store: Typestore, message: Any) -> "Msg":
+        time_type, values = store.types["builtin_interfaces/msg/Time"], fields(message)
+        for key in {"stamp", "observed", "stop"} & values.keys():
+            values[key] = time_type(sec=values[key] // NANOSECONDS, nanosec=values[key] % NANOSECONDS)
+        return store.types[type_name](**values)
+
+    return _Kind(type_name, ros, read, path.read_text() if path.exists() else RESULT_DEFINITION)
 
 
 KINDS: Mapping[Topic, _Kind] = {
-    Topic.requested_commands: _Kind(
+    Topic.requested_commands: _own(
         "JointCommand",
         lambda m: {
             "stamp": m.stamp_ns,
@@ -57,7 +83,7 @@ KINDS: Mapping[Topic, _Kind] = {
         },
         lambda r: JointCommand(_ns(r.stamp), r.source, r.sequence, _ns(r.observed), r.values, r.is_last),
     ),
-    Topic.result: _Kind(
+    Topic.result: _own(
         "ReachResult",
         lambda m: {
             "stamp": m.stamp_ns,
@@ -67,32 +93,45 @@ KINDS: Mapping[Topic, _Kind] = {
         },
         lambda r: ReachResult(_ns(r.stamp), r.goal_id, GoalOutcome(r.outcome), r.n_ticks),
     ),
-    Topic.emergency_stop: _Kind(
+    Topic.emergency_stop: _own(
         "EmergencyStop",
         lambda m: {"stamp": m.stamp_ns, "rule": m.rule, "detail": m.detail},
         lambda r: EmergencyStop(_ns(r.stamp), r.rule, r.detail),
     ),
-    Topic.release: _Kind(
+    Topic.release: _own(
         "Release",
         lambda m: {"stamp": m.stamp_ns, "stop": m.stop_ns},
         lambda r: Release(_ns(r.stamp), _ns(r.stop)),
     ),
+    Topic.reset: _own(
+        "Reset",
+        lambda m: {"stamp": m.stamp_ns, "stop": m.stop_ns},
+        lambda r: Reset(_ns(r.stamp), _ns(r.stop)),
+    ),
+    Topic.diagnostics: _Kind(DIAGNOSTIC_ARRAY, diagnostic_array, read_diagnostic_array),
 }
 TOPICS = {f"/{topic}": topic for topic in KINDS}
 
 
+def graph_store(stock: Stores) -> Typestore:
+    """The stock types of a ROS, and those of the package."""
+    store = get_typestore(stock)
+    for kind in KINDS.values():
+        if kind.definition is not None:
+            store.register(get_types_from_msg(kind.definition, kind.type_name))
+    return store
+
+
 def add_graph_topics(bag: Path, record: GraphRecord) -> None:
     """Add a file with the graph's own topics to a bag that `write_bag` wrote, and name it in the bag's metadata."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    for kind in KINDS.values():
-        store.register(get_types_from_msg(_definition(kind), _full_name(kind)))
+    store = graph_store(Stores.ROS2_HUMBLE)
     file_name = f"{bag.name}_1.mcap"
     by_topic: dict[Topic, Sequence[tuple[int, Any]]] = dict(zip(KINDS, record, strict=True))
     topics = [
         RecordedTopic(
             f"/{topic}",
-            _full_name(KINDS[topic]),
-            [(time_ns, _ros(store, topic, message)) for time_ns, message in said],
+            KINDS[topic].type_name,
+            [(time_ns, KINDS[topic].ros(store, message)) for time_ns, message in said],
         )
         for topic, said in by_topic.items()
     ]
@@ -113,11 +152,10 @@ def read_graph_topics(entry: LogEntry) -> GraphRecord:
 
 def _messages(block: MessageBlock) -> list[tuple[int, Any]]:
     kind = KINDS[TOPICS[block.topic.name]]
-    if block.topic.type_name != _full_name(kind):
+    if block.topic.type_name != kind.type_name:
         return []
     is_ros1 = block.topic.encoding == "ros1"
-    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(_definition(kind), _full_name(kind)))
+    store = graph_store(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
     deserialise = store.deserialize_ros1 if is_ros1 else store.deserialize_cdr
     found = []
     for time_ns, start, length in zip(
@@ -125,28 +163,10 @@ def _messages(block: MessageBlock) -> list[tuple[int, Any]]:
     ):
         data = block.data[start : start + length].tobytes()
         try:
-            found.append((time_ns, kind.read(deserialise(data, _full_name(kind)))))
+            found.append((time_ns, kind.read(deserialise(data, kind.type_name))))
         except Exception:  # rosbags may raise anything on malformed bytes
             continue
     return found
-
-
-def _ros(store: Typestore, topic: Topic, message: Any) -> "Msg":
-    kind = KINDS[topic]
-    time_type = store.types["builtin_interfaces/msg/Time"]
-    fields = kind.fields(message)
-    for name in {"stamp", "observed", "stop"} & fields.keys():
-        fields[name] = time_type(sec=fields[name] // NANOSECONDS, nanosec=fields[name] % NANOSECONDS)
-    return store.types[_full_name(kind)](**fields)
-
-
-def _definition(kind: _Kind) -> str:
-    path = DEFINITIONS / f"{kind.type_name}.msg"
-    return path.read_text() if path.exists() else RESULT_DEFINITION
-
-
-def _full_name(kind: _Kind) -> str:
-    return f"{PACKAGE}/msg/{kind.type_name}"
 
 
 def _ns(time: Any) -> int:
@@ -161,7 +181,7 @@ def _name_in_metadata(path: Path, file_name: str, store: Typestore, counts: Mapp
     bag["message_count"] += n_messages
     bag["files"].append({**bag["files"][0], "path": file_name, "message_count": n_messages})
     for topic, n in counts.items():
-        name = _full_name(KINDS[topic])
+        name = KINDS[topic].type_name
         about = {
             "name": f"/{topic}",
             "type": name,

@@ -5,6 +5,7 @@ messages (`pipeline.deployment.transports.ros1`).
 """
 
 import enum
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,7 @@ class Topic(enum.StrEnum):
     supervisor_state = "supervisor_state"  # SupervisorState, control_supervisor -> control_interface
     can_to_machine = "can_to_machine"  # CanFrame, bobcat_e10_driver -> emcb_200u_driver
     can_from_machine = "can_from_machine"  # CanFrame, emcb_200u_driver -> bobcat_e10_driver
+    diagnostics = "diagnostics"  # Diagnostics, every component -> logs, viewers
     machine_outputs = "machine_outputs"  # MachineOutputs, simulated PLC -> stop timing
 
 
@@ -167,6 +169,40 @@ class SupervisorState:
     stop_ns: int = 0
 
 
+class Level(enum.IntEnum):
+    """How a component is, in the numbers of ROS's `diagnostic_msgs/DiagnosticStatus`."""
+
+    ok = 0
+    warning = 1
+    error = 2
+    stale = 3
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a component, or a part of one, tells of itself.
+
+    Attributes:
+        source: its name.
+        level: how it is.
+        text: the same in words.
+        values: details by name.
+    """
+
+    source: str
+    level: Level
+    text: str
+    values: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """A component's own status, one of them; other programs' nodes may send several at once."""
+
+    stamp_ns: int
+    statuses: Sequence[Status]
+
+
 @dataclass(frozen=True)
 class CanFrame:
     """A CAN frame: identifier and up to eight bytes."""
@@ -197,6 +233,7 @@ Message = (
     | Reset
     | Release
     | SupervisorState
+    | Diagnostics
     | CanFrame
     | MachineOutputs
 )

@@ -39,6 +39,9 @@ EXAMPLES = {
     Topic.supervisor_state: m.SupervisorState(NOW, "joint_limits", NOW - 1),
     Topic.reset: m.Reset(NOW, NOW - 1),
     Topic.release: m.Release(NOW, NOW - 1),
+    Topic.diagnostics: m.Diagnostics(
+        NOW, (m.Status("plc", m.Level.error, "stopped", {"ticks, Hz": "99.8"}),)
+    ),
 }
 
 
@@ -73,6 +76,7 @@ def test_generated_types_are_those_that_the_message_compilers_make() -> None:
     assert len(generated) == 7
     for name, ros_type in generated.items():
         assert ros_type._md5sum == getattr(compiled, name.split("/")[1])._md5sum
+    assert own_types()["diagnostic_msgs/DiagnosticArray"]._md5sum == "60810da900de1dd6ddd437c3503511da"
     assert own_types()["can_msgs/Frame"]._md5sum == "64ae5cebf967dc6aae4e78f5683a5b25"  # as released
 
 

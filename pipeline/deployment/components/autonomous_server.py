@@ -11,7 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.deployment.component import Computation, ComputingComponent, Output, Publication, nanoseconds
+from pipeline.deployment.component import (
+    Computation,
+    ComputingComponent,
+    Condition,
+    Output,
+    Publication,
+    nanoseconds,
+)
 from pipeline.deployment.components.commands import is_command
 from pipeline.deployment.components.controllers import Controller, ControllerState
 from pipeline.deployment.components.goals import GoalSolver
@@ -24,6 +31,7 @@ from pipeline.deployment.messages import (
     GoalOutcome,
     JointCommand,
     JointState,
+    Level,
     Message,
     ReachGoal,
     ReachResult,
@@ -124,6 +132,7 @@ class AutonomousServer(ComputingComponent):
         self._pursuit: _GoalPursuit | None = None
         self._waiting: ReachGoal | None = None
         self._latch = StopLatch()
+        self._last_result = "none"
 
     def rehearse(self, state: ControllerState, position: np.ndarray, quaternion: np.ndarray) -> None:
         """Run all functions of a goal once, so that nothing is compiled while the machine moves.
@@ -220,12 +229,23 @@ class AutonomousServer(ComputingComponent):
             return (self._refuse(goal, GoalOutcome.refused, now_ns),)
         ended: list[Output] = []
         if self._pursuit is not None:
-            replaced = ReachResult(now_ns, self._pursuit.goal_id, GoalOutcome.cancelled, self._pursuit.ticks)
-            ended.append(Publication(Topic.result, replaced))
+            ended.append(
+                self._result(self._pursuit.goal_id, GoalOutcome.cancelled, self._pursuit.ticks, now_ns)
+            )
         self._controller.begin(goal.goal_id)
         watch = self._conditions.begin(goal.position, goal.quaternion)
         self._pursuit = _GoalPursuit(goal.goal_id, aim.target, watch, 0, self._state.stamp_ns)
         return [*ended, Publication(Topic.target_pose, TargetPose(now_ns, goal.position, goal.quaternion))]
+
+    def condition(self, now_ns: int) -> Condition:
+        """What is pursued, and how the last goal ended."""
+        values = {"last goal": self._last_result}
+        if self._state is None:
+            return self._latch.condition(Condition(Level.warning, "waits for joint states", values))
+        if self._pursuit is None:
+            return self._latch.condition(Condition(Level.ok, "waits for a goal", values))
+        goal, ticks = self._pursuit.goal_id, self._pursuit.ticks
+        return self._latch.condition(Condition(Level.ok, f"pursues goal {goal}, tick {ticks}", values))
 
     def _end_all(self, now_ns: int) -> Sequence[Output]:
         """End the goal in pursuit, and the one that waits for its configuration."""
@@ -234,15 +254,19 @@ class AutonomousServer(ComputingComponent):
         return [*ended, *([self._refuse(waiting, GoalOutcome.stopped, now_ns)] if waiting else [])]
 
     def _refuse(self, goal: ReachGoal, outcome: GoalOutcome, now_ns: int) -> Publication:
-        return Publication(Topic.result, ReachResult(now_ns, goal.goal_id, outcome, 0))
+        return self._result(goal.goal_id, outcome, 0, now_ns)
+
+    def _result(self, goal_id: int, outcome: GoalOutcome, n_ticks: int, now_ns: int) -> Publication:
+        self._last_result = f"{goal_id}: {outcome}"
+        return Publication(Topic.result, ReachResult(now_ns, goal_id, outcome, n_ticks))
 
     def _finish(self, outcome: GoalOutcome, now_ns: int) -> Sequence[Output]:
         assert self._pursuit is not None
-        result = ReachResult(now_ns, self._pursuit.goal_id, outcome, self._pursuit.ticks)
+        result = self._result(self._pursuit.goal_id, outcome, self._pursuit.ticks, now_ns)
         observed_ns = self._state.stamp_ns if self._state else now_ns
         self._pursuit = None
         self._command = self._idle
-        return [self._send(now_ns, observed_ns, is_last=True), Publication(Topic.result, result)]
+        return [self._send(now_ns, observed_ns, is_last=True), result]
 
     def _send(self, now_ns: int, observed_ns: int, is_last: bool = False) -> Publication:
         self._sequence += 1

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.deployment.component import Component, Output, Publication, nanoseconds
+from pipeline.deployment.component import NANOSECONDS, Component, Condition, Output, Publication, nanoseconds
 from pipeline.deployment.components.commands import is_command
 from pipeline.deployment.components.stop_latch import StopLatch
 from pipeline.deployment.messages import (
     EmergencyStop,
     InterfaceRule,
     JointCommand,
+    Level,
     MachineCommand,
     Message,
     Release,
@@ -25,8 +26,8 @@ class ControlInterface(Component):
     """The only path to the drivers. Once muted it sends only zeros, until the supervisor releases the stop.
 
     It mutes on the supervisor's emergency stop, on an invalid command, and on a missing sign of life from the
-    supervisor. The last two are stops of its own. A stop that the supervisor does not know, as it was restarted or
-    the message was lost, is published again.
+    supervisor. The last two are stops of its own. A stop that the supervisor does not know a while later, as it was
+    restarted or the message was lost, is published again.
     """
 
     name = "control_interface"
@@ -46,6 +47,7 @@ class ControlInterface(Component):
         self._alive_ns: int | None = None
         self._latch = StopLatch()
         self._known = EmergencyStop(0, "", "")
+        self._said_ns = 0  # when the supervisor was last told of it, or told of it
 
     @property
     def is_muted(self) -> bool:
@@ -81,11 +83,22 @@ class ControlInterface(Component):
         lost = self._config.supervised and self._alive_ns is not None and self._is_supervisor_silent(now_ns)
         return self._stop_for_silence(now_ns) if lost else ()
 
+    def condition(self, now_ns: int) -> Condition:
+        """Whether it passes commands on, and the supervisor's silence."""
+        silence = "none heard" if self._alive_ns is None else f"{(now_ns - self._alive_ns) / NANOSECONDS:.3f}"
+        values = {"supervisor's silence, s": silence}
+        if self._config.supervised and self._alive_ns is None:
+            return self._latch.condition(Condition(Level.warning, "waits for the supervisor", values))
+        return self._latch.condition(Condition(Level.ok, "passes commands on", values))
+
     def _learn_of_stop(self, state: SupervisorState, now_ns: int) -> Sequence[Output]:
         """Compensate for lost signals: the supervisor's stop here, and a stop of this component there."""
         if state.rule and not self.is_muted:
             return self._take(EmergencyStop(state.stop_ns, state.rule, "signal lost"), now_ns)
-        if self.is_muted and not state.rule:
+        # a sign of life that was on its way meanwhile tells nothing
+        has_heard = state.rule or state.stamp_ns - self._said_ns <= self._maximum_silence_ns
+        if self.is_muted and not has_heard:
+            self._said_ns = now_ns
             return (Publication(Topic.emergency_stop, self._known),)
         return ()
 
@@ -101,6 +114,7 @@ class ControlInterface(Component):
 
     def _take(self, stop: EmergencyStop, now_ns: int) -> Sequence[Output]:
         self._latch.hear(stop)
+        self._said_ns = now_ns
         self._known = max(self._known, stop, key=lambda known: known.stamp_ns)
         return self._zeros(now_ns)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.deployment.component import Component, Output, Publication, nanoseconds
+from pipeline.deployment.component import Component, Condition, Output, Publication, nanoseconds
 from pipeline.deployment.components.rule import Rule
 from pipeline.deployment.components.supervisor_rules import RuleParts, build_rules
 from pipeline.deployment.messages import (
@@ -14,6 +14,7 @@ from pipeline.deployment.messages import (
     JointCommand,
     JointState,
     Joystick,
+    Level,
     Message,
     Release,
     Reset,
@@ -73,6 +74,7 @@ class ControlSupervisor(Component):
         self._neutral_since_ns: int | None = None  # None: not acknowledged
         self._latest_stop_ns = self._released_ns = -1
         self.stop: EmergencyStop | None = None
+        self._last: EmergencyStop | None = None
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
         """Check a command or a joint state, take over another component's stop, or begin a reset."""
@@ -105,6 +107,24 @@ class ControlSupervisor(Component):
             outputs.append(Publication(Topic.release, Release(now_ns, self._released_ns)))
         rule, stop_ns = (self.stop.rule, self.stop.stamp_ns) if self.stop else ("", 0)
         return [*outputs, Publication(Topic.supervisor_state, SupervisorState(now_ns, rule, stop_ns))]
+
+    def condition(self, now_ns: int) -> Condition:
+        """The stop in force or what waits for neutral sticks, and the state of every rule."""
+        last = f"{self._last.rule}: {self._last.detail}" if self._last else "none"
+        rules = {f"rule {name}": self._state_of(name) for name in self._rules}
+        values = {"last stop": last, **rules}
+        if self.stop is None:
+            level = Level.warning if self.warned else Level.ok
+            return Condition(
+                level, f"warned by {', '.join(self.warned)}" if self.warned else "no objection", values
+            )
+        waits = "" if self._neutral_since_ns is None else "acknowledged, waits for neutral sticks; "
+        return Condition(Level.error, f"{waits}stopped by {last}", values)
+
+    def _state_of(self, rule: str) -> str:
+        if self.stop is not None and self.stop.rule == rule:
+            return f"stopped: {self.stop.detail}"
+        return f"warned: {self.warned[rule]}" if rule in self.warned else "no objection"
 
     def _reset(self, reset: Reset, now_ns: int) -> Sequence[Output]:
         if self.stop is None:  # repeated by an operator who missed the release
@@ -144,7 +164,8 @@ class ControlSupervisor(Component):
         return ()
 
     def _stop(self, stop: EmergencyStop) -> None:
-        self.stop, self._latest_stop_ns, self._neutral_since_ns = stop, stop.stamp_ns, None
+        self.stop = self._last = stop
+        self._latest_stop_ns, self._neutral_since_ns = stop.stamp_ns, None
 
 
 def supervise(

@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.deployment.graph_topics import GraphRecord, add_graph_topics
 from pipeline.deployment.messages import (
+    Diagnostics,
     EmergencyStop,
     JointCommand,
     JointState,
@@ -14,6 +15,7 @@ from pipeline.deployment.messages import (
     Message,
     ReachResult,
     Release,
+    Reset,
     TargetPose,
     Topic,
 )
@@ -35,6 +37,8 @@ class Recorder:
     results: list[ReachResult] = field(default_factory=list)
     stops: list[EmergencyStop] = field(default_factory=list)
     releases: list[Release] = field(default_factory=list)
+    resets: list[Reset] = field(default_factory=list)
+    diagnostics: list[Diagnostics] = field(default_factory=list)
 
     def __call__(self, topic: Topic, message: Message, time_ns: int) -> None:
         """Store a message."""
@@ -52,6 +56,21 @@ class Recorder:
             self.stops.append(message)
         elif isinstance(message, Release):
             self.releases.append(message)
+        elif isinstance(message, Reset):
+            self.resets.append(message)
+        elif isinstance(message, Diagnostics):
+            self.diagnostics.append(message)
+
+    def graph_record(self) -> GraphRecord:
+        """What the graph said of itself, by the times of sending but for requests."""
+        return GraphRecord(
+            self.requests,
+            [(result.stamp_ns, result) for result in self.results],
+            [(stop.stamp_ns, stop) for stop in self.stops],
+            [(release.stamp_ns, release) for release in self.releases],
+            [(reset.stamp_ns, reset) for reset in self.resets],
+            [(told.stamp_ns, told) for told in self.diagnostics],
+        )
 
     def target_poses(self) -> TargetPoses:
         """The targets in the form of logs."""
@@ -81,11 +100,6 @@ class Recorder:
             commands=np.array([command.values for _, command in self.commands], np.float64),
             target_poses=self.target_poses() if self.targets else None,
         )
-        record = GraphRecord(
-            self.requests,
-            [(result.stamp_ns, result) for result in self.results],
-            [(stop.stamp_ns, stop) for stop in self.stops],
-            [(release.stamp_ns, release) for release in self.releases],
-        )
+        record = self.graph_record()
         if any(record):
             add_graph_topics(path, record)

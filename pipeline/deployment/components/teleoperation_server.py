@@ -4,9 +4,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.deployment.component import Component, Output, Publication, nanoseconds
+from pipeline.deployment.component import Component, Condition, Output, Publication, nanoseconds
 from pipeline.deployment.components.stop_latch import StopLatch
-from pipeline.deployment.messages import EmergencyStop, JointCommand, Joystick, Message, Release, Topic
+from pipeline.deployment.messages import (
+    EmergencyStop,
+    JointCommand,
+    Joystick,
+    Level,
+    Message,
+    Release,
+    Topic,
+)
 from pipeline.deployment.settings import TeleoperationConfig
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
@@ -56,6 +64,13 @@ class TeleoperationServer(Component):
         self._sequence += 1
         command = JointCommand(now_ns, self.name, self._sequence, now_ns, values, is_last=not moves)
         return (Publication(Topic.requested_commands, command),)
+
+    def condition(self, now_ns: int) -> Condition:
+        """Whether sticks are heard and deflected."""
+        if self._sticks is None or now_ns - self._received_ns > self._maximum_silence_ns:
+            return self._latch.condition(Condition(Level.warning, "hears no joystick"))
+        text = "sticks are deflected" if self.command(now_ns).any() else "sticks are released"
+        return self._latch.condition(Condition(Level.ok, text))
 
     def command(self, now_ns: int) -> np.ndarray:
         """Command of the present stick deflections, (n_joint,)."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pipeline.deployment.component import Component, Output, Publication
+from pipeline.deployment.component import Component, Condition, Output, Publication
 from pipeline.deployment.components.commands import is_command
 from pipeline.deployment.components.stop_latch import StopLatch
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
@@ -11,6 +11,7 @@ from pipeline.deployment.messages import (
     CanFrame,
     EmergencyStop,
     JointState,
+    Level,
     MachineCommand,
     Message,
     Release,
@@ -59,3 +60,7 @@ class MachineDriver(Component):
                 velocity = self._estimator.update(message.stamp_ns, position)
                 return (Publication(Topic.joint_states, JointState(message.stamp_ns, position, velocity)),)
         return ()
+
+    def condition(self, now_ns: int) -> Condition:
+        """Whether commands become frames."""
+        return self._latch.condition(Condition(Level.ok, "translates"))

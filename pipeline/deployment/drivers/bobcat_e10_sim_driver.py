@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.deployment.component import Component, Output, Publication, nanoseconds
+from pipeline.deployment.component import Component, Condition, Output, Publication, nanoseconds
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.drivers.machine import Machine, Sample
-from pipeline.deployment.messages import JointState, MachineCommand, Message, Topic
+from pipeline.deployment.messages import JointState, Level, MachineCommand, Message, Topic
 from pipeline.deployment.settings import DriverConfig
 
 
@@ -48,6 +48,12 @@ class SimulationDriver(Component):
         if now_ns - self._received_ns > self._timeout_ns:
             self._command = self._zero
         return self._publish(self._machine.advance(self._command), now_ns)
+
+    def condition(self, now_ns: int) -> Condition:
+        """The command in force."""
+        is_timed_out = now_ns - self._received_ns > self._timeout_ns
+        text = "no commands: outputs are zero" if is_timed_out else "commands come"
+        return Condition(Level.ok, text, {"command": str(np.asarray(self._command).tolist())})
 
     def _publish(self, samples: Sequence[Sample], now_ns: int) -> Sequence[Output]:
         return [

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import can
 
-from pipeline.deployment.component import Component, Output, Publication, nanoseconds
-from pipeline.deployment.messages import CanFrame, Message, Topic
+from pipeline.deployment.component import Component, Condition, Output, Publication, nanoseconds
+from pipeline.deployment.messages import CanFrame, Level, Message, Topic
 from pipeline.deployment.settings import DriverConfig
 
 
@@ -39,6 +39,13 @@ class CanDriver(Component):
     def on_timer(self, now_ns: int) -> Sequence[Output]:
         """Publish the frames that came since the last tick, stamped with this one."""
         return [Publication(Topic.can_from_machine, frame) for frame in read_frames(self._bus, now_ns)]
+
+    def condition(self, now_ns: int) -> Condition:
+        """Whether the bus has refused frames."""
+        values = {"frames refused": str(self.n_refused)}
+        if self.n_refused:
+            return Condition(Level.error, "the bus refuses frames", values)
+        return Condition(Level.ok, "the bus takes frames", values)
 
 
 def read_frames(bus: can.BusABC, now_ns: int) -> list[CanFrame]:

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 import can
 import numpy as np
 
-from pipeline.deployment.component import Component, Output, nanoseconds
+from pipeline.deployment.component import Component, Condition, Output, nanoseconds
 from pipeline.deployment.drivers.can_frames import CanFrames
 from pipeline.deployment.drivers.emcb_200u_driver import read_frames
 from pipeline.deployment.drivers.machine import Machine
-from pipeline.deployment.messages import CanFrame
+from pipeline.deployment.messages import CanFrame, Level
 from pipeline.deployment.settings import DriverConfig
 
 
@@ -55,6 +55,13 @@ class ProgrammableController(Component):
                 self._send(self._frames.encoders(sample.position, now_ns))
         self._n_cycle += 1
         return ()
+
+    def condition(self, now_ns: int) -> Condition:
+        """Its outputs, and why they are zero."""
+        values = {"outputs": str(self.output.tolist())}
+        if self._is_stopped:
+            return Condition(Level.error, "stopped by an emergency frame", values)
+        return Condition(Level.ok, "follows command frames", values)
 
     def _send(self, frame: CanFrame) -> None:
         message = can.Message(arbitration_id=frame.identifier, data=frame.data, is_extended_id=False)

@@ -8,7 +8,6 @@ import numpy as np
 
 from pipeline.deployment.component import nanoseconds
 from pipeline.deployment.components.recording import Recorder
-from pipeline.deployment.graph_topics import GraphRecord
 from pipeline.deployment.messages import Message, Topic
 from pipeline.deployment.transports.simulated_time.graph import Tap
 from pipeline.deployment.viewing.live_server import Channel, LiveServer
@@ -49,12 +48,7 @@ class LiveView:
             del heard.states[:-PAIR]
             return
         self._due_ns = time_ns + PERIOD_NS
-        record = GraphRecord(
-            [],
-            [(result.stamp_ns, result) for result in heard.results],
-            [(stop.stamp_ns, stop) for stop in heard.stops],
-            [(release.stamp_ns, release) for release in heard.releases],
-        )
+        record = heard.graph_record()
         for moving in changing_topics(self._log(), record, self._machine, self._directory):
             newest = moving.messages[-1:] if moving.name in ("/tf", "/joints") else moving.messages
             for message_ns, content in newest:

@@ -1,7 +1,7 @@
-"""A log as topics for viewers: frames and shapes of the arm, W+, the target, commands, the graph's messages.
+"""A log as topics for viewers: frames and shapes of the arm, W+, the target, commands, the graph's events.
 
 All are standard ROS 2 types that Foxglove and Rerun support: transforms with a robot description, point clouds, joint
-states (which can be plotted by joint), log messages.
+states (which can be plotted by joint), log messages, diagnostics.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.components.recording import BASE_FRAME
+from pipeline.deployment.diagnostic_arrays import DIAGNOSTIC_ARRAY, diagnostic_array
 from pipeline.deployment.graph_topics import GraphRecord
 from pipeline.deployment.transports.mcap_file import RecordedTopic
 from pipeline.deployment.viewing.joint_transforms import JointTransforms, joint_transforms
@@ -34,6 +35,7 @@ TOPICS = {
     "/joints": "sensor_msgs/msg/JointState",
     "/workspace": "sensor_msgs/msg/PointCloud2",
     "/events": "rcl_interfaces/msg/Log",
+    "/diagnostics": DIAGNOSTIC_ARRAY,
     "/target": "geometry_msgs/msg/PoseStamped",
     "/target_mark": "sensor_msgs/msg/PointCloud2",
 }
@@ -91,7 +93,7 @@ def constant_topics(machine: MachineSpecification, directory: Path, time_ns: int
 def changing_topics(
     log: RawLog, graph: GraphRecord, machine: MachineSpecification, directory: Path
 ) -> list[RecordedTopic]:
-    """Topics that change: frames, positions and commands, targets, events; see `visual_topics` for the arguments."""
+    """Topics that change, from frames to diagnostics; see `visual_topics` for the arguments."""
     time_ns, q = as_array(log.joint_log_time_ns), as_array(log.q)
     by_joint = dict(zip(machine.joint_names, q.T, strict=True))
     transforms = joint_transforms(urdf_path(machine, directory), by_joint)
@@ -101,6 +103,7 @@ def changing_topics(
         _topic("/tf", frames),
         _topic("/joints", _joints(log, list(machine.joint_names))),
         _topic("/events", _events(log, graph)),
+        _topic("/diagnostics", [(t, diagnostic_array(STORE, said)) for t, said in graph.diagnostics]),
         *_targets(log),
     ]
 
@@ -152,6 +155,8 @@ def _events(log: RawLog, graph: GraphRecord) -> list[tuple[int, "Msg"]]:
         lines.append((t, LEVEL_INFORMATION, "autonomous_server", text))
     for t, stop in graph.stops:
         lines.append((t, LEVEL_ERROR, "control_supervisor", f"stopped by {stop.rule}: {stop.detail}"))
+    for t, _ in graph.resets:
+        lines.append((t, LEVEL_INFORMATION, "operator", "the stop was acknowledged"))
     for t, _ in graph.releases:
         lines.append((t, LEVEL_INFORMATION, "control_supervisor", "the stop was reset"))
     make = _type("rcl_interfaces/msg/Log")

@@ -19,6 +19,7 @@ from pipeline.deployment.messages import (
     Joystick,
     MachineCommand,
     Reset,
+    SupervisorState,
     Topic,
 )
 from tests.deployment.machines import bobcat, paper
@@ -161,3 +162,20 @@ def test_a_repeated_reset_repeats_a_lost_release() -> None:
     assert graph.supervisor.stop is None and graph.interface.is_muted
     graph.happen("acknowledge")
     assert not graph.interface.is_muted
+
+
+def test_a_stop_that_the_supervisor_never_heard_of_is_repeated_but_not_at_every_sign_of_life() -> None:
+    interface, silence_s = (
+        ControlInterface(bobcat(), CONFIG.interface),
+        CONFIG.interface.maximum_supervisor_silence_s,
+    )
+    stop = EmergencyStop(nanoseconds(1.0), "invalid_command", "")
+    interface.on_message(Topic.emergency_stop, stop, stop.stamp_ns)
+    signs_s = 1.0 + 0.1 * silence_s * np.arange(1, 30)
+    said = []
+    for at_s in signs_s:
+        sign = SupervisorState(nanoseconds(at_s), "")
+        outputs = interface.on_message(Topic.supervisor_state, sign, nanoseconds(at_s))
+        assert all(output.message == stop for output in outputs)
+        said += [at_s] * len(outputs)
+    np.testing.assert_allclose(np.diff([1.0, *said]), 1.1 * silence_s)

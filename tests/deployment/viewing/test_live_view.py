@@ -18,7 +18,18 @@ from websockets.sync.client import ClientConnection, connect
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import nanoseconds
 from pipeline.deployment.components.goals import compiled_forward
-from pipeline.deployment.messages import EmergencyStop, JointState, MachineCommand, TargetPose, Topic
+from pipeline.deployment.messages import (
+    Diagnostics,
+    EmergencyStop,
+    JointState,
+    Level,
+    MachineCommand,
+    Release,
+    Reset,
+    Status,
+    TargetPose,
+    Topic,
+)
 from pipeline.deployment.transports.simulated_time.delays import no_delays
 from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
 from pipeline.deployment.transports.simulated_time.pace import run_at_real_time
@@ -126,6 +137,8 @@ def test_whoever_comes_late_is_given_what_stands_and_what_is_newest(shown: tuple
     target = TargetPose(BEGIN_NS, np.array(pose.position[0]), np.array(pose.quaternion[0]))
     view(Topic.target_pose, target, BEGIN_NS)
     view(Topic.emergency_stop, EmergencyStop(BEGIN_NS, "joint_limits", "swing at 1.0 rad"), BEGIN_NS)
+    status = Status("control_supervisor", Level.error, "stopped by joint_limits", {})
+    view(Topic.diagnostics, Diagnostics(BEGIN_NS, (status,)), BEGIN_NS)
     move(view, 2)
     with viewer_at(address) as viewer:
         viewer.subscribe(*viewer.channels)
@@ -137,6 +150,20 @@ def test_whoever_comes_late_is_given_what_stands_and_what_is_newest(shown: tuple
         assert "boom" in moving and "chisel_tip" in standing and not moving & standing
         assert seen["/target"].pose.position.x == pytest.approx(float(pose.position[0][0]), abs=1e-6)
         assert seen["/events"].msg == "stopped by joint_limits: swing at 1.0 rad"
+        assert seen["/diagnostics"].status[0].message == "stopped by joint_limits"
+
+
+def test_a_stop_and_both_steps_of_its_reset_are_shown(shown: tuple[LiveView, str]) -> None:
+    view, address = shown
+    with viewer_at(address) as viewer:
+        viewer.subscribe("/events")
+        wait_until(view, is_wanted=True)
+        view(Topic.emergency_stop, EmergencyStop(BEGIN_NS, "joint_limits", "far"), BEGIN_NS)
+        view(Topic.reset, Reset(BEGIN_NS + 1, BEGIN_NS), BEGIN_NS + 1)
+        view(Topic.release, Release(BEGIN_NS + 2, BEGIN_NS), BEGIN_NS + 2)
+        move(view, 2)
+        said = [viewer.next()[2].msg for _ in range(3)]
+        assert said == ["stopped by joint_limits: far", "the stop was acknowledged", "the stop was reset"]
 
 
 def test_a_viewer_that_does_not_read_holds_nobody_up() -> None:

@@ -11,7 +11,16 @@ from scipy.spatial.transform import Rotation
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.components.goals import compiled_forward
 from pipeline.deployment.graph_topics import GraphRecord
-from pipeline.deployment.messages import EmergencyStop, GoalOutcome, ReachResult, Release
+from pipeline.deployment.messages import (
+    Diagnostics,
+    EmergencyStop,
+    GoalOutcome,
+    Level,
+    ReachResult,
+    Release,
+    Reset,
+    Status,
+)
 from pipeline.deployment.transports.mcap_file import write_mcap_file
 from pipeline.deployment.viewing.joint_transforms import joint_transforms
 from pipeline.deployment.viewing.visual_topics import STORE, visual_topics
@@ -76,6 +85,8 @@ def decoded(tmp_path_factory) -> dict[str, list]:
         [(int(TIME_NS[3]), ReachResult(int(TIME_NS[3]), 7, GoalOutcome.stopped, 2))],
         [(int(TIME_NS[2]), EmergencyStop(int(TIME_NS[2]), "joint_limits", "swing at 1.0 rad"))],
         [(int(TIME_NS[3]) + 1, Release(int(TIME_NS[3]) + 1, int(TIME_NS[2])))],
+        [(int(TIME_NS[3]), Reset(int(TIME_NS[3]), int(TIME_NS[2])))],
+        [(int(TIME_NS[4]), Diagnostics(int(TIME_NS[4]), [Status("plc", Level.warning, "a", {"b": "c"})]))],
     )
     path = log.path / "view/file.mcap"
     write_mcap_file(path, STORE, visual_topics(log, graph, bobcat(), MACHINE_DIRECTORY))
@@ -96,7 +107,7 @@ def points(cloud) -> np.ndarray:
 def test_another_reader_finds_the_arm_the_workspace_and_the_target(decoded: dict[str, list]) -> None:
     assert {topic: len(messages) for topic, messages in decoded.items()} == {
         **{"/robot_description": 1, "/tf_static": 1, "/tf": N, "/joints": N},
-        **{"/workspace": 1, "/target": 1, "/target_mark": 1, "/events": 4},
+        **{"/workspace": 1, "/target": 1, "/target_mark": 1, "/events": 5, "/diagnostics": 1},
     }
     assert "<robot" in decoded["/robot_description"][0][1].data
     moving = {transform.child_frame_id for transform in decoded["/tf"][0][1].transforms}
@@ -124,7 +135,11 @@ def test_another_reader_finds_what_was_commanded_and_said(decoded: dict[str, lis
     np.testing.assert_allclose([state.position for _, state in decoded["/joints"]], Q)
     np.testing.assert_allclose(decoded["/joints"][2][1].velocity, (Q[2] - Q[1]) / 0.05)
     said = [(log_time, line.level, line.name, line.msg) for log_time, line in decoded["/events"]]
-    assert [entry[0] for entry in said] == [TIME_NS[0], TIME_NS[2], TIME_NS[3], TIME_NS[3] + 1]
+    assert [entry[0] for entry in said] == [TIME_NS[0], TIME_NS[2], TIME_NS[3], TIME_NS[3], TIME_NS[3] + 1]
     assert said[1][1:] == (40, "control_supervisor", "stopped by joint_limits: swing at 1.0 rad")
     assert said[2][3] == "goal 7: stopped after 2 ticks"
-    assert said[3][1:] == (20, "control_supervisor", "the stop was reset")
+    assert said[3][1:] == (20, "operator", "the stop was acknowledged")
+    assert said[4][1:] == (20, "control_supervisor", "the stop was reset")
+    (status,) = decoded["/diagnostics"][0][1].status
+    assert (status.name, status.message, status.values[0].key) == ("plc", "a", "b")
+    assert status.level in (1, b"\x01")

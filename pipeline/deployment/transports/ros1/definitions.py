@@ -2,12 +2,14 @@
 
 Their definitions are those of the ROS package `hydraulic_arm` beside this file (`msg`, `action`). An action is a
 definition of goal, result and feedback, from which seven message types follow (actionlib); Debian's packages provide
-the standard types in them.
+the standard types in them. Those of `diagnostic_msgs` are read from rosbags, as no package that we need installs them.
 """
 
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+
+from rosbags.typesys import Stores, get_typestore
 
 from pipeline.deployment.transports.ros1.installation import require_ros
 
@@ -28,7 +30,7 @@ def own_types() -> dict[str, type]:
         InputError: ROS 1 is not installed.
     """
     require_ros()
-    definitions = {"can_msgs/Frame": CAN_FRAME}
+    definitions = {"can_msgs/Frame": CAN_FRAME, **_diagnostic_definitions()}
     for path in sorted(PACKAGE_FOLDER.glob("msg/*.msg")):
         definitions[f"{PACKAGE}/{path.stem}"] = path.read_text()
     for path in sorted(PACKAGE_FOLDER.glob("action/*.action")):
@@ -71,6 +73,15 @@ def generate(definitions: Mapping[str, str]) -> dict[str, type]:
     sections = [first[1], *(f"MSG: {name}\n{text}" for name, text in others)]
     generated = generate_dynamic(first[0], SEPARATOR.join(sections))
     return {name: generated[name] for name in definitions}
+
+
+def _diagnostic_definitions() -> dict[str, str]:
+    array = "diagnostic_msgs/msg/DiagnosticArray"
+    text, _ = get_typestore(Stores.ROS1_NOETIC).generate_msgdef(array, ros_version=1)
+    first, *others = text.split(SEPARATOR)
+    sections = dict(section.removeprefix("MSG: ").split("\n", 1) for section in others)
+    sections = {name: text for name, text in sections.items() if name.startswith("diagnostic_msgs/")}
+    return {array.replace("/msg", ""): first, **sections}
 
 
 @cache

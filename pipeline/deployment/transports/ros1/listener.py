@@ -22,7 +22,9 @@ RECORDED = (
     Topic.target_pose,
     Topic.requested_commands,
     Topic.emergency_stop,
+    Topic.reset,
     Topic.release,
+    Topic.diagnostics,
     Topic.machine_outputs,
 )
 

@@ -10,8 +10,10 @@ import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.components.recording import BASE_FRAME
+from pipeline.deployment.diagnostic_arrays import read_statuses
 from pipeline.deployment.messages import (
     CanFrame,
+    Diagnostics,
     EmergencyStop,
     JointCommand,
     JointState,
@@ -119,6 +121,16 @@ def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
         ros.header.stamp = ros_time(message.stamp_ns)
         return ros
 
+    def diagnostic_array(message: Diagnostics) -> Any:
+        make_status, pair = own["diagnostic_msgs/DiagnosticStatus"], own["diagnostic_msgs/KeyValue"]
+        statuses = [
+            make_status(s.level.value, s.source, s.text, "", [pair(*item) for item in s.values.items()])
+            for s in message.statuses
+        ]
+        ros = own["diagnostic_msgs/DiagnosticArray"](status=statuses)
+        ros.header.stamp = ros_time(message.stamp_ns)
+        return ros
+
     table: dict[Topic, tuple[type, Callable[[Any], Any], Callable[[Any, int], Message]]] = {
         Topic.joint_states: (RosJointState, joint_state, read_joint_state),
         Topic.joint_commands: (
@@ -170,6 +182,11 @@ def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
             own["Release"],
             lambda m: own["Release"](ros_time(m.stamp_ns), ros_time(m.stop_ns)),
             lambda ros, now_ns: Release(ros.stamp.to_nsec(), ros.stop.to_nsec()),
+        ),
+        Topic.diagnostics: (
+            own["diagnostic_msgs/DiagnosticArray"],
+            diagnostic_array,
+            lambda ros, now_ns: Diagnostics(ros.header.stamp.to_nsec(), read_statuses(ros.status)),
         ),
         Topic.machine_outputs: (
             own["MachineOutputs"],

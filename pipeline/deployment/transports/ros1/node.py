@@ -17,6 +17,7 @@ from pipeline.deployment.component import (
     Output,
     Publication,
 )
+from pipeline.deployment.diagnostics import PERIOD_NS, DiagnosticReporter
 from pipeline.deployment.messages import JointCommand, JointState, Message, Topic
 from pipeline.deployment.transports.ros1.clock import GraphClock
 from pipeline.deployment.transports.ros1.installation import require_ros
@@ -61,6 +62,7 @@ class Node:
         ]  # roslaunch's arguments, which a stage removes
         self._rospy.init_node(component.name, argv=remappings, disable_signals=False)
         self._clock = GraphClock(self._rospy)
+        self._reporter = DiagnosticReporter(component, self.now_ns())
         self._carriers = carriers(machine)
         self._publishers = {
             topic: self._rospy.Publisher(c.name, c.ros_type, queue_size=QUEUE, tcp_nodelay=True)
@@ -97,6 +99,7 @@ class Node:
             self._start_thread(self._compute, component)
         if self._action is not None:
             self._start_thread(self._action.work)
+        self._start_thread(self._report)
         if self._component.period_ns is None:
             self._rospy.spin()
         else:
@@ -114,6 +117,7 @@ class Node:
             if self._rospy.is_shutdown():
                 break  # a tick delayed by the shutdown does not count as missed
             with self._lock:
+                self._reporter.ticked()
                 self._carry_out(self._component.on_timer(woken_ns))
             self._measure("timer", woken_ns - due_ns)
             self._measure("tick", self.now_ns() - woken_ns)
@@ -123,6 +127,12 @@ class Node:
             while due_ns + period_ns < self.now_ns():  # late by a whole tick: counted, not repeated
                 self._measure("missed", self.now_ns() - due_ns)
                 due_ns += period_ns
+
+    def _report(self) -> None:
+        while not self._rospy.is_shutdown():
+            time.sleep(PERIOD_NS / NANOSECONDS)
+            with self._lock:
+                self._carry_out([self._reporter.report(self.now_ns())])
 
     def save(self, path: Path) -> None:
         """Write the measurements as JSON."""
@@ -153,6 +163,7 @@ class Node:
 
     def _deliver(self, topic: Topic, message: Message) -> None:
         with self._lock:
+            self._reporter.received(topic)
             self._carry_out(self._component.on_message(topic, message, self.now_ns()))
 
     def _carry_out(self, outputs: Sequence[Output]) -> None:
@@ -161,6 +172,7 @@ class Node:
                 self._computations.put((self.now_ns(), output.request))
                 continue
             assert isinstance(output, Publication)
+            self._reporter.sent(output.topic)
             if output.topic in self._carriers:
                 self._publishers[output.topic].publish(self._carriers[output.topic].to_ros(output.message))
             if self._action is not None:

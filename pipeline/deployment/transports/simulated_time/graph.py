@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.deployment.component import Component, Computation, ComputingComponent, Output, Publication
+from pipeline.deployment.diagnostics import PERIOD_NS, DiagnosticReporter
 from pipeline.deployment.messages import Message, Topic
 from pipeline.deployment.transports.simulated_time.delays import DelaySampler, Distribution
 from pipeline.deployment.transports.simulated_time.faults import Fault
@@ -41,7 +42,8 @@ class SimulatedGraph:
             seed: seed of delays and phases; each link's draws are independent of the others.
             start_ns: time of the first event.
             faults: injected faults.
-            taps: called with topic, message and time of every publication, like a recorder at the sender.
+            taps: called with topic, message and time of every publication, like a recorder at the sender; nobody else
+                hears the components' diagnostics.
         """
         self.time_ns = start_ns
         self.components = {component.name: component for component in components}
@@ -64,6 +66,9 @@ class SimulatedGraph:
             self._receivers.setdefault(topic, []).append(name)
         self._computing = {c.name: DelaySampler(delays["inference"], seeds.pop()) for c in components}
         self._timers = {c.name: DelaySampler(delays["timer"], seeds.pop()) for c in components}
+        self._reporters = {c.name: DiagnosticReporter(c, start_ns) for c in components if taps}
+        for name in self._reporters:
+            self._schedule(start_ns + PERIOD_NS, self._report, name)
         random = np.random.default_rng(phases)
         for component in components:
             if component.period_ns is not None:
@@ -111,19 +116,30 @@ class SimulatedGraph:
         if next_ns is not None:
             self._schedule_tick(component, next_ns)
         if self._is_running(component):
+            if self._reporters:
+                self._reporters[component.name].ticked()
             self._carry_out(component, component.on_timer(self._now(component)))
 
     def _deliver(self, component: Component, topic: Topic, message: Message) -> None:
         if self._is_running(component):
+            if self._reporters:
+                self._reporters[component.name].received(topic)
             self._carry_out(component, component.on_message(topic, message, self._now(component)))
 
     def _finish(self, component: ComputingComponent, result: Any) -> None:
         if self._is_running(component):
             self._carry_out(component, component.on_computed(result, self._now(component)))
 
+    def _report(self, name: str) -> None:
+        self._schedule(self.time_ns + PERIOD_NS, self._report, name)
+        if self._is_running(component := self.components[name]):
+            self._publish(*self._reporters[name].report(self._now(component)))
+
     def _carry_out(self, component: Component, outputs: Sequence[Output]) -> None:
         for output in outputs:
             if isinstance(output, Publication):
+                if self._reporters:
+                    self._reporters[component.name].sent(output.topic)
                 self._publish(output.topic, output.message)
             elif isinstance(output, Computation):
                 assert isinstance(component, ComputingComponent)
