@@ -45,6 +45,7 @@ class AugmentedHistory(NamedTuple):
         nominal: f_θ's window in nominal coordinates; its `q` is the true configuration, or with play that of the drive.
         chain: States of the effects.
         time_s: (...,) since the start of the log.
+        values: Of the effects, (..., n_joint, ...), where each history has its own; None: those of the parameters.
     """
 
     motion: jax.Array
@@ -53,6 +54,7 @@ class AugmentedHistory(NamedTuple):
     nominal: History
     chain: ChainState
     time_s: jax.Array
+    values: ChainValues | None = None
 
 
 class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
@@ -74,6 +76,11 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
             *measured, measured, self.chain.initial(batch), jnp.full(batch, WARM_S, q.dtype)
         )
 
+    def at_rest(self, parameters: AugmentedParameters, q: jax.Array) -> AugmentedHistory:
+        """See `Dynamics.at_rest`: an encoder may read something else than where the joints are."""
+        true = self.frozen.initial_history(self.chain.true(parameters.effects, q))
+        return self.initial_history(q)._replace(nominal=true)
+
     def features(self, history: MeasuredHistory) -> jax.Array:
         """The policy's x̃_t, from measured values."""
         return self.frozen.features(history)
@@ -86,7 +93,7 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
         stops: Stops | None = None,
     ) -> AugmentedHistory:
         """See `Dynamics.step`."""
-        values, dt_s = parameters.effects, self.specification.dt_s
+        values, dt_s = _values(parameters, history), self.specification.dt_s
         state, reaching = self.chain.commands(values, history.chain, command)
         before = history.nominal
         after = self._free.step(parameters.network, before, reaching)
@@ -101,7 +108,7 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
         true = drive - ahead
         q = self.chain.measured(values, true)
         newest = q if is_dq else v * self.chain.sensor_scale(values, true)
-        moved = AugmentedHistory(
+        moved = history._replace(
             motion=push(history.motion, newest),
             commands=push(history.commands, command),
             q=q,
@@ -112,6 +119,37 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
         for each in (self.frozen.own_stops(before.q), stops):
             moved = moved if each is None else self._stopped(values, moved, each)
         return moved
+
+    def observe(
+        self,
+        parameters: AugmentedParameters,
+        history: AugmentedHistory,
+        q: jax.Array,
+        velocity: jax.Array,
+        command: jax.Array,
+    ) -> AugmentedHistory:
+        """See `Dynamics.observe`: the inverse chain takes what was measured to the nominal machine."""
+        values, dt_s = _values(parameters, history), self.specification.dt_s
+        is_dq = self.specification.target is Target.dq
+        before, true = self.chain.true(values, history.q), self.chain.true(values, q)
+        v = (true - before) / dt_s if is_dq else velocity / self.chain.sensor_scale(values, true)
+        state, reaching = self.chain.commands(values, history.chain, command)
+        signals = Signals(command, before, history.time_s)
+        state, u = self.chain.nominal_velocity(values, state, v, signals)
+        drive = true + self.chain.ahead(values, state)
+        motion = history.nominal.motion
+        if is_dq:  # the nominal machine's steps stay, and end where the drive is now
+            motion = motion + (drive - dt_s * u - motion[..., -1, :])[..., None, :]
+        return history._replace(
+            motion=push(history.motion, q if is_dq else velocity),
+            commands=push(history.commands, command),
+            q=q,
+            nominal=History(
+                push(motion, drive if is_dq else u), push(history.nominal.commands, reaching), drive
+            ),
+            chain=state,
+            time_s=history.time_s + dt_s,
+        )
 
     def _stopped(self, values: ChainValues, history: AugmentedHistory, stops: Stops) -> AugmentedHistory:
         """After the stops, which act on the true configuration, or on the drive, not on encoder readings."""
@@ -132,3 +170,7 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
     def has_sensor(self) -> bool:
         """Whether an effect changes the measured configuration."""
         return any(effect.place is Place.sensor for effect in self.chain.effects.values())
+
+
+def _values(parameters: AugmentedParameters, history: AugmentedHistory) -> ChainValues:
+    return parameters.effects if history.values is None else history.values

@@ -118,7 +118,7 @@ class ReachingTask:
 
     def begin_at(self, start: jax.Array, pose: Pose, goal: Goal) -> TaskState:
         """As `begin`, with poses that are known already."""
-        return TaskState(self.dynamics.initial_history(start), pose, jnp.zeros_like(start), goal)
+        return TaskState(self.dynamics.at_rest(self.parameters, start), pose, jnp.zeros_like(start), goal)
 
     def command(self, proto_action: jax.Array) -> jax.Array:
         """The machine's command from a proto-action, both (..., n_joint)."""

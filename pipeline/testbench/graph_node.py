@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.control_supervisor import supervise
-from pipeline.deployment.components.controllers import ControllerState
+from pipeline.deployment.components.controllers import at_rest
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
@@ -102,8 +102,7 @@ def _learned_machine(settings: NodeSettings, name: str) -> Component:
 def _server(settings: NodeSettings) -> Node:
     parts = graph_parts(settings)
     start = settings.reaching.fixed_episodes(settings.targets).starts[0]
-    history = parts.task.dynamics.initial_history(jnp.asarray(start))
-    state = ControllerState(np.asarray(history.motion), np.asarray(history.commands), start, start)
+    state = at_rest(parts.task, start, start, parts.controller.observer)
     pose = parts.task.arm.forward(jnp.asarray(start))
     server = parts.server()
     server.rehearse(state, np.asarray(pose.position), np.asarray(pose.quaternion))

@@ -13,6 +13,7 @@ from pipeline.deployment.components.autonomous_server import AutonomousServer
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import ControllerState
+from pipeline.deployment.components.state_buffers import Observer
 from pipeline.deployment.components.supervisor_rules import RULES
 from pipeline.deployment.components.termination import TerminalConditions
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
@@ -96,6 +97,8 @@ class Integrator:
 
 class BackAndForth:
     """Drives every joint up and down about the middle of its range; `values` in place of that, if set."""
+
+    observer: Observer | None = None
 
     def __init__(self) -> None:
         self._direction = np.ones(4, np.float32)

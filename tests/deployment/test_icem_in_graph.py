@@ -1,7 +1,7 @@
 """iCEM behind the graph's controller interface, against its own evaluation in Brax."""
 
-import copy
 import dataclasses
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,11 +18,17 @@ from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.deployment import compose
 from pipeline.deployment.component import Computation, nanoseconds
 from pipeline.deployment.components.autonomous_server import DecisionRequest
-from pipeline.deployment.components.controllers import ControllerKind, ControllerState, IcemController
+from pipeline.deployment.components.controllers import (
+    ControllerKind,
+    ControllerState,
+    IcemController,
+    at_rest,
+)
 from pipeline.deployment.components.goals import goal_solver
+from pipeline.deployment.components.state_buffers import StateBuffers
 from pipeline.deployment.components.termination import TerminalConditions
 from pipeline.deployment.compose import GraphSettings, controller_delays, planner_effort
-from pipeline.deployment.drivers.machine import LearnedStep
+from pipeline.deployment.drivers.machine import LearnedMachine, LearnedStep
 from pipeline.deployment.messages import JointState, ReachGoal, Topic
 from pipeline.deployment.transports.simulated_time.delays import (
     PLANNING,
@@ -35,10 +41,15 @@ from pipeline.deployment.transports.simulated_time.delays import (
     save_delays,
 )
 from pipeline.deployment.trials import GraphParts, run_episodes
+from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.store import save_model
+from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
+from pipeline.effects.chain import Chain
+from pipeline.effects.delay import Delay
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
+from pipeline.effects.lag import Lag
 from pipeline.effects.store import ActiveEffects, save_effects
 from pipeline.errors import InputError
 from pipeline.reaching.episodes import Episodes
@@ -61,10 +72,9 @@ def config() -> IcemConfig:
     return dataclasses.replace(section, horizon=3, samples=12, elites=3, iterations=2)
 
 
-@pytest.fixture(scope="module")
-def parts(config: IcemConfig) -> GraphParts:
+def parts_on(dynamics: Dynamics, parameters: Any, config: IcemConfig) -> GraphParts:
     reward = variant_reward(load_section("reward", RewardConfig), RewardVariant.icem_double_dagger)
-    task = ReachingTask(bobcat(), arm(), lag_dynamics(bobcat()), {}, reward)
+    task = ReachingTask(bobcat(), arm(), dynamics, parameters, reward)
     return GraphParts(
         task,
         IcemController(task, config, REPEATS, SEED),
@@ -78,13 +88,33 @@ def parts(config: IcemConfig) -> GraphParts:
 
 
 @pytest.fixture(scope="module")
+def parts(config: IcemConfig) -> GraphParts:
+    return parts_on(lag_dynamics(bobcat()), {}, config)
+
+
+@pytest.fixture(scope="module")
+def parts_with_effects(config: IcemConfig) -> GraphParts:
+    """Around the same model: what is in no window of measurements, commands on their way and a slow response."""
+    setting = Setting(bobcat().dt_s, bobcat().lower, bobcat().upper, np.ones(bobcat().n_joint))
+    chain = Chain([Delay, Lag], setting)
+    values = chain.neutral()
+    values["delay"]["added_delay"][:] = [0.13, 0.0, 0.2, 0.05]
+    values["lag"]["added_time_constant"][:] = [0.0, 0.15, 0.1, 0.2]
+    model = AugmentedModel(lag_dynamics(bobcat()), chain)
+    return parts_on(model, AugmentedParameters({}, jax.tree.map(jax.numpy.float32, values)), config)
+
+
+@pytest.fixture(scope="module")
 def undelayed(parts: GraphParts):
     return trial_traces(run_episodes(parts, no_delays(), EPISODES), bobcat(), arm())
 
 
 @pytest.mark.long
-def test_planning_in_a_graph_without_delays_is_planning_in_brax(parts, config, undelayed) -> None:
+@pytest.mark.parametrize("on", ["parts", "parts_with_effects"])
+def test_planning_in_a_graph_without_delays_is_planning_in_brax(on, config, request) -> None:
     """Command for command: the buffers hold what the model's own history holds, and plans move on alike."""
+    parts = request.getfixturevalue(on)
+    undelayed = trial_traces(run_episodes(parts, no_delays(), EPISODES), bobcat(), arm())
     evaluate = controller_evaluation(icem_controller(parts.task, config, REPEATS), parts.task, REPEATS, TICKS)
     keys = jax.vmap(lambda n: jax.random.fold_in(jax.random.key(SEED), n))(np.arange(2))
     brax = evaluate(None, EPISODES, keys).traces
@@ -124,11 +154,43 @@ def test_a_planner_that_sees_no_number_answers_none(parts) -> None:
     assert np.isnan(parts.controller.fresh().decide(blind)).all()
 
 
-def test_a_model_with_effects_around_it_is_refused(parts, config) -> None:
-    task = copy.copy(parts.task)
-    task.dynamics = SimpleNamespace(has_hidden_state=True)
-    with pytest.raises(InputError, match="without effects"):
-        IcemController(task, config, REPEATS, SEED)
+def test_what_the_server_estimates_of_a_model_with_effects_is_what_the_model_knows(
+    parts_with_effects,
+) -> None:
+    """Through the velocity and the position that a machine tells, and one reading in between that is no number."""
+    task, random = parts_with_effects.task, np.random.default_rng(0)
+    machine = LearnedMachine(parts_with_effects.step, MIDDLE)
+    buffers = StateBuffers(task.dynamics.specification, parts_with_effects.controller.observer)
+    buffers.push(*(np.float32(row) for row in (MIDDLE, np.zeros(4), np.zeros(4))))
+    for tick in range(40):
+        if tick % 5 == 0:
+            command = random.integers(-1, 2, 4).astype(np.float32)
+        (sample,) = machine.advance(command)
+        buffers.push(sample.position, sample.velocity, command)
+    known, found = machine._history, buffers.history
+    assert np.abs(known.nominal.motion[-1] - known.motion[-1]).max() > 0.05  # the effects show
+    np.testing.assert_array_equal(found.commands, buffers.commands)
+    for name in ("motion", "q", "nominal", "chain"):
+        jax.tree.map(
+            partial(np.testing.assert_allclose, atol=1e-4), getattr(found, name), getattr(known, name)
+        )
+    buffers.push(np.full(4, np.nan), np.zeros(4), command)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(buffers.history))
+
+
+def test_a_planner_on_a_model_with_effects_sees_commands_that_are_on_their_way(parts_with_effects) -> None:
+    """Twice the same measured window, in which nothing moves: once more commands are still to come."""
+    task, planner = parts_with_effects.task, parts_with_effects.controller.fresh()
+    start = EPISODES.starts[0]
+    still = at_rest(task, start, start + 0.2, planner.observer)
+    under_way = jax.tree.map(lambda leaf: leaf, still.history)
+    under_way.chain["delay"] = np.ones_like(under_way.chain["delay"])
+    returns = []
+    for state in (still, still._replace(history=under_way)):
+        planner.begin(0)
+        planner.decide(state)
+        returns.append(np.asarray(planner._plan.elites.returns))
+    assert np.abs(returns[0] - returns[1]).max() > 0.1
 
 
 def settings_with(**own: Any) -> GraphSettings:
@@ -200,8 +262,7 @@ def test_a_decision_costs_what_the_network_does_whatever_effects_lie_around_it(
 def test_nothing_is_compiled_once_a_server_has_rehearsed(parts: GraphParts) -> None:
     server, q = parts.server(), EPISODES.starts[0]
     pose = jax.device_get(parts.task.arm.forward(EPISODES.targets[0]))
-    history = jax.device_get(parts.task.dynamics.initial_history(q))
-    server.rehearse(ControllerState(history.motion, history.commands, q, q), *pose)
+    server.rehearse(at_rest(parts.task, q, q, parts.controller.observer), *pose)
     compiled: list[str] = []
     jax.monitoring.register_event_duration_secs_listener(
         lambda event, duration, **_: compiled.append(event) if "backend_compile" in event else None

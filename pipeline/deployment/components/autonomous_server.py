@@ -124,7 +124,7 @@ class AutonomousServer(ComputingComponent):
         self._conditions = conditions
         self._action_repeats = action_repeats
         self._maximum_ticks = maximum_ticks
-        self._buffers = StateBuffers(specification)
+        self._buffers = StateBuffers(specification, controller.observer)
         self._idle = np.zeros(machine.n_joint, np.float32)
         self._command = self._idle
         self._sequence = 0
@@ -195,6 +195,7 @@ class AutonomousServer(ComputingComponent):
             self._buffers.commands.copy(),
             np.asarray(state.position, np.float32),
             pursuit.target,
+            self._buffers.history,
         )
         return [*outputs, Computation(DecisionRequest(pursuit.goal_id, state.stamp_ns, snapshot))]
 

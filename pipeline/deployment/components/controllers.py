@@ -3,17 +3,18 @@
 import copy
 import enum
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_planner
 from pipeline.control.icem.planner import PlannerState
 from pipeline.control.policy import Policy
+from pipeline.deployment.components.state_buffers import Observer
 from pipeline.dynamics.model.features import History
-from pipeline.errors import InputError
 from pipeline.reaching.task import Goal, ReachingTask, TaskState
 
 
@@ -32,16 +33,24 @@ class ControllerState(NamedTuple):
         commands: the commands before this decision, (k+1, n_joint), oldest first.
         q: present configuration, (n_joint,).
         target: configuration of the target pose, (n_joint,).
+        history: the model's, where it holds more than the window: from the controller's `observer`.
     """
 
     motion: np.ndarray
     commands: np.ndarray
     q: np.ndarray
     target: np.ndarray
+    history: Any = None
 
 
 class Controller(Protocol):
-    """A controller; called every few ticks, and for one machine at a time."""
+    """A controller; called every few ticks, and for one machine at a time.
+
+    Attributes:
+        observer: what estimates the history of its model; None: the windows are all of it that decides.
+    """
+
+    observer: Observer | None
 
     def begin(self, goal_id: int) -> None:
         """Begin a goal: forget the last plan. Random numbers depend on the goal's number alone."""
@@ -55,6 +64,8 @@ class Controller(Protocol):
 
 class PolicyController:
     """A learned policy (PPO); deterministic."""
+
+    observer: Observer | None = None  # a policy sees what is measured
 
     def __init__(self, task: ReachingTask, policy: Policy) -> None:
         self._policy = policy
@@ -91,14 +102,10 @@ class IcemController:
             seed: seed of the samples, combined with the goal's number.
 
         Raises:
-            InputError: the model has effects, whose states cannot be measured; or the horizon is not longer than a
-                decision.
+            InputError: the horizon is not longer than a decision.
         """
-        if task.dynamics.has_hidden_state:
-            raise InputError(
-                "iCEM plans from what is measured, and the states of effects around a model are not: "
-                "name a model without effects"
-            )
+        hidden = task.dynamics.has_hidden_state
+        self.observer = Observer(task.dynamics, task.parameters) if hidden else None
         planner = icem_planner(task, config, action_repeats)
 
         def decide(plan: PlannerState, state: ControllerState) -> tuple[PlannerState, jax.Array]:
@@ -117,7 +124,7 @@ class IcemController:
         """The first command of a new plan."""
         if self._plan is None:
             self.begin(0)
-        if not all(np.isfinite(values).all() for values in state):
+        if not all(np.isfinite(values).all() for values in jax.tree.leaves(state)):
             return np.full_like(state.q, np.nan)  # all plans have the same return: no decision
         self._plan, command = self._decide(self._plan, state)
         return np.asarray(command)
@@ -133,5 +140,16 @@ def measured(task: ReachingTask, state: ControllerState) -> TaskState:
     """The task's state from measurements: x̃ from the buffers, with the target's configuration."""
     goal = Goal(state.target, task.arm.forward(state.target))  # type: ignore[arg-type]  # traced by jit
     now = task.begin_at(state.q, task.arm.forward(state.q), goal)  # type: ignore[arg-type]
-    history = History(state.motion, state.commands, state.q)  # type: ignore[arg-type]
+    history = state.history
+    if history is None:
+        history = History(state.motion, state.commands, state.q)  # type: ignore[arg-type]
     return now._replace(history=history, command=state.commands[-1])
+
+
+def at_rest(
+    task: ReachingTask, q: np.ndarray, target: np.ndarray, observer: Observer | None
+) -> ControllerState:
+    """What a controller with this observer is given of a machine that has been at rest in `q`, both (n_joint,)."""
+    history = jax.device_get(task.dynamics.at_rest(task.parameters, jnp.asarray(q, jnp.float32)))
+    hidden = None if observer is None else observer.begin(q)
+    return ControllerState(history.motion, history.commands, history.q, target, hidden)

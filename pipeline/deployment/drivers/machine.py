@@ -71,7 +71,7 @@ class LearnedMachine:
         """A machine at rest in `start`, (n_joint,), rad (m)."""
         self._step = step
         self._dynamics = step.task.dynamics
-        self._history = self._dynamics.initial_history(jnp.asarray(start, jnp.float32))
+        self._history = self._dynamics.at_rest(step.task.parameters, jnp.asarray(start, jnp.float32))
         self._last = np.asarray(start, np.float64)
 
     @property

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.model.features import History, min_max
+from pipeline.dynamics.model.features import History, min_max, push
 from pipeline.dynamics.model.specification import ModelSpecification, Target
 from pipeline.dynamics.model.stops import Stops
 
@@ -44,7 +44,7 @@ class Dynamics(Protocol[P_contra, H]):
     Attributes:
         specification: Joints, limits, rate and window.
         has_hidden_state: Whether a history holds more than the measured window, so that a `History` cannot replace it.
-            Such a model needs a predictor of its own for logs, and iCEM cannot plan on it from a machine's state.
+            Such a model needs a predictor of its own for logs, an `observe` and an `at_rest` of its own.
     """
 
     specification: ModelSpecification
@@ -53,6 +53,10 @@ class Dynamics(Protocol[P_contra, H]):
     @abstractmethod
     def initial_history(self, q: jax.Array) -> H:
         """Begin: the history of a machine that has been at rest in `q` (..., n_joint), rad or m."""
+
+    def at_rest(self, parameters: P_contra, q: jax.Array) -> H:
+        """As `initial_history`, where what a machine at rest measures depends on the parameters."""
+        return self.initial_history(q)
 
     @abstractmethod
     def features(self, history: MeasuredHistory) -> jax.Array:
@@ -71,6 +75,25 @@ class Dynamics(Protocol[P_contra, H]):
         Returns:
             The history at t+1.
         """
+
+    def observe(
+        self, parameters: P_contra, history: H, q: jax.Array, velocity: jax.Array, command: jax.Array
+    ) -> H:
+        """Advance by one time step that was measured, not predicted.
+
+        Args:
+            parameters: As of `step`.
+            history: At t.
+            q: Measured at t+1, (..., n_joint), rad or m.
+            velocity: Estimated at t+1, (..., n_joint), rad/s or m/s.
+            command: a_t, in force between the two, (..., n_joint).
+
+        Returns:
+            The history at t+1.
+        """
+        newest = q if self.specification.target is Target.dq else velocity
+        measured = {"motion": push(history.motion, newest), "commands": push(history.commands, command)}
+        return history._replace(**measured, q=q)  # type: ignore[attr-defined]  # histories are named tuples
 
     def hold(
         self, parameters: P_contra, history: H, command: jax.Array, n_steps: int, stops: Stops | None = None
