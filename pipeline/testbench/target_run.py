@@ -21,6 +21,7 @@ from pipeline.deployment.nodes import Driver, NodeSettings
 from pipeline.deployment.successive import run_successive
 from pipeline.deployment.transports.ros1.launch import graph, require_running
 from pipeline.deployment.transports.ros1.operator import Operator
+from pipeline.deployment.transports.unfinished_bag import UnfinishedBag, unfinished
 from pipeline.deployment.viewing.live_view import live_view
 from pipeline.files.atomic import write_json
 from pipeline.logs.formats.recorded_folders import refuse_foreign
@@ -63,7 +64,7 @@ def operate(
     machine = settings.machine
     goals = reach_goals(settings)
     with live_view(machine, settings.machine_directory, settings.live_port) as taps:
-        operator = Operator(machine, taps)
+        operator = Operator(machine, [*taps, UnfinishedBag(unfinished(output / LOGS / BAG), machine)])
         operator.wait_for_server(START_TIMEOUT_S, require_running)
         time.sleep(SETTLE_S)
         with kept_if_cut_off(output, machine, operator.recorder):
@@ -132,9 +133,10 @@ def write_run(
 
 
 def write_bag_of(recorder: Recorder, folder: Path, machine: MachineSpecification) -> None:
-    """One bag in place of what is in `folder`."""
-    shutil.rmtree(folder, ignore_errors=True)
+    """One bag in place of an earlier run's, and of what a killed recorder would have left."""
+    shutil.rmtree(folder / BAG, ignore_errors=True)
     recorder.write(folder / BAG, machine)
+    unfinished(folder / BAG).unlink(missing_ok=True)
 
 
 def refuse_others_logs(output: Path, folders: Sequence[str]) -> None:

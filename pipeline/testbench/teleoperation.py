@@ -21,6 +21,7 @@ from pipeline.deployment.transports.ros1.listener import Listener
 from pipeline.deployment.transports.simulated_time.delays import delays_of, load_delays
 from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph, Tap
 from pipeline.deployment.transports.simulated_time.pace import run_at_real_time
+from pipeline.deployment.transports.unfinished_bag import UnfinishedBag, unfinished
 from pipeline.deployment.viewing.live_view import live_view
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
@@ -78,8 +79,16 @@ def record_teleoperation(
 
 
 @contextlib.contextmanager
-def kept(recorder: Recorder, machine: MachineSpecification, output: Path) -> Iterator[None]:
+def kept(
+    recorder: Recorder, machine: MachineSpecification, output: Path, so_far: Path | None = None
+) -> Iterator[None]:
     """Write what is recorded meanwhile, however that ends; Ctrl-C is the way to end it early, and no error.
+
+    Args:
+        recorder: What is recorded.
+        machine: Of the bag.
+        output: Parent of the folder of bags.
+        so_far: File of an `UnfinishedBag`, which is deleted then.
 
     Raises:
         InputError: There was nothing to write.
@@ -97,6 +106,8 @@ def kept(recorder: Recorder, machine: MachineSpecification, output: Path) -> Ite
             recorder.write(bag, machine)
             said = f"{len(recorder.states)} joint states, {moving(recorder)} commands that move a joint"
             print(f"teleoperate: {bag}: {said}", flush=True)
+        if so_far is not None:
+            so_far.unlink(missing_ok=True)
     if not is_log:
         raise InputError("no stick was moved while it was recorded, so there is no bag; see the nodes' logs")
 
@@ -122,11 +133,12 @@ def _drive(
                 f"teleoperate: waits for a joystick on /joystick, ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}",
                 flush=True,
             )
-        listener = Listener(settings.machine, "recorder", taps)
+        so_far = unfinished(output / "logs" / datetime.now(UTC).strftime(SESSION_NAME))
+        listener = Listener(settings.machine, "recorder", [*taps, UnfinishedBag(so_far, settings.machine)])
         listener.wait_for_nodes(len(nodes), START_TIMEOUT_S, all_running)
         time.sleep(SETTLE_S)
         # before the nodes are ended, which takes them seconds
-        with kept(listener.recorder, settings.machine, output):
+        with kept(listener.recorder, settings.machine, output, so_far):
             listener.listen(settings.seconds, all_running)
     return listener.recorder
 
