@@ -134,12 +134,17 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
         before, true = self.chain.true(values, history.q), self.chain.true(values, q)
         v = (true - before) / dt_s if is_dq else velocity / self.chain.sensor_scale(values, true)
         state, reaching = self.chain.commands(values, history.chain, command)
+        if self.chain.learns_from_errors:
+            predicted = self.chain.true(values, self.step(parameters, history, command).q)
+            state = self.chain.corrected(values, state, true - predicted, predicted - before)
         signals = Signals(command, before, history.time_s)
         state, u = self.chain.nominal_velocity(values, state, v, signals)
-        drive = true + self.chain.ahead(values, state)
-        motion = history.nominal.motion
-        if is_dq:  # the nominal machine's steps stay, and end where the drive is now
-            motion = motion + (drive - dt_s * u - motion[..., -1, :])[..., None, :]
+        ahead = self.chain.ahead(values, state)
+        drive, motion = true + ahead, history.nominal.motion
+        if is_dq:  # as in `step`
+            motion = (
+                motion + (dt_s * (v - u) + (ahead - self.chain.ahead(values, history.chain)))[..., None, :]
+            )
         return history._replace(
             motion=push(history.motion, q if is_dq else velocity),
             commands=push(history.commands, command),

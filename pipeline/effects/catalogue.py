@@ -18,6 +18,7 @@ from pipeline.effects.sensor_bias import SensorBias
 from pipeline.effects.stiction import Stiction
 from pipeline.effects.thermal_drift import ThermalDrift
 from pipeline.effects.timing import Timing
+from pipeline.effects.varying_speed import VaryingSpeed
 from pipeline.machine.specification import CommandKind
 
 CATALOGUE: dict[str, type[Effect]] = {
@@ -44,6 +45,10 @@ BEYOND_THE_CONTRACT: dict[str, type[Effect]] = {DeadBand.card.family: DeadBand}
 
 WITH_AN_EQUATION: dict[str, type[Effect]] = {**CATALOGUE, **BEYOND_THE_CONTRACT}
 KNOWN: dict[str, type[Effect]] = {**WITH_AN_EQUATION, **DEPENDENCES}
+
+# What corrects a model and is no explanation: it is fitted beside what was named, and never searched for.
+CORRECTIONS: dict[str, type[Effect]] = {VaryingSpeed.card.family: VaryingSpeed}
+IN_MODELS: dict[str, type[Effect]] = {**KNOWN, **CORRECTIONS}
 
 
 def families(excluded: Sequence[str] = ()) -> list[str]:

@@ -60,6 +60,20 @@ class Chain:
             state[family], u = effect.apply(values[family], state[family], u, signals)
         return state, u
 
+    @property
+    def learns_from_errors(self) -> bool:
+        """Whether an effect's state follows what the model gets wrong."""
+        return any(effect.learns_from_errors for effect in self._velocity.values())
+
+    def corrected(
+        self, values: ChainValues, state: ChainState, error: jax.Array, displacement: jax.Array
+    ) -> ChainState:
+        """States after a step was measured; arguments as of `VelocityEffect.corrected`."""
+        state = dict(state)
+        for family, effect in self._velocity.items():
+            state[family] = effect.corrected(values[family], state[family], error, displacement)
+        return state
+
     def nominal_velocity(
         self, values: ChainValues, state: ChainState, v: jax.Array, signals: Signals
     ) -> tuple[ChainState, jax.Array]:

@@ -256,7 +256,13 @@ class CommandEffect(Effect):
 
 
 class VelocityEffect(Effect):
-    """Changes the velocity of the nominal machine."""
+    """Changes the velocity of the nominal machine.
+
+    Attributes:
+        learns_from_errors: Whether its state follows what the model gets wrong.
+    """
+
+    learns_from_errors: ClassVar[bool] = False
 
     @abstractmethod
     def apply(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
@@ -265,6 +271,17 @@ class VelocityEffect(Effect):
     @abstractmethod
     def invert(self, values: Values, state: State, v: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """One inverse step: measured velocities to nominal ones; the state is updated."""
+
+    def corrected(self, values: Values, state: State, error: jax.Array, displacement: jax.Array) -> State:
+        """The state after a step was measured, before `invert` of that step; only where `learns_from_errors`.
+
+        Args:
+            values: Of the effect.
+            state: Before the step.
+            error: Measured minus predicted displacement over the step, (..., n_joint), rad or m.
+            displacement: As predicted, (..., n_joint).
+        """
+        return state
 
     def ahead(self, values: Values, state: State) -> jax.Array | None:
         """Lead of the frozen model's joint over the moving part, (..., n_joint), rad or m; None if always zero.

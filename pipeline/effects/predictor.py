@@ -6,13 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
-from pipeline.dynamics.model.features import History
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.model.stops import Stops
 from pipeline.effects.augmented_model import AugmentedHistory, AugmentedModel, AugmentedParameters
-from pipeline.effects.chain import Chain, ChainState, ChainValues, set_in
-from pipeline.effects.effect import Signals
+from pipeline.effects.chain import Chain, ChainValues, set_in
 from pipeline.logs.tuples import Trajectory
 
 CHUNK = 256  # windows per call: one compilation per horizon, whatever the number of windows
@@ -81,7 +79,7 @@ class AugmentedPredictor:
             for family, of_joint in self.onset_ns.items()
         }
         rows = (*columns, jnp.asarray(time_s, jnp.float32))
-        observed = self._observe(values, share, rows)
+        observed = self._observe(self._parameters, values, share, rows)
         predictions = np.empty((len(starts), horizon, trajectory.q.shape[1]))
         steps = np.arange(horizon)
         for first in range(0, len(starts), CHUNK):
@@ -89,72 +87,53 @@ class AugmentedPredictor:
             padded = np.concatenate([chunk, np.full(CHUNK - len(chunk), chunk[0])])
             future = np.minimum(padded[:, None] + steps, n_rows - 1)
             predicted = self._rollout(
-                self._parameters, values, share, rows, observed, jnp.asarray(padded), jnp.asarray(future)
+                self._parameters,
+                values,
+                share,
+                columns[2],
+                observed,
+                jnp.asarray(padded),
+                jnp.asarray(future),
             )
             predictions[first : first + CHUNK] = np.asarray(predicted)[: len(chunk)]
         return predictions
 
-    def _observed(self, values: ChainValues, share: Mapping[str, jax.Array], rows: tuple) -> tuple:
-        """True configurations, nominal velocities, commands, and the states before each row, along a log."""
-        chain, dt_s = self.model.chain, self.model.specification.dt_s
+    def _observed(
+        self, parameters: Parameters, values: ChainValues, share: Mapping[str, jax.Array], rows: tuple
+    ) -> tuple[AugmentedHistory, jax.Array]:
+        """The history at each row of a log, and the true configurations, (T, n_joint)."""
+        model, neutral = self.model, self.model.chain.neutral()
         q, qd, a, time_s = rows
-        neutral = chain.neutral()
-        present = set_in(values, neutral, share)
-        true = chain.true(present, q)
-        scale = 1.0 / chain.sensor_scale(present, true) if self.model.has_sensor else 1.0
-        is_dq = self.model.specification.target is Target.dq
-        earlier = jnp.concatenate([true[:1], true[:-1]])
-        v = (true - earlier) / dt_s if is_dq else qd * scale
-        a_before = jnp.concatenate([jnp.zeros_like(a[:1]), a[:-1]])
-        t_before = jnp.concatenate([time_s[:1], time_s[:-1]])
+        of_first = set_in(values, neutral, {family: of[0] for family, of in share.items()})
+        first = model.at_rest(AugmentedParameters(parameters, of_first), q[0])
         # An onset at a row acts on the step that starts there.
-        share_before = {family: jnp.concatenate([of[:1], of[:-1]]) for family, of in share.items()}
+        before = [_shifted(of) for of in (a, time_s)]
+        share_before = {family: _shifted(of) for family, of in share.items()}
+        before[0] = before[0].at[0].set(0.0)
 
-        def advance(state: ChainState, row: tuple) -> tuple[ChainState, tuple]:
-            v, a_before, q_before, t_before, share = row
-            present = set_in(values, neutral, share)
-            state, reaching = chain.commands(present, state, a_before)
-            state, u = chain.nominal_velocity(present, state, v, Signals(a_before, q_before, t_before))
-            return state, (state, reaching, u)
+        def advance(history: AugmentedHistory, row: tuple) -> tuple[AugmentedHistory, AugmentedHistory]:
+            q, qd, command, time_s, share = row
+            present = AugmentedParameters(parameters, set_in(values, neutral, share))
+            history = model.observe(present, history._replace(time_s=time_s), q, qd, command)
+            return history, history
 
-        _, (states, reaching, u) = jax.lax.scan(
-            advance, chain.initial(()), (v, a_before, earlier, t_before, share_before)
-        )
-        return true, v, u, reaching, states
+        _, histories = jax.lax.scan(advance, first, (q, qd, *before, share_before))
+        true = model.chain.true(set_in(values, neutral, share), q)
+        return histories._replace(time_s=time_s), true
 
     def _rolled_out(
         self,
         parameters: Parameters,
         values: ChainValues,
         share: Mapping[str, jax.Array],
-        rows: tuple,
-        observed: tuple,
+        commands: jax.Array,
+        observed: tuple[AugmentedHistory, jax.Array],
         starts: jax.Array,
         future: jax.Array,
     ) -> jax.Array:
-        q, qd, a, time_s = rows
-        true, v, u, reaching, states = observed
-        model, dt_s = self.model, self.model.specification.dt_s
-        window = starts[:, None] + jnp.arange(-model.specification.lags, 1)
-        is_dq = model.specification.target is Target.dq
-        chain = jax.tree.map(lambda state: state[starts], states)
-        ahead = model.chain.ahead(values, chain)
-        if is_dq:
-            # Difference of travel to the nominal machine, from each row of the window on.
-            further = ((v - u) * dt_s)[window]
-            nominal_motion = true[window] + (jax.lax.cumsum(further, axis=1, reverse=True) - further)
-            nominal_motion = nominal_motion + (ahead[..., None, :] if ahead.ndim else ahead)
-        else:
-            nominal_motion = u[window]
-        history = AugmentedHistory(
-            motion=(q if is_dq else qd)[window],
-            commands=a[window - 1],
-            q=q[starts],
-            nominal=History(nominal_motion, reaching[window], true[starts] + ahead),
-            chain=chain,
-            time_s=time_s[starts],
-        )
-        neutral = model.chain.neutral()
+        model, neutral = self.model, self.model.chain.neutral()
+        histories, true = observed
+        history = jax.tree.map(lambda leaf: leaf[starts], histories)
         lowest, highest = jax.lax.cummin(true)[starts], jax.lax.cummax(true)[starts]
         drive = history.nominal.q
         lowest, highest = jnp.minimum(lowest, drive), jnp.maximum(highest, drive)
@@ -167,8 +146,13 @@ class AugmentedPredictor:
             return history, history.q
 
         shares = {family: jnp.moveaxis(of[future], 1, 0) for family, of in share.items()}
-        _, predicted = jax.lax.scan(advance, history, (jnp.moveaxis(a[future], 1, 0), shares))
+        _, predicted = jax.lax.scan(advance, history, (jnp.moveaxis(commands[future], 1, 0), shares))
         return jnp.moveaxis(predicted, 0, 1)
+
+
+def _shifted(rows: jax.Array) -> jax.Array:
+    """What held before each row; the first row's own before the first."""
+    return jnp.concatenate([rows[:1], rows[:-1]])
 
 
 def _has_set_in(trajectory: Trajectory, onset_ns: Mapping[int, int]) -> np.ndarray:

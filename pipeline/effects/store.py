@@ -22,7 +22,7 @@ from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.model.store import load_model, load_model_of, model_fingerprint
 from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
-from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.catalogue import IN_MODELS
 from pipeline.effects.chain import Chain
 from pipeline.effects.effect import Setting
 from pipeline.effects.predictor import AugmentedPredictor, Onsets
@@ -53,14 +53,14 @@ class ActiveEffects:
         """Families with a value that is not neutral."""
         active = []
         for family, of in self.values.items():
-            neutral = KNOWN[family](self.setting).neutral()
+            neutral = IN_MODELS[family](self.setting).neutral()
             if any(np.any(np.asarray(value) != neutral[name]) for name, value in of.items()):
                 active.append(family)
         return active
 
     def chain(self, families: Sequence[str]) -> Chain:
         """The chain of the families named."""
-        return Chain([KNOWN[family] for family in families], self.setting)
+        return Chain([IN_MODELS[family] for family in families], self.setting)
 
 
 def predictor(model: DynamicsModel, parameters: Parameters, effects: ActiveEffects | None) -> Predictor:
@@ -157,11 +157,11 @@ def _fault(effects: ActiveEffects) -> str | None:
         return "the setting's time step or a speed is not positive"
     if not np.all(setting.lower < setting.upper):
         return "a joint's lower limit is not below its upper limit"
-    unknown = [family for family in effects.values if family not in KNOWN]
+    unknown = [family for family in effects.values if family not in IN_MODELS]
     if unknown:
         return f"unknown effects {', '.join(unknown)}"
     for family, of in effects.values.items():
-        expected = {name: value.shape for name, value in KNOWN[family](setting).neutral().items()}
+        expected = {name: value.shape for name, value in IN_MODELS[family](setting).neutral().items()}
         if {name: value.shape for name, value in of.items()} != expected:
             return f"the values of {family} are not {', '.join(expected)} with one row per joint"
     without = [family for family in effects.onset_ns if family not in effects.values]

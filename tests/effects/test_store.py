@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.model.store import model_fingerprint, save_model
 from pipeline.effects.augmented_model import AugmentedModel
+from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Setting
 from pipeline.effects.predictor import AugmentedPredictor
 from pipeline.effects.store import (
     FILE,
-    KNOWN,
     ActiveEffects,
     dynamics_fingerprint,
     load_dynamics,
