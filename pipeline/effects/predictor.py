@@ -1,6 +1,8 @@
 """An augmented model as a predictor on logged rows."""
 
+import copy
 from collections.abc import Mapping
+from typing import Self
 
 import jax
 import jax.numpy as jnp
@@ -45,9 +47,7 @@ class AugmentedPredictor:
         self.model = AugmentedModel(model, chain)
         self.onset_ns = {family: dict(of) for family, of in (onset_ns or {}).items()}
         self._has_stops = has_stops
-        self._values = jax.tree.map(
-            lambda value: jnp.asarray(value, jnp.float32), {f: dict(of) for f, of in values.items()}
-        )
+        self._values = _as_values(values)
         self._parameters = parameters
         self._observe = jax.jit(self._observed)
         self._rollout = jax.jit(self._rolled_out)
@@ -60,6 +60,12 @@ class AugmentedPredictor:
     def predict(self, trajectory: Trajectory, starts: np.ndarray, horizon: int) -> np.ndarray:
         """See `dynamics.errors.Predictor.predict`."""
         return self.predict_with(self._values, trajectory, starts, horizon)
+
+    def with_values(self, values: Mapping[str, Mapping[str, np.ndarray]]) -> Self:
+        """The same with other values of the effects; both share what is compiled."""
+        other = copy.copy(self)
+        other._values = _as_values(values)
+        return other
 
     def predict_with(
         self, values: ChainValues, trajectory: Trajectory, starts: np.ndarray, horizon: int
@@ -148,6 +154,12 @@ class AugmentedPredictor:
         shares = {family: jnp.moveaxis(of[future], 1, 0) for family, of in share.items()}
         _, predicted = jax.lax.scan(advance, history, (jnp.moveaxis(commands[future], 1, 0), shares))
         return jnp.moveaxis(predicted, 0, 1)
+
+
+def _as_values(values: Mapping[str, Mapping[str, np.ndarray]]) -> ChainValues:
+    return jax.tree.map(
+        lambda value: jnp.asarray(value, jnp.float32), {f: dict(of) for f, of in values.items()}
+    )
 
 
 def _shifted(rows: jax.Array) -> jax.Array:

@@ -68,6 +68,12 @@ def predictor(model: DynamicsModel, parameters: Parameters, effects: ActiveEffec
     families = effects.families() if effects is not None else []
     if effects is None or not families:
         return LearnedPredictor(model, parameters)
+    return augmented(model, parameters, effects)
+
+
+def augmented(model: DynamicsModel, parameters: Parameters, effects: ActiveEffects) -> AugmentedPredictor:
+    """The model with its active effects."""
+    families = effects.families()
     values = {family: effects.values[family] for family in families}
     onset_ns = {family: of for family, of in effects.onset_ns.items() if family in families}
     return AugmentedPredictor(model, parameters, effects.chain(families), values, onset_ns)

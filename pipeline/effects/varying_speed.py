@@ -21,6 +21,8 @@ from pipeline.effects.effect import (
     Values,
 )
 
+FAMILY = "varying_speed"
+
 
 class Estimate(NamedTuple):
     """Of the relative change of speed z.
@@ -38,7 +40,7 @@ class VaryingSpeed(RatioEffect):
     """A Kalman filter of z, which is in part common to all joints."""
 
     card = Card(
-        family="varying_speed",
+        family=FAMILY,
         equation="v = (1 + z) u with z an Ornstein-Uhlenbeck process, z = common + own; predicted z e^{−t/T}",
         source="Kalman (1960), A New Approach to Linear Filtering and Prediction Problems, J. Basic Eng. 82; "
         "Uhlenbeck and Ornstein (1930), On the Theory of the Brownian Motion, Phys. Rev. 36",

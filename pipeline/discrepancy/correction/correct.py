@@ -12,7 +12,6 @@ from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors
 from pipeline.discrepancy.baselines.all_baselines import trained_baselines, wrong_effect
 from pipeline.discrepancy.correction.corrected_models import (
     CorrectedModels,
-    active_effects,
     held_out_errors,
     nominal_errors,
 )
@@ -95,6 +94,8 @@ def correct(
     models = CorrectedModels(model, parameters, diagnosis.simulation)
     before = LearnedPredictor(model, parameters)
     of_before = {horizon: held_out_errors(logs, before, horizon) for horizon in LEVELS}
+    floor = {horizon: nominal_errors(logs, before, horizon) for horizon in LEVELS}
+    models.follow(logs, acceptance.fit.effects, floor[1])
     gate = OpenLoopGate(
         before=of_before[80],
         errors=lambda of: held_out_errors(logs, models.with_effects(of), 80),
@@ -112,7 +113,6 @@ def correct(
         )
         for horizon in LEVELS
     }
-    floor = {horizon: nominal_errors(logs, before, horizon) for horizon in LEVELS}
     journal.end_part("errors before and after")
     trained, rivals = {}, {}
     if config.baselines:
@@ -129,7 +129,7 @@ def correct(
         effects,
         [gate.error_reduction(effect) for effect in effects],
         _alternatives(effects, gate),
-        active_effects(diagnosis.simulation, effects),
+        models.active(effects),
         errors,
         floor,
         baselines,

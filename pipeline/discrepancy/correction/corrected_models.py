@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors, window_errors
+from pipeline.discrepancy.correction.follow_speed import FilterValues, best_filter, filters_of
 from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.diagnosis.splits import Purpose
@@ -13,8 +14,11 @@ from pipeline.discrepancy.selection.selected_effect import hypothesis_of
 from pipeline.dynamics.evaluation.errors import Predictor
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
-from pipeline.effects.store import ActiveEffects, predictor
+from pipeline.effects.store import ActiveEffects, augmented, predictor
+from pipeline.effects.varying_speed import FAMILY
 from pipeline.logs.tuples import validation_part
+
+HORIZON = 80  # of the contract's open-loop error
 
 
 class CorrectedModels:
@@ -24,19 +28,44 @@ class CorrectedModels:
         """Begin with the frozen model f_θ and θ; the simulation knows the effects."""
         self._model, self._parameters, self._simulation = model, parameters, simulation
         self._compiled: dict[tuple[int, ...], tuple[Sequence[MachineEffect], Predictor]] = {}
+        self._filter: FilterValues | None = None  # of speeds that vary without an equation
 
     def with_effects(self, effects: Sequence[MachineEffect]) -> Predictor:
         """The model with these effects."""
         key = tuple(id(member) for effect in effects for member in effect.members)
         if key not in self._compiled:
             # kept with the effects, so that no identity is used again
-            active = active_effects(self._simulation, effects)
+            active = self.active(effects)
             self._compiled[key] = list(effects), predictor(self._model, self._parameters, active)
         return self._compiled[key][1]
 
+    def follow(self, logs: PreparedLogs, effects: Sequence[MachineEffect], noise: np.ndarray) -> None:
+        """Fit what follows effects without an equation, beside those that have one; arguments as of `filters_of`."""
+        if not (tried := filters_of(effects, noise)):
+            return
+        allowed = [(of == Purpose.fit) | (of == Purpose.select) for of in logs.purposes]
+        without = window_errors(self.with_effects(effects), logs.measured, allowed, HORIZON)
+        active = _with_filter(self._simulation, active_effects(self._simulation, effects), effects, tried[0])
+        model = augmented(self._model, self._parameters, active)
+
+        def errors(of: FilterValues) -> WindowErrors:
+            return window_errors(
+                model.with_values({**active.values, FAMILY: of}), logs.measured, allowed, HORIZON
+            )
+
+        self._filter = best_filter(tried, errors, without)
+        self._compiled.clear()
+
+    def active(self, effects: Sequence[MachineEffect]) -> ActiveEffects | None:
+        """What the model has around it; None: nothing."""
+        active = active_effects(self._simulation, effects)
+        if self._filter is None or all(effect.has_wrapper for effect in effects):
+            return active
+        return _with_filter(self._simulation, active, effects, self._filter)
+
 
 def active_effects(simulation: Simulation, effects: Sequence[MachineEffect]) -> ActiveEffects | None:
-    """What the model has around it; None: nothing."""
+    """What has an equation; None: nothing."""
     found = [member for effect in effects if effect.has_wrapper for member in effect.members]
     if not found:
         return None
@@ -45,6 +74,25 @@ def active_effects(simulation: Simulation, effects: Sequence[MachineEffect]) -> 
     for (family, joint), onset in hypothesis.onsets.items():
         onset_ns.setdefault(family, {})[joint] = onset
     return ActiveEffects(simulation.setting, hypothesis.values, onset_ns)
+
+
+def _with_filter(
+    simulation: Simulation,
+    active: ActiveEffects | None,
+    effects: Sequence[MachineEffect],
+    values: FilterValues,
+) -> ActiveEffects:
+    """Effects and the filter of those among them that have no equation, from their onsets on."""
+    members = [member.candidate for effect in effects if not effect.has_wrapper for member in effect.members]
+    is_followed = np.isin(np.arange(simulation.setting.n_joint), [of.joint for of in members])
+    of_these = {name: np.where(is_followed, values[name], 0.0) for name in ("common_std", "own_std")}
+    onsets = {of.joint: of.onset for of in members if of.onset is not None}
+    known = active or ActiveEffects(simulation.setting, {}, {})
+    return ActiveEffects(
+        known.setting,
+        {**known.values, FAMILY: {**values, **of_these}},
+        {**known.onset_ns, **({FAMILY: onsets} if onsets else {})},
+    )
 
 
 def held_out_errors(logs: PreparedLogs, of: Predictor, horizon: int) -> WindowErrors:

@@ -74,8 +74,6 @@ class OpenLoopGate:
 
     def error_reduction(self, effect: MachineEffect) -> float:
         """Share of the squared error that an effect removes by itself, its joints scaled alike."""
-        if not effect.has_wrapper:
-            return 0.0  # it predicts nothing
         joints = effect.joints
         alone = self.errors([effect])
         if not len(alone.squares) or not len(self.before.squares):
