@@ -1,14 +1,15 @@
 """An augmented model's folder: the frozen model's files and `effects.json`.
 
 `effects.json` holds `setting` (`dt_s` and, per joint, `lower`, `upper` and `speed_scale`), `values` (by family and
-parameter, one row per joint) and `onset_ns` (by family one absolute stamp per joint, null if it acts all the time).
-Older files hold one stamp per family, valid for all joints.
+parameter, one row per joint), `deviations` (standard deviations of values, in the same form) and `onset_ns` (by family
+one absolute stamp per joint, null if it acts all the time). Older files hold one stamp per family, valid for all
+joints, and no deviations.
 """
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,11 +44,13 @@ class ActiveEffects:
         values: By family and parameter, (n_joint, ...).
         onset_ns: Absolute stamp of the onset by family and joint index, if it set in within the logs. On joints without
             an onset the effect acts all the time.
+        deviations: Standard deviations of values, by family and parameter, in their shapes; what is missing is 0.
     """
 
     setting: Setting
     values: Mapping[str, Mapping[str, np.ndarray]]
     onset_ns: Onsets
+    deviations: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
     def families(self) -> list[str]:
         """Families with a value that is not neutral."""
@@ -87,10 +90,8 @@ def save_effects(directory: Path, effects: ActiveEffects) -> None:
             "dt_s": effects.setting.dt_s,
             **{name: getattr(effects.setting, name).tolist() for name in ("lower", "upper", "speed_scale")},
         },
-        "values": {
-            family: {name: np.asarray(value).tolist() for name, value in of.items()}
-            for family, of in effects.values.items()
-        },
+        "values": _lists(effects.values),
+        **({"deviations": _lists(effects.deviations)} if effects.deviations else {}),
         "onset_ns": {
             family: [int(of[joint]) if joint in of else None for joint in range(effects.setting.n_joint)]
             for family, of in effects.onset_ns.items()
@@ -117,10 +118,7 @@ def load_effects(directory: Path) -> ActiveEffects | None:
             )
         limits = (_numbers(content["setting"][name]) for name in ("lower", "upper", "speed_scale"))
         setting = Setting(float(content["setting"]["dt_s"]), *limits)
-        values = {
-            family: {name: _numbers(value) for name, value in of.items()}
-            for family, of in content["values"].items()
-        }
+        values, deviations = _arrays(content["values"]), _arrays(content.get("deviations", {}))
         onset_ns = {family: _onsets(of, setting.n_joint) for family, of in content["onset_ns"].items()}
     except (
         OSError,
@@ -132,11 +130,22 @@ def load_effects(directory: Path) -> ActiveEffects | None:
         RecursionError,
     ) as error:
         raise InputError(f"{path}: not readable as effects ({error}); close the loop again") from error
-    effects = ActiveEffects(setting, values, onset_ns)
+    effects = ActiveEffects(setting, values, onset_ns, deviations)
     fault = _fault(effects)
     if fault:
         raise InputError(f"{path}: {fault}; close the loop again with this version")
     return effects
+
+
+def _lists(by_family: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, dict[str, list]]:
+    return {
+        family: {name: np.asarray(value).tolist() for name, value in of.items()}
+        for family, of in by_family.items()
+    }
+
+
+def _arrays(by_family: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, np.ndarray]]:
+    return {family: {name: _numbers(value) for name, value in of.items()} for family, of in by_family.items()}
 
 
 def _numbers(value: Any) -> np.ndarray:
@@ -170,6 +179,10 @@ def _fault(effects: ActiveEffects) -> str | None:
         expected = {name: value.shape for name, value in IN_MODELS[family](setting).neutral().items()}
         if {name: value.shape for name, value in of.items()} != expected:
             return f"the values of {family} are not {', '.join(expected)} with one row per joint"
+    for family, of in effects.deviations.items():
+        shapes = {name: np.shape(value) for name, value in effects.values.get(family, {}).items()}
+        if any(value.shape != shapes.get(name) or np.any(value < 0.0) for name, value in of.items()):
+            return f"the deviations of {family} are not those of its values"
     without = [family for family in effects.onset_ns if family not in effects.values]
     return f"an onset of {', '.join(without)}, which has no values" if without else None
 

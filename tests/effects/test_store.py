@@ -1,6 +1,7 @@
 """`effects.json`: a round trip, and one line on damage."""
 
 import json
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -58,6 +59,16 @@ def test_one_onset_of_a_family_as_older_files_have_it_is_all_joints(saved):
     content["onset_ns"] = {"gain": STAMP_NS}
     (saved / FILE).write_text(json.dumps(content))
     assert load_effects(saved).onset_ns == {"gain": {0: STAMP_NS, 1: STAMP_NS}}
+
+
+def test_deviations_are_kept_and_must_be_those_of_values(tmp_path):
+    deviations = {"gain": {"ratio_positive": np.array([0.1, 0.0])}}
+    save_effects(tmp_path, replace(EFFECTS, deviations=deviations))
+    loaded = load_effects(tmp_path)
+    np.testing.assert_array_equal(loaded.deviations["gain"]["ratio_positive"], [0.1, 0.0])
+    for wrong in ({"gain": {"ratio_positive": np.array([-0.1, 0.0])}}, {"gain": {"ratio": np.zeros(2)}}):
+        save_effects(tmp_path, replace(EFFECTS, deviations=wrong))
+        assert "deviations of gain" in refused(tmp_path)
 
 
 def test_a_folder_without_effects_has_none(tmp_path):

@@ -335,6 +335,19 @@ def test_with_its_effects_at_neutral_the_model_after_is_the_model_before(
 
 
 @pytest.mark.long
+def test_the_model_after_knows_how_far_its_values_may_be_off(output: Path, document: dict[str, Any]) -> None:
+    effects, arm = load_effects(output / "model_after"), JOINTS.index("arm")
+    assert effects is not None
+    found = document["effects"][0]["parameters"]["speed_ratio"]
+    deviations = effects.deviations["gain"]
+    per_direction = [deviations[f"ratio_{way}"] for way in ("positive", "negative")]
+    expected = (found["ci95"][1] - found["ci95"][0]) / (2 * 1.96)
+    assert expected > 0.0
+    np.testing.assert_allclose(max(of[arm] for of in per_direction), expected, rtol=1e-6)
+    assert not any(np.delete(of, arm).any() for of in per_direction)
+
+
+@pytest.mark.long
 def test_the_model_after_is_better_on_logs_that_the_loop_never_saw(
     output: Path, exam: list[LogTrajectories]
 ) -> None:

@@ -53,3 +53,10 @@ def as_policy(layers: Sequence[PolicyLayer], inputs: np.ndarray) -> Policy:
     n = len(inputs)
     folded = PolicyLayer(jnp.asarray(inputs) @ first.kernel, first.bias)
     return Policy(jnp.zeros(n), jnp.ones(n), (folded, *others))
+
+
+def layers_of(policy: Policy, inputs: np.ndarray) -> tuple[PolicyLayer, ...]:
+    """Layers to train a policy further with: inverse of `as_policy`, the policy's normalisation folded in."""
+    (kernel, bias), *others = policy.layers
+    scaled = kernel / policy.std[:, None]
+    return PolicyLayer(jnp.linalg.solve(inputs, scaled), bias - policy.mean @ scaled), *others

@@ -11,11 +11,11 @@ import numpy as np
 import optax
 
 from pipeline.control.apg.config import APGConfig
-from pipeline.control.apg.network import as_policy, error_inputs, initial_layers
+from pipeline.control.apg.network import as_policy, error_inputs, initial_layers, layers_of
 from pipeline.control.apg.rollout import Between, discounted_cost
 from pipeline.control.checkpoint import restored_like
 from pipeline.control.curve import CurvePoint
-from pipeline.control.policy import PolicyLayer
+from pipeline.control.policy import Policy, PolicyLayer
 from pipeline.control.training import LearningCurve, TrainingResult
 from pipeline.machine.specification import CommandKind
 from pipeline.reaching.environment import ReachingEnvironment
@@ -50,10 +50,16 @@ class Trainer:
     """Updates of a policy; pure functions of their state."""
 
     def __init__(
-        self, environment: ReachingEnvironment, config: APGConfig, seed: int, n_updates: int
+        self,
+        environment: ReachingEnvironment,
+        config: APGConfig,
+        seed: int,
+        n_updates: int,
+        start: Policy | None = None,
     ) -> None:
-        """Prepares `n_updates` updates of the configuration."""
+        """Prepares `n_updates` updates of the configuration, from a policy or from random weights."""
         self._environment, self._config, self._n_updates = environment, config, n_updates
+        self._start = start
         self._key = jax.random.key(seed)
         self.inputs = error_inputs(environment.task, config.error_gain)
         rate = optax.warmup_cosine_decay_schedule(
@@ -68,12 +74,14 @@ class Trainer:
         )
 
     def begin(self) -> PolicyTrainingState:
-        """Random weights, and episodes with clocks spread evenly over an episode."""
+        """The first weights, and episodes with clocks spread evenly over an episode."""
         environment, n = self._environment, self._config.environments
         layers_key, episodes_key = jax.random.split(jax.random.fold_in(self._key, self._n_updates))
-        layers = initial_layers(
-            layers_key, environment.observation_size, self._config.hidden, environment.action_size
-        )
+        if self._start is None:
+            size, n_action = environment.observation_size, environment.action_size
+            layers = initial_layers(layers_key, size, self._config.hidden, n_action)
+        else:
+            layers = layers_of(self._start, self.inputs)
         return PolicyTrainingState(
             layers=layers,
             optimiser=self._optimiser.init(layers),
@@ -130,8 +138,9 @@ def train(
     episodes: Episodes,
     progress: Callable[[CurvePoint], None],
     checkpoint_directory: Path | None,
+    start: Policy | None = None,
 ) -> TrainingResult:
-    """Train a policy; arguments, checkpoints and result as of `pipeline.control.ppo.train`.
+    """Train a policy, or train `start` further; else as `pipeline.control.ppo.train`, its checkpoints and result, too.
 
     The kept policy is that of the last point of the curve.
 
@@ -140,8 +149,8 @@ def train(
     """
     steps_per_update = config.environments * config.horizon * environment.action_repeats
     n_per_point = -(-config.training_steps // (config.curve_points * steps_per_update))
-    trainer = Trainer(environment, config, seed, config.curve_points * n_per_point)
-    curve = LearningCurve("apg", environment, config, seed, episodes, progress, checkpoint_directory)
+    trainer = Trainer(environment, config, seed, config.curve_points * n_per_point, start)
+    curve = LearningCurve("apg", environment, config, seed, episodes, progress, checkpoint_directory, start)
     state = jax.jit(trainer.begin)()
     if curve.resumed and curve.resumed.state is not None:
         state = restored_like(state, curve.resumed.state)

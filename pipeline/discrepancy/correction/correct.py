@@ -14,6 +14,7 @@ from pipeline.discrepancy.correction.corrected_models import (
     CorrectedModels,
     held_out_errors,
     nominal_errors,
+    with_deviations,
 )
 from pipeline.discrepancy.correction.open_loop_gate import OpenLoopGate
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
@@ -129,7 +130,7 @@ def correct(
         effects,
         [gate.error_reduction(effect) for effect in effects],
         _alternatives(effects, gate),
-        models.active(effects),
+        with_deviations(models.active(effects), fit),
         errors,
         floor,
         baselines,

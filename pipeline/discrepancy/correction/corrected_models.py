@@ -1,10 +1,13 @@
 """The frozen model with effects around it, and what it is off by."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
 from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors, window_errors
+from pipeline.discrepancy.acceptance.value_deviations import value_deviations
 from pipeline.discrepancy.correction.follow_speed import FilterValues, best_filter, filters_of
 from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
 from pipeline.discrepancy.diagnosis.simulation import Simulation
@@ -93,6 +96,14 @@ def _with_filter(
         {**known.values, FAMILY: {**values, **of_these}},
         {**known.onset_ns, **({FAMILY: onsets} if onsets else {})},
     )
+
+
+def with_deviations(effects: ActiveEffects | None, fit: FittedEffects) -> ActiveEffects | None:
+    """The effects, and how far their values may be off."""
+    if effects is None:
+        return None
+    deviations = {family: of for family, of in value_deviations(fit).items() if family in effects.values}
+    return replace(effects, deviations=deviations)
 
 
 def held_out_errors(logs: PreparedLogs, of: Predictor, horizon: int) -> WindowErrors:
