@@ -53,7 +53,7 @@ class PipelineConfiguration:
     ppo: Any = MISSING
     warm_start: Any = MISSING
     apg: Any = MISSING
-    repair: Any = MISSING
+    policy_repair: Any = MISSING
     reward_ablation: Any = MISSING
     icem: Any = MISSING
     search: Any = MISSING

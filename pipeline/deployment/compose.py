@@ -9,7 +9,7 @@ import jax
 
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.variant import RewardVariant, variant_reward
-from pipeline.control.policy import load_policy_of
+from pipeline.control.policy import Policy, load_policy_of
 from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import (
     Controller,
@@ -101,8 +101,12 @@ def dispatch_synchronously() -> None:
     jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
-def graph_parts(settings: GraphSettings) -> GraphParts:
+def graph_parts(settings: GraphSettings, policy: Policy | None = None) -> GraphParts:
     """Load the model and the controller.
+
+    Args:
+        settings: What the graph is composed of.
+        policy: Controller in place of the one that the settings name, learned on any model of the same window.
 
     Raises:
         InputError: No controller is named, or its policy was learned on another model.
@@ -113,7 +117,8 @@ def graph_parts(settings: GraphSettings) -> GraphParts:
     if kind is ControllerKind.icem:
         controller = IcemController(task, settings.icem, settings.action_repeats, deployment.seed)
     else:
-        controller = PolicyController(task, load_policy_of(Path(str(settings.policy)), Path(settings.model)))
+        policy = policy or load_policy_of(Path(str(settings.policy)), Path(settings.model))
+        controller = PolicyController(task, policy)
     new_supervisor = partial(supervise, task.machine, deployment, settings.machine_directory, settings.model)
     return GraphParts(
         task,

@@ -25,7 +25,7 @@ QUESTIONS = (
     Question(
         "changed machine",
         "What has changed in the machine, and does the corrected model predict better?",
-        ("close_loop", "unseal", "control_level"),
+        ("close_loop", "unseal", "control_level", "repair", "prove", "promote", "rollback"),
     ),
     Question(
         "deployment",

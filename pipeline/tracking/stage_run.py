@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pipeline.errors import InputError
 from pipeline.tracking import champion
 from pipeline.tracking.lineage import content_hash, written_since
 from pipeline.tracking.store import PARENT
@@ -155,6 +156,43 @@ class StageRun:
             self._client.set_registered_model_alias(registered_name, alias, version)
         elif self.run_id is not None:
             champion.promote_if_better(self._client, registered_name, version, self.run_id)
+
+    def promote(self, registered_name: str, new: Path, former: Path) -> str:
+        """Make a folder the champion among the versions of `registered_name`; the new version's number.
+
+        Args:
+            registered_name: Name in MLflow's registry.
+            new: Folder.
+            former: Folder that becomes the version to go back to, where there is no champion yet.
+
+        Raises:
+            InputError: The run is not tracked, so there is no registry.
+        """
+        client, run_id = self._registry()
+        if champion.champion_version(client, registered_name) is None:
+            self.artifact(former)
+            champion.crown(
+                client, registered_name, champion.add_version(client, registered_name, run_id, former.name)
+            )
+        self.artifact(new)
+        version = champion.add_version(client, registered_name, run_id, new.name)
+        champion.crown(client, registered_name, version)
+        return version
+
+    def roll_back(self, registered_name: str) -> tuple[str, str]:
+        """See `champion.roll_back`.
+
+        Raises:
+            InputError: There is none to go back to, or no registry.
+        """
+        return champion.roll_back(self._registry()[0], registered_name)
+
+    def _registry(self) -> tuple[Any, str]:
+        if self._client is None or self.run_id is None:
+            raise InputError(
+                "tracking=none: champions stand in the tracking store; name one, tracking=sqlite"
+            )
+        return self._client, self.run_id
 
     def parent_metrics(self, values: Mapping[str, float], tags: Mapping[str, str] | None = None) -> None:
         """Report metrics of the whole pipeline on the parent run, so that pipeline runs can be compared."""

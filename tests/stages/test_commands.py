@@ -57,8 +57,9 @@ def test_every_stage_takes_every_profile(stage: str, profile: str) -> None:
         composed = compose(stage, overrides=[f"profile={profile}"])
     with open_dict(composed):
         composed.profile = profile  # an interpolation that only a running job resolves
-    if OmegaConf.is_missing(composed, "output"):
-        composed.output = "value"  # other keys refer to it
+    for key in ("repair", "output"):  # other keys refer to them
+        if OmegaConf.is_missing(composed, key):
+            composed[key] = "value"
     for key in OmegaConf.missing_keys(composed):
         OmegaConf.update(composed, key, "value" if key != "seed" else 0)
     assert OmegaConf.to_object(composed).machine.name == "bobcat_e10"
@@ -72,7 +73,7 @@ def test_all_rules_are_on_unless_the_experiment_says_otherwise(stage: str) -> No
         composed = compose(stage)
     if "deployment" not in composed:
         return
-    is_on = stage not in ("sim2sim", "sim2real", "measure_delays")
+    is_on = stage not in ("sim2sim", "sim2real", "prove", "measure_delays")
     assert composed.deployment.supervisor.rules == (list(RULES) if is_on else [])
     assert composed.deployment.interface.supervised == is_on
 

@@ -1,4 +1,4 @@
-"""Section `repair` of a profile."""
+"""Section `policy_repair` of a profile."""
 
 from dataclasses import dataclass, replace
 
@@ -29,9 +29,11 @@ class RepairConfig:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not value > 0:
-                raise InputError(f"repair.{name} is {value}; it must be positive")
+                raise InputError(f"policy_repair.{name} is {value}; it must be positive")
         if not self.margin < 1.0:
-            raise InputError(f"repair.margin is {self.margin}; it must be below 1, which is all targets")
+            raise InputError(
+                f"policy_repair.margin is {self.margin}; it must be below 1, which is all targets"
+            )
 
     def apg(self, apg: APGConfig, model: ModelSpecification) -> APGConfig:
         """Section `apg` for the training of a policy that exists; see `APGConfig.between` for the last setting."""

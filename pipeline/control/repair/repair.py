@@ -65,7 +65,7 @@ def repair(
         model: Folder of the model with effects, of the same window.
         reaching: The task.
         apg: Section `apg` of a profile.
-        config: Section `repair`.
+        config: Section `policy_repair`.
         seed: Of the training, and of the draws.
         progress: Called with the metrics before and after, on the values that are the most likely.
 
@@ -77,7 +77,7 @@ def repair(
     if effects is None or not effects.families():
         raise InputError(f"{model}: has no effects around it; name the model_after that close_loop wrote")
     task = reaching.task(dynamics, parameters)
-    former, lineage = load_policy(policy)
+    former, _ = load_policy(policy)
     check_fits(former, task, policy, model)
     draws, key = EffectDraws(effects), jax.random.key(seed)
     poses = learning_poses(reaching.machine, reaching.arm, reaching.episodes, seed)
@@ -95,7 +95,8 @@ def repair(
         result.policy,
         Comparison.of(*traces),
         {
-            **{name: lineage[name] for name in ("machine", "action_repeats") if name in lineage},
+            "machine": reaching.machine.name,
+            "action_repeats": reaching.action_repeats,
             "seed": seed,
             "steps": result.policy_steps,
             "model": dynamics_fingerprint(model),

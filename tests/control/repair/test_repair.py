@@ -90,11 +90,11 @@ def test_episodes_are_compared_on_the_values_given(slower, episodes):
 
 
 def test_settings_are_those_of_apg_but_for_the_section(environment):
-    apg, config = load_section("apg", APGConfig), load_section("repair", RepairConfig)
+    apg, config = load_section("apg", APGConfig), load_section("policy_repair", RepairConfig)
     model = environment.task.dynamics.specification
     settings = config.apg(apg, model)
     assert (settings.training_steps, settings.horizon) == (config.training_steps, apg.horizon)
     assert not settings.between
     assert config.apg(apg, dataclasses.replace(model, parameterization=Parameterization.nfir)).between
-    with pytest.raises(InputError, match=r"repair\.margin is 1"):
+    with pytest.raises(InputError, match=r"policy_repair\.margin is 1"):
         dataclasses.replace(config, margin=1.0)

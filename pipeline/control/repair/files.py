@@ -1,0 +1,85 @@
+"""A repair's folder: the former policy, the new one, and `repair.json`, which says whether the new one is better."""
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from pipeline.control.policy import META_FILE, POLICY_FILE, Policy, load_policy
+from pipeline.control.repair.comparison import Comparison
+from pipeline.control.repair.repair import Repaired
+from pipeline.errors import InputError
+from pipeline.files.atomic import write_json
+
+DOCUMENT, FORMER, NEW = "repair.json", "former", "policy"
+ON_MODEL, ON_MACHINE = "on_model", "on_machine"  # what trials there say; null before them
+
+
+def write_repair(folder: Path, repaired: Repaired, policy: Path, margin: float) -> dict[str, Any]:
+    """Write the folder of a repair of the policy in `policy`, and return the document."""
+    (folder / FORMER).mkdir(parents=True, exist_ok=True)
+    for name in (POLICY_FILE, META_FILE):
+        shutil.copyfile(policy / name, folder / FORMER / name)
+    repaired.save(folder / NEW)
+    on_model = repaired.comparison.as_dict(margin)
+    document = {
+        **on_model,
+        "margin": margin,
+        "effects_known_exactly": repaired.is_certain,
+        "machine": repaired.lineage["machine"],
+        "policies": {name: _digest(folder / name) for name in (FORMER, NEW)},
+        ON_MODEL: on_model,
+        ON_MACHINE: None,
+    }
+    write_json(folder / DOCUMENT, document, allow_nan=False)
+    return document
+
+
+def add_machine_trials(folder: Path, comparison: Comparison) -> dict[str, Any]:
+    """Write what both policies did on the machine into the document, and return it; both gates count.
+
+    Raises:
+        InputError: See `read_repair`.
+    """
+    document = read_repair(folder)
+    on_machine = comparison.as_dict(document["margin"])
+    document[ON_MACHINE] = on_machine
+    document["promotable"] = document[ON_MODEL]["promotable"] and on_machine["promotable"]
+    document["reason"] = f"on the model {document[ON_MODEL]['reason']}; on the machine {on_machine['reason']}"
+    write_json(folder / DOCUMENT, document, allow_nan=False)
+    return document
+
+
+def read_repair(folder: Path) -> dict[str, Any]:
+    """The document of a repair whose policies are as they were compared.
+
+    Raises:
+        InputError: There is none, it is damaged, or a policy is another one.
+    """
+    path = folder / DOCUMENT
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        policies = document["policies"]
+        changed = [name for name in (FORMER, NEW) if policies[name] != _digest(folder / name)]
+    except FileNotFoundError as error:
+        raise InputError(f"{error.filename}: no such file; name a folder that repair wrote") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not readable as a repair ({error}); repair the policy again") from None
+    if changed:
+        raise InputError(f"{folder / changed[0]}: not the policy that was compared; repair it again")
+    return document
+
+
+def read_policies(folder: Path) -> dict[str, Policy]:
+    """The former policy and the new one, by the names of their folders.
+
+    Raises:
+        InputError: See `read_repair` and `load_policy`.
+    """
+    read_repair(folder)
+    return {name: load_policy(folder / name)[0] for name in (FORMER, NEW)}
+
+
+def _digest(folder: Path) -> str:
+    return hashlib.sha256((folder / POLICY_FILE).read_bytes()).hexdigest()

@@ -1,0 +1,75 @@
+"""Two policies drive one machine over the same targets in alternating blocks, recorded as bags.
+
+What drifts in the machine, such as the temperature of its oil, then meets both alike: block by block they take turns to
+go first.
+"""
+
+import shutil
+from collections.abc import Callable, Mapping
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.control.policy import Policy
+from pipeline.deployment.component import NANOSECONDS, nanoseconds
+from pipeline.deployment.components.goals import known_configurations
+from pipeline.deployment.components.velocity_estimator import VelocityEstimator
+from pipeline.deployment.compose import GraphSettings, controller_delays, graph_parts
+from pipeline.deployment.successive import run_successive
+from pipeline.plant.parameters import Parameters
+from pipeline.plant.recording.session import SESSION_NAME
+from pipeline.testbench.plant_machine import PlantMachine
+
+PAUSE_S = 1  # between two bags, which are named by the second that they begin in
+
+
+def drive_in_turns(
+    settings: GraphSettings,
+    policies: Mapping[str, Policy],
+    parameters: Parameters,
+    plant_seed: int,
+    n_targets: int,
+    block: int,
+    start: datetime,
+    output: Path,
+    progress: Callable[[int], None] = lambda n: None,
+) -> None:
+    """Pursue the first targets of the evaluation with each policy, on the plant in simulated time.
+
+    Args:
+        settings: Of the graph; the policy that it names counts for its kind alone.
+        policies: By the name of the folder that its bags go to.
+        parameters: Of the plant.
+        plant_seed: Of its process variation and its encoders' noise.
+        n_targets: How many.
+        block: Targets that a policy pursues before the next one takes over.
+        start: Of the first bag.
+        output: Parent of the bags' folders, which are made anew.
+        progress: Called with the number of targets done, over all policies.
+    """
+    episodes = settings.reaching.fixed_episodes(n_targets)
+    parts = {name: graph_parts(settings, policy) for name, policy in policies.items()}
+    delays = controller_delays(settings)
+    plant = PlantMachine(parameters, plant_seed, np.asarray(episodes.starts[0], float))
+    for name in policies:
+        shutil.rmtree(output / name, ignore_errors=True)
+    done, order = 0, list(policies)
+    for first in range(0, n_targets, block):
+        targets = episodes.targets[first : first + block]
+        for name in order:
+            own = parts[name]
+            recorder = run_successive(
+                own.with_goals(known_configurations(own.task.arm, targets)),
+                delays,
+                plant,
+                VelocityEstimator(nanoseconds(settings.machine.dt_s), settings.loop_tracker),
+                targets,
+                int(start.timestamp()) * NANOSECONDS,
+                lambda n, before=done: progress(before + n),  # type: ignore[misc]
+            )
+            recorder.write(output / name / start.strftime(SESSION_NAME), settings.machine)
+            done += len(targets)
+            took_s = (recorder.states[-1][0] / NANOSECONDS) - start.timestamp()
+            start += timedelta(seconds=int(took_s) + 1 + PAUSE_S)
+        order.reverse()

@@ -1,0 +1,142 @@
+"""From a repair to the champion and back, as a user runs it: a tiny model with an effect, and a policy on it."""
+
+import json
+import shutil
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from mlflow import MlflowClient
+
+from pipeline.configuration.load import load_machine
+from pipeline.control.apg.network import initial_layers
+from pipeline.control.policy import Policy, load_policy, save_policy
+from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
+from pipeline.dynamics.model.store import save_model
+from pipeline.effects.effect import Setting
+from pipeline.effects.gain import Gain
+from pipeline.effects.store import ActiveEffects, dynamics_fingerprint, save_effects
+from tests.stages.command import run_stage
+
+MACHINE = load_machine("bobcat_e10")
+N = 4
+
+
+def write_model(folder: Path) -> DynamicsModel:
+    model = DynamicsModel(
+        ModelSpecification(
+            parameterization="mlp",
+            target="dqdot",
+            hidden=[4],
+            lags=3,
+            legendre_degree=4,
+            joints=list(MACHINE.joint_names),
+            rate_hz=20.0,
+            position_lower=MACHINE.lower.tolist(),
+            position_upper=MACHINE.upper.tolist(),
+            velocity_limit=[0.5] * N,
+            residual_scale=[0.002] * N,
+        )
+    )
+    save_model(folder, model, model.initialise(jax.random.key(0)), {"machine": MACHINE.name}, {}, {})
+    return model
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Models before and after, and a policy of random weights."""
+    folder = tmp_path_factory.mktemp("repair")
+    model = write_model(folder / "before")
+    write_model(folder / "after")
+    setting = Setting(MACHINE.dt_s, MACHINE.lower, MACHINE.upper, np.ones(N))
+    slower = {"gain": Gain(setting).neutral() | {"ratio_positive": np.full(N, 0.7)}}
+    off = {"gain": {"ratio_positive": np.full(N, 0.05)}}
+    save_effects(folder / "after", ActiveEffects(setting, slower, {}, off))
+    size = model.specification.n_features + 2 * 7 + 2 * N
+    policy = Policy(np.zeros(size), np.ones(size), initial_layers(jax.random.key(0), size, [16], N))
+    save_policy(folder / "deployed", policy, {"model": dynamics_fingerprint(folder / "before")})
+    return folder
+
+
+@pytest.fixture(scope="module")
+def repaired(folder: Path) -> Path:
+    done = run_stage("repair", "policy=deployed", "model=after", "output=out", "profile=smoke", folder=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "out"
+
+
+def test_a_repair_holds_both_policies_and_what_tells_them_apart(folder: Path, repaired: Path) -> None:
+    document = json.loads((repaired / "repair.json").read_text())
+    assert {"sr_before", "sr_after", "difference", "promotable", "reason"} <= set(document)
+    lower, upper = document["difference"]["ci95"]
+    assert lower <= document["difference"]["value"] <= upper
+    assert document["n_targets"] == 16 and not document["effects_known_exactly"]
+    assert document["on_machine"] is None
+    former, new, deployed = (
+        load_policy(of)[0] for of in (repaired / "former", repaired / "policy", folder / "deployed")
+    )
+    np.testing.assert_array_equal(former.layers[0].kernel, deployed.layers[0].kernel)
+    assert not np.array_equal(new.layers[0].kernel, former.layers[0].kernel)
+    assert load_policy(repaired / "policy")[1]["model"] == dynamics_fingerprint(folder / "after")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "line"),
+    [
+        (["model=before"], "before: has no effects around it; name the model_after that close_loop wrote"),
+        (["policy=other"], "other: observes 5 values, after/effects.json stands around a model of "),
+        (["policy=nowhere"], "nowhere/"),
+        (["policy_repair.margin=0"], "policy_repair.margin is 0.0; it must be positive"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(folder: Path, overrides: list[str], line: str) -> None:
+    layers = initial_layers(jax.random.key(0), 5, [16], N)
+    save_policy(folder / "other", Policy(np.zeros(5), np.ones(5), layers), {})
+    command = ["policy=deployed", "model=after", "output=wrong", "profile=smoke", *overrides]
+    done = run_stage("repair", *command, folder=folder)
+    assert done.returncode == 2
+    (told,) = done.stderr.strip().splitlines()
+    assert line in told
+
+
+def test_only_what_may_be_promoted_becomes_champion_and_one_command_takes_it_back(
+    repaired: Path, empty_store: Path, tmp_path: Path
+) -> None:
+    shutil.copy(empty_store, tmp_path / "mlflow.db")
+    client = MlflowClient(tracking_uri=f"sqlite:///{tmp_path}/mlflow.db")
+    store = [f"tracking.uri=sqlite:///{tmp_path}/mlflow.db", f"tracking.artifacts={tmp_path}/artifacts"]
+    shutil.copytree(repaired, tmp_path / "out")
+    document = tmp_path / "out/repair.json"
+
+    def run(stage: str, *overrides: str) -> tuple[int, str]:
+        done = run_stage(stage, "tracking=sqlite", *store, *overrides, folder=tmp_path)
+        return done.returncode, done.stdout + done.stderr
+
+    def champion() -> Path:
+        version = client.get_model_version_by_alias("bobcat_e10-policy", "champion")
+        return Path(version.source.removeprefix("file://"))
+
+    def say(promotable: bool) -> None:
+        document.write_text(json.dumps(json.loads(document.read_text()) | {"promotable": promotable}))
+
+    say(False)
+    status, told = run("promote", "repair=out")
+    assert status == 2 and "not promotable" in told
+    assert run("rollback")[0] == 2  # there is no champion
+    say(True)
+    status, told = run("promote", "repair=out")
+    assert status == 0, told
+    assert "never driven on the machine" in told
+    new = (tmp_path / "out/policy/policy.msgpack").read_bytes()
+    assert (champion() / "policy.msgpack").read_bytes() == new
+    status, told = run("rollback")
+    assert status == 0, told
+    former = (tmp_path / "out/former/policy.msgpack").read_bytes()
+    assert (champion() / "policy.msgpack").read_bytes() == former != new
+    assert run("rollback")[0] == 2  # it was the first
+    (tmp_path / "out/policy/policy.msgpack").write_bytes(former)
+    status, told = run("promote", "repair=out")
+    assert status == 2 and "not the policy that was compared" in told
+    status, told = run_stage("promote", "repair=out", folder=tmp_path).returncode, ""
+    assert status == 2  # no registry
