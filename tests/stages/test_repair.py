@@ -20,6 +20,7 @@ from pipeline.effects.store import ActiveEffects, dynamics_fingerprint, save_eff
 from tests.stages.command import run_stage
 
 MACHINE = load_machine("bobcat_e10")
+DELAYS = Path(__file__).parents[2] / "conf/deployment/delays.json"
 N = 4
 
 
@@ -140,3 +141,30 @@ def test_only_what_may_be_promoted_becomes_champion_and_one_command_takes_it_bac
     assert status == 2 and "not the policy that was compared" in told
     status, told = run_stage("promote", "repair=out", folder=tmp_path).returncode, ""
     assert status == 2  # no registry
+
+
+def test_both_policies_take_turns_on_the_machine_and_logs_of_it_say_the_same(
+    repaired: Path, folder: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(repaired, tmp_path / "out")
+    common = ["repair=out", f"model={folder / 'after'}", "profile=smoke", "episodes.steps=40"]
+    delays = f"deployment.delays={DELAYS}"
+    done = run_stage("prove", *common, delays, "targets=3", "block=2", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    document = json.loads((tmp_path / "out/repair.json").read_text())
+    on_machine = document["on_machine"]
+    assert on_machine["n_targets"] == 3 and not document["promotable"]  # three prove nothing
+    assert "on the machine its success rate may be" in document["reason"]
+    bags = {
+        name: sorted(bag.name for bag in (tmp_path / "out/trials" / name).iterdir())
+        for name in ("former", "policy")
+    }
+    in_turn = sorted((bag, name) for name in bags for bag in bags[name])
+    assert [name for _, name in in_turn] == ["former", "policy", "policy", "former"]
+    write_back = (tmp_path / "out/repair.json").read_text()
+    logs = [f"former={tmp_path}/out/trials/former", f"new={tmp_path}/out/trials/policy"]
+    done = run_stage("prove", *common, *logs, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out/repair.json").read_text() == write_back
+    done = run_stage("prove", *common, logs[0], folder=tmp_path)
+    assert done.returncode == 2 and "name both folders, or none" in done.stderr
