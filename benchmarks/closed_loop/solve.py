@@ -140,6 +140,8 @@ def main() -> None:
     if not found:
         parser.error(f"{folders.root}: no case in it is whole; run benchmarks.closed_loop.generate first")
     if arguments.cases:
+        if strange := sorted(set(arguments.cases) - {task.name for task in found}):
+            parser.error(f"--cases: no such case: {', '.join(strange)}; overrides go before --cases")
         found = [task for task in found if task.name in arguments.cases]
     waiting = [task for task in found if not is_solved(task, arguments.again)][: arguments.limit]
 
