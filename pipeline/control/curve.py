@@ -15,6 +15,12 @@ class CurvePoint:
     steps: int
     metrics: ReachingMetrics
 
+    @property
+    def shown(self) -> str:
+        """For the terminal."""
+        metrics = self.metrics
+        return f"after {self.steps} ticks SR(0.04, 0.04) {metrics.sr_004_004:.2f}, OOW {metrics.oow:.2f}"
+
 
 def write_curve(path: Path, curve: Sequence[CurvePoint]) -> None:
     """Write a curve as CSV: a column `steps` and one per metric, one row per point."""

@@ -37,7 +37,8 @@ def main(configuration: RepairStage, run: StageRun) -> None:
     policy, model, output = (Path(getattr(configuration, key)) for key in ("policy", "model", "output"))
     run.inputs(f"{model}/parameters.msgpack", f"{model}/effects.json", f"{policy}/policy.msgpack")
     config = configuration.policy_repair
-    repaired = repair(policy, model, configuration.reaching, configuration.apg, config, configuration.seed)
+    of_training = configuration.reaching, configuration.apg, config, configuration.seed
+    repaired = repair(policy, model, *of_training, lambda point: say(point.shown))
     if repaired.is_certain:
         say(f"{model} says of no value how far it may be off: each is taken as known")
     document = write_repair(output, repaired, policy, config.margin)

@@ -12,6 +12,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from pipeline.control.repair.logged_comparison import trials_in
 from pipeline.deployment.components.goals import known_configurations
 from pipeline.deployment.components.recording import Recorder
 from pipeline.deployment.compose import controller_delays, graph_parts
@@ -26,9 +27,8 @@ from pipeline.deployment.viewing.live_view import live_view
 from pipeline.files.atomic import write_json
 from pipeline.logs.formats.recorded_folders import refuse_foreign
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.logs.trajectories import load_logs
 from pipeline.machine.specification import MachineSpecification
-from pipeline.reaching.logged_trials import logged_trials, reaching_summary
+from pipeline.reaching.logged_trials import reaching_summary
 from pipeline.testbench.graph_node import plant
 
 START_TIMEOUT_S = 300.0  # until all nodes have compiled what they run
@@ -112,12 +112,7 @@ def simulate_targets(settings: NodeSettings) -> Recorder:
 
 def trials_of(folder: Path, settings: NodeSettings, ingest: IngestConfig) -> list[dict[str, Any]]:
     """Metrics of each trial in a bag, as `evaluate_logs` has them."""
-    trials = [
-        trial
-        for log in load_logs(folder, settings.machine, ingest, settings.loop_tracker)
-        if log.targets is not None
-        for trial in logged_trials(log.trajectories, log.targets, settings.episodes.steps)
-    ]
+    trials = trials_in(folder, settings.reaching, ingest, settings.loop_tracker)
     return reaching_summary(trials, settings.machine, settings.reaching.arm)["trials"] if trials else []
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.effects.draws import OF_95_PERCENT
 from pipeline.reaching.metrics import Traces, success
 
 PRECISION = (0.04, 0.04)  # m, rad
-OF_95_PERCENT = 1.96
 ADDED_PAIRS = 2.0
 
 

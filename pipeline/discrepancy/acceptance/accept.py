@@ -10,13 +10,13 @@ from pipeline.discrepancy.acceptance.remaining_signature import doubted_by_what_
 from pipeline.discrepancy.acceptance.size_of_an_effect import SIZES, why_it_is_none
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.families.cold_oil import with_doubts_of_the_oil
-from pipeline.discrepancy.families.contract_parameters import OF_95_PERCENT
 from pipeline.discrepancy.families.gain_of_a_dependence import doubted_by_what_varies
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.explanations import Explanation
 from pipeline.discrepancy.posterior.power import Visible
 from pipeline.discrepancy.selection.candidate import Key
 from pipeline.discrepancy.selection.select import Selection
+from pipeline.effects.draws import OF_95_PERCENT
 
 FEWEST_OF_ALL = 3  # joints
 

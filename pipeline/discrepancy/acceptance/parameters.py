@@ -9,7 +9,6 @@ from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL
 from pipeline.discrepancy.families.contract_parameters import (
-    OF_95_PERCENT,
     WIDEST,
     Quantity,
     describe,
@@ -31,6 +30,7 @@ from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.onset import rows_since
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of
 from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.draws import OF_95_PERCENT
 
 # Of the value, for minutes of logs and correlation times of some seconds; not estimated from the logs.
 SUPPLY_DEVIATION = {"std_log_speed": 0.15, "correlation_time": 0.4}

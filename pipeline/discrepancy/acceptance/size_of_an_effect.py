@@ -7,11 +7,11 @@ Of a supply it is not its size that tells, but on how many joints and for how lo
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pipeline.discrepancy.families.contract_parameters import OF_95_PERCENT
 from pipeline.discrepancy.families.plausibility import BACKLASH, DELAY, FLOW_COUPLING, LAG, LEAKAGE, STICTION
 from pipeline.discrepancy.families.shared_flow import LOSS
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.supply_variation import SHORTEST_S
+from pipeline.effects.draws import OF_95_PERCENT
 
 WITHIN = "within what the diagnosis model is off by on nominal logs"
 # By the first that is there: of a stiction told by when joints start, the wrapper's own value stands beside; of a lag

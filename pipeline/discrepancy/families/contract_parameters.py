@@ -9,6 +9,7 @@ from pipeline.discrepancy.families.shared_flow import coefficients_by_source
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.free_parameters import Coordinate
 from pipeline.effects.dependence import DEPENDENCES
+from pipeline.effects.draws import OF_95_PERCENT
 from pipeline.effects.effect import Effect
 
 Quantity = dict[str, Any]
@@ -47,7 +48,6 @@ NOT_NEGATIVE = {
     "zone_length",
 }
 
-OF_95_PERCENT = 1.96  # standard deviations of a normal variable either side of its mean
 WIDEST = "widest"  # of a quantity under way: what `Spread` says
 
 
