@@ -42,6 +42,14 @@ class Chain:
         """States of a machine that has been at rest."""
         return {family: effect.initial(batch) for family, effect in self.effects.items()}
 
+    def drawn(self, values: ChainValues, key: jax.Array) -> ChainState:
+        """States of a machine that has been at rest, without batch axes; see `Effect.drawn`. `key` is consumed."""
+        keys = jax.random.split(key, len(self.effects))
+        return {
+            family: effect.drawn(values[family], own)
+            for own, (family, effect) in zip(keys, self.effects.items(), strict=True)
+        }
+
     def commands(
         self, values: ChainValues, state: ChainState, command: jax.Array
     ) -> tuple[ChainState, jax.Array]:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.effects.catalogue import KNOWN
+from pipeline.effects.catalogue import IN_MODELS
 from pipeline.effects.chain import ChainValues
 from pipeline.effects.store import ActiveEffects
 
@@ -20,7 +20,7 @@ class EffectDraws:
         """Effects with their deviations; a value without one is always the same."""
         self._values, self._deviations, self._bounds = {}, {}, {}
         for family in effects.families():
-            of, wrapper = effects.values[family], KNOWN[family](effects.setting)
+            of, wrapper = effects.values[family], IN_MODELS[family](effects.setting)
             deviations = effects.deviations.get(family, {})
             self._values[family] = {name: np.asarray(value, np.float32) for name, value in of.items()}
             self._deviations[family] = {

@@ -241,6 +241,10 @@ class Effect(ABC):
         """State of a machine that has been at rest."""
         return ()
 
+    def drawn(self, values: Values, key: jax.Array) -> State:
+        """State of a machine at rest, without batch axes, where what it hides is drawn; `key` is consumed."""
+        return self.initial(())
+
     def _zeros(self, batch: tuple[int, ...]) -> jax.Array:
         return jnp.zeros((*batch, self.setting.n_joint))
 

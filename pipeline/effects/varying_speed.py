@@ -68,6 +68,13 @@ class VaryingSpeed(RatioEffect):
         n = self.setting.n_joint
         return Estimate(self._zeros(batch), jnp.zeros((*batch, n, n)))
 
+    def drawn(self, values: Values, key: jax.Array) -> State:
+        """A z of the process, which nobody knows."""
+        common, own = jax.random.split(key)
+        z = values["common_std"] * jax.random.normal(common)
+        z = z + values["own_std"] * jax.random.normal(own, z.shape)
+        return self.initial(())._replace(mean=z)
+
     def ratio(self, values: Values, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
         """1 + z now; z decays until the next step."""
         decay = jnp.exp(-self.setting.dt_s / values["time_constant"])

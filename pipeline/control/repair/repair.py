@@ -87,8 +87,10 @@ def repair(
     episodes = reaching.curve_episodes(apg.curve_episodes)
     result = train(environment, settings, seed, episodes, progress, None, former)
     targets = reaching.fixed_episodes(config.targets)
-    keys = jax.random.split(jax.random.fold_in(key, _COMPARISON_STREAM), len(targets.starts))
-    drawn = TaskOnDraws(task, jax.vmap(draws.draw)(keys))
+    of_values, hidden = jax.random.split(jax.random.fold_in(key, _COMPARISON_STREAM))
+    n = len(targets.starts)
+    values = jax.vmap(draws.draw)(jax.random.split(of_values, n))
+    drawn = TaskOnDraws(task, values, jax.random.split(hidden, n))
     traces = [evaluate_policy(each, drawn, *ticks, targets) for each in (former, result.policy)]
     return Repaired(
         former,

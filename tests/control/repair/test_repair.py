@@ -21,6 +21,7 @@ from pipeline.effects.draws import EffectDraws
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
 from pipeline.effects.store import ActiveEffects
+from pipeline.effects.varying_speed import VaryingSpeed
 from pipeline.errors import InputError
 from pipeline.reaching.task import ReachingTask
 from tests.reaching.lag import lag_dynamics
@@ -83,7 +84,7 @@ def test_episodes_are_compared_on_the_values_given(slower, episodes):
     pair = jax.tree.map(lambda of: np.repeat(of[:1], 2, axis=0), episodes)
     ratio = jnp.ones((2, 4)).at[0, 0].set(0.3)
     values = {"gain": {"ratio_positive": ratio, "ratio_negative": jnp.ones((2, 4))}}
-    traces = evaluate_policy(up, TaskOnDraws(slower, values), 4, 8, pair)
+    traces = evaluate_policy(up, TaskOnDraws(slower, values, jax.random.split(jax.random.key(0))), 4, 8, pair)
     moved = traces.q[:, -1] - pair.starts
     np.testing.assert_allclose(moved[0, 0] / moved[1, 0], 0.3, rtol=1e-3)
     np.testing.assert_allclose(moved[0, 1:], moved[1, 1:], rtol=1e-4)
@@ -98,3 +99,17 @@ def test_settings_are_those_of_apg_but_for_the_section(environment):
     assert config.apg(apg, dataclasses.replace(model, parameterization=Parameterization.nfir)).between
     with pytest.raises(InputError, match=r"policy_repair\.margin is 1"):
         dataclasses.replace(config, margin=1.0)
+
+
+def test_a_speed_that_varies_unseen_differs_from_episode_to_episode(bobcat, arm, paper_reward, poses):
+    setting = Setting(bobcat.dt_s, bobcat.lower, bobcat.upper, np.ones(4))
+    values = VaryingSpeed(setting).neutral() | {"common_std": np.full(4, 0.2), "own_std": np.zeros(4)}
+    effects = ActiveEffects(setting, {"varying_speed": values}, {})
+    chain = Chain([VaryingSpeed], setting)
+    parameters = AugmentedParameters({}, jax.tree.map(jnp.float32, {"varying_speed": values}))
+    task = ReachingTask(bobcat, arm, AugmentedModel(lag_dynamics(bobcat), chain), parameters, paper_reward)
+    environment = DrawnEnvironment(task, poses, 4, 40, EffectDraws(effects).draw)
+    tasks = jax.vmap(lambda key: environment.new_episode(key).task)(jax.random.split(jax.random.key(1), 200))
+    z = np.asarray(tasks.history.chain["varying_speed"].mean)
+    assert abs(z[:, 0].std() - 0.2) < 0.03
+    np.testing.assert_array_equal(z, z[:, :1].repeat(4, axis=1))  # all of it is common
