@@ -83,8 +83,9 @@ def test_stops_are_where_they_are_whatever_encoders_read(augmented_task, bobcat,
     parameters["layer_1"]["bias"] = jnp.ones(bobcat.n_joint)
     task = augmented_task(frozen, parameters, {"sensor_bias": {"offset": offset}})
     upper = jnp.asarray(bobcat.upper, jnp.float32)
-    state, _ = jax.jit(lambda q: task.tick(task.begin(q, q), jnp.zeros_like(q)))(upper[None])
-    np.testing.assert_array_equal(state.history.nominal.q[0], upper)
+    read = (upper + offset)[None]  # of a machine that rests at its stop
+    state, _ = jax.jit(lambda q: task.tick(task.begin(q, q), jnp.zeros_like(q)))(read)
+    np.testing.assert_allclose(state.history.nominal.q[0], upper, atol=1e-6)
     np.testing.assert_allclose(state.history.q[0], upper + offset, atol=1e-6)
     at_rest = upper + offset if target is Target.dq else jnp.zeros(bobcat.n_joint)
     np.testing.assert_allclose(state.history.motion[0, -1], at_rest, atol=1e-6)
