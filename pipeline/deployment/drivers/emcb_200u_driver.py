@@ -10,7 +10,9 @@ from pipeline.deployment.settings import DriverConfig
 
 
 class CanDriver(Component):
-    """Sends frames to the bus at once, and publishes received frames at each tick.
+    """Sends frames to the bus at once, and publishes the newest frame of each identifier at each tick.
+
+    Frames that a late tick finds together would have one stamp, and one stamp twice is a joint state sent twice.
 
     A frame that the bus refuses (bus off) is counted and not retried: the machine's controller zeroes its outputs
     without frames, and the supervisor misses the joint states.
@@ -37,8 +39,9 @@ class CanDriver(Component):
         return ()
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:
-        """Publish the frames that came since the last tick, stamped with this one."""
-        return [Publication(Topic.can_from_machine, frame) for frame in read_frames(self._bus, now_ns)]
+        """Publish what came since the last tick, stamped with this one."""
+        newest = {frame.identifier: frame for frame in read_frames(self._bus, now_ns)}
+        return [Publication(Topic.can_from_machine, frame) for frame in newest.values()]
 
     def condition(self, now_ns: int) -> Condition:
         """Whether the bus has refused frames."""

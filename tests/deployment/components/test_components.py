@@ -347,3 +347,24 @@ def test_a_machine_without_frames_is_told_so(tmp_path) -> None:
     )
     with pytest.raises(InputError, match="no frame 'COMMAND'"):
         CanFrames(bobcat(), tmp_path)
+
+
+def test_the_interface_s_own_stops_say_when_by_which_rule_and_why() -> None:
+    config = supervised().interface
+    late_ns = nanoseconds(config.maximum_supervisor_silence_s) + 2
+    wrong = JointCommand(1, "rogue", 1, 1, np.full(4, 2.0))
+    for rule, detail, happens in (
+        ("supervisor_silence", "no sign of life of the supervisor", lambda i: i.on_timer(late_ns)),
+        (
+            "invalid_command",
+            "command [2.0, 2.0, 2.0, 2.0] of rogue",
+            lambda i: i.on_message(Topic.requested_commands, wrong, late_ns),
+        ),
+    ):
+        interface = ControlInterface(bobcat(), config)
+        alive_ns = 1 if rule == "supervisor_silence" else late_ns
+        interface.on_message(Topic.supervisor_state, SupervisorState(alive_ns, ""), alive_ns)
+        stop, zeros = happens(interface)
+        assert stop == Publication(Topic.emergency_stop, EmergencyStop(late_ns, rule, detail))
+        assert zeros.topic is Topic.joint_commands and zeros.message.stamp_ns == late_ns
+        assert not zeros.message.values.any()

@@ -3,6 +3,7 @@
 import dataclasses
 from functools import cache
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from pipeline.machine.workspace import depths
 from tests.deployment.machines import MIDDLE, arm, bobcat, paper
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4)
-WIDER_M = 0.2
+WIDER_M, WIDER_RAD = 0.2, 0.1
 
 
 @cache
@@ -77,9 +78,50 @@ def test_the_arm_may_come_in_but_not_leave(path: list[np.ndarray], objects: list
         ({"wider_rad": np.nan}, "envelope.wider_rad is nan"),
         ({"joints": {"boom": [1.0, 0.0]}}, r"joints.boom is \[1.0, 0.0\]"),
         ({"joints": {"boom": [1.0]}}, r"joints.boom is \[1.0\]"),
-        ({"joints": {"hand": [0.0, 1.0]}}, "no joint `hand`; known are swing"),
+        ({"joints": {"hand": [0.0, 1.0]}}, "no joint `hand`; known are swing, boom"),
     ],
 )
 def test_what_is_no_region_is_refused(changes: dict, fault: str) -> None:
     with pytest.raises(InputError, match=fault):
         Envelope(bobcat(), arm(), dataclasses.replace(paper().supervisor.envelope, **changes))
+
+
+def test_every_face_of_the_region_lies_further_out_by_as_much_as_asked() -> None:
+    """Against the bounds of W+, written down again, of configurations all over the joints' ranges."""
+    wider = Envelope(bobcat(), arm(), EnvelopeConfig(WIDER_M, WIDER_RAD, {}))
+    w, shares = workspace_of(bobcat()), np.random.default_rng(0).uniform(size=(4000, 4))
+    q = (bobcat().lower + shares * (bobcat().upper - bobcat().lower)).astype(np.float32)
+    tip, yaw = (np.asarray(part) for part in jax.vmap(lambda q: (arm().forward(q).position, arm().yaw(q)))(q))
+    radius, is_in_front = np.hypot(tip[:, 0], tip[:, 1]), np.cos(np.arctan2(tip[:, 1], tip[:, 0]) - yaw) > 0
+    excess = np.stack(  # over each face of W+; negative inside
+        [
+            (w.radius_min_m - radius) / WIDER_M,
+            (radius - w.radius_max_m) / WIDER_M,
+            (w.z_min_m - tip[:, 2]) / WIDER_M,
+            (tip[:, 2] - w.z_max_m) / WIDER_M,
+            (np.abs(yaw) - w.yaw_max_rad) / WIDER_RAD,
+        ],
+        axis=1,
+    )
+    for face in range(5):
+        others = np.delete(excess, face, axis=1).max(axis=1)
+        for beyond, holds in (((0.02, 0.98), True), ((1.02, 2.0), False)):
+            is_near = (excess[:, face] > beyond[0]) & (excess[:, face] < beyond[1])
+            rows = np.flatnonzero(is_near & (others < -0.02) & is_in_front)[:5]
+            if holds:
+                assert len(rows) or (face == 4 and bobcat().upper[0] <= w.yaw_max_rad), face
+            assert all(wider.holds(q[row].astype(float)) == holds for row in rows), (face, beyond)
+
+
+def test_bounds_belong_to_the_region() -> None:
+    for bounds in ([float(MIDDLE[0]), 1.0], [-1.0, float(MIDDLE[0])]):
+        assert Envelope(bobcat(), arm(), EnvelopeConfig(0.0, 0.0, {"swing": bounds})).holds(MIDDLE)
+
+
+def test_an_arm_that_left_is_told_with_its_place_until_it_is_back() -> None:
+    rule, said = StaysInEnvelope(region()), []
+    for q in (MIDDLE, bobcat().lower, bobcat().lower, MIDDLE):
+        rule.on_state(state(q), 0)
+        said.append(rule.on_tick(0))
+    place = np.round(bobcat().lower, 3).tolist()
+    assert said == [None, *[f"the arm leaves the envelope at {place}"] * 2, None]

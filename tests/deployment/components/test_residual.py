@@ -283,3 +283,25 @@ def test_the_rule_is_built_of_a_model_s_folder_and_its_floor(tmp_path: Path) -> 
     )
     rules = build_rules(RuleParts(MACHINE, config, MACHINE_DIRECTORY, tmp_path / "model"))
     assert isinstance(rules["model_residual"], FollowsModel)
+
+
+def test_the_first_block_is_judged_once_its_rows_are_counted(floor: ModelFloor) -> None:
+    """A joint in steady motion: the model settles, then each row completes a step of the block."""
+    steps = FOLLOWER.settling_steps + BLOCK_STEPS
+    a = np.tile([1.0, 0, 0, 0], (steps + 4, 1))
+    q = MIDDLE + np.cumsum(FOLLOWER.displacements(np.tile(MIDDLE, (len(a), 1)), a), axis=0)[: len(a)]
+    rule, judged = FollowsModel(MACHINE, FOLLOWER, floor, HOURS), []
+    for step in range(len(q)):
+        now_ns = nanoseconds(step * DT_S)
+        rule.on_command(JointCommand(now_ns, "server", step, now_ns, a[step]), now_ns)
+        rule.on_state(JointState(now_ns, q[step], 0 * q[step]), now_ns)
+        judged.append(bool(rule.evidence[0]))
+    assert judged.index(True) == steps
+
+
+def test_a_floor_must_be_told_from_as_many_blocks_as_the_hours_hold(floor: ModelFloor) -> None:
+    blocks_per_hour = 3600.0 / (DT_S * BLOCK_STEPS) * 4
+    longest_h = np.exp(floor.limit.min()) / blocks_per_hour
+    FollowsModel(MACHINE, FOLLOWER, floor, 0.99 * longest_h)
+    with pytest.raises(InputError, match="measure it on longer logs"):
+        FollowsModel(MACHINE, FOLLOWER, floor, 1.01 * longest_h)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
-from pipeline.deployment.component import nanoseconds
+from pipeline.deployment.component import Publication, nanoseconds
 from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.self_collision import SelfCollision
 from pipeline.deployment.components.supervisor_rules import (
@@ -24,7 +24,15 @@ from pipeline.deployment.components.supervisor_rules import (
     StateFrequency,
     build_rules,
 )
-from pipeline.deployment.messages import EmergencyStop, JointCommand, JointState, Joystick, Reset, Topic
+from pipeline.deployment.messages import (
+    EmergencyStop,
+    JointCommand,
+    JointState,
+    Joystick,
+    Release,
+    Reset,
+    Topic,
+)
 from pipeline.errors import InputError
 from tests.deployment.machines import MIDDLE, bobcat, paper, supervised
 
@@ -145,11 +153,12 @@ def test_a_frozen_encoder_is_one_of_a_commanded_joint(commanded: int, moves: boo
     assert any(heard) == objects
 
 
-def test_an_arm_at_its_end_stop_is_not_frozen() -> None:
+@pytest.mark.parametrize("stop", [LOWER, UPPER], ids=["lower", "upper"])
+def test_an_arm_at_its_end_stop_is_not_frozen(stop: np.ndarray) -> None:
     rule = FrozenEncoder(bobcat(), CONFIG)
     for n in range(100):
         rule.on_command(command(values=(-1, -1, -1, -1)), nanoseconds(n * 0.05))
-        rule.on_state(state(n * 0.05, LOWER), nanoseconds(n * 0.05))
+        rule.on_state(state(n * 0.05, stop), nanoseconds(n * 0.05))
         assert rule.on_tick(nanoseconds(n * 0.05)) is None
 
 
@@ -267,3 +276,46 @@ def test_shapes_that_are_all_near_are_all_measured() -> None:
 def test_an_unknown_rule_is_refused() -> None:
     with pytest.raises(InputError, match="no rule `gravity`"):
         build_rules(parts("gravity"))
+
+
+def test_a_jump_names_the_joint_that_jumped_most() -> None:
+    rule = EncoderReading(bobcat(), CONFIG)
+    rule.on_state(state(1.0), 0)
+    text = rule.on_state(state(1.02, MIDDLE + np.array([0.0, 0.3, 0.5, 0.0])), 0)
+    assert text == f"encoder of {bobcat().joint_names[2]} jumped by 0.5000 rad"
+
+
+def test_shapes_are_predicted_ahead_not_back() -> None:
+    rule = build_rules(parts("self_collision"))["self_collision"]
+    folded = np.array([0.0, 0.3, -2.4, -2.2])
+    for sign, objects in ((1.0, True), (-1.0, False)):
+        rule.on_state(state(1.0, MIDDLE, sign * (folded - MIDDLE) / CONFIG.prediction_s), 0)
+        assert (rule.on_tick(0) is not None) == objects
+    rule.on_state(state(2.0, folded), 0)
+    assert rule.on_tick(0) == "links come within 0.000 m of each other"
+    rule.on_state(state(3.0, folded, np.full(4, np.nan)), 0)
+    assert rule.on_tick(0) is None  # another rule's affair
+
+
+def test_sticks_at_their_threshold_are_neutral_on_the_axes_that_count() -> None:
+    config = supervised()
+    n_axes = max(config.teleoperation.axes[: bobcat().n_joint]) + 1
+    for deflection, is_released in ((config.teleoperation.threshold, True), (0.999, False)):
+        supervisor = supervise(bobcat(), config, MACHINE_DIRECTORY)
+        supervisor.on_message(Topic.emergency_stop, EmergencyStop(5, "a", ""), 10)
+        sticks = Joystick(20, np.full(n_axes, deflection))
+        supervisor.on_message(Topic.joystick, sticks, 20)
+        supervisor.on_message(Topic.reset, Reset(30, 5), 30)
+        supervisor.on_timer(nanoseconds(2 * config.supervisor.neutral_s))
+        assert (supervisor.stop is None) == is_released
+
+
+def test_only_a_released_stop_is_released_again() -> None:
+    supervisor = supervise(bobcat(), supervised(), MACHINE_DIRECTORY)
+    assert supervisor.on_message(Topic.reset, Reset(7, 6), 7) == ()
+    supervisor.on_message(Topic.emergency_stop, EmergencyStop(5, "a", ""), 10)
+    supervisor.on_message(Topic.reset, Reset(30, 5), 30)
+    supervisor.on_timer(end_ns := nanoseconds(2 * CONFIG.neutral_s))
+    (again,) = supervisor.on_message(Topic.reset, Reset(end_ns, 5), end_ns + 1)
+    assert again == Publication(Topic.release, Release(end_ns + 1, 5))
+    assert supervisor.on_message(Topic.reset, Reset(end_ns, 6), end_ns + 2) == ()
