@@ -1,4 +1,4 @@
-"""One node of the tests' real graph: `python -m tests.deployment.ros_node NAME FOLDER PORT`.
+"""One node of the tests' real graph: `python -m tests.deployment.ros_node NAME FOLDER PORT [supervised]`.
 
 What a node does not need is not imported: each one is a process of its own.
 """
@@ -16,34 +16,48 @@ from pipeline.deployment.transports.ros1.node import Node
 NODES = ("control_interface", "control_supervisor", "autonomous_server")
 SIMULATED = ("bobcat_e10_sim_driver",)
 CAN = ("plc", "emcb_200u_driver", "bobcat_e10_driver")  # the machine's own drivers, and a PLC
-GOAL_TICKS = 30
+GOAL_TICKS, LONG_GOAL_TICKS = 30, 200
+SUPERVISED = "supervised"
+OF_TIME = ("command_frequency", "command_delay", "state_frequency")
 
 
 def bus_config(port: int) -> CanBusConfig:
     return CanBusConfig("udp_multicast", "239.74.163.2", {"port": port, "hop_limit": 0})
 
 
-def config() -> DeploymentConfig:
-    """One rule is on, which does not depend on how busy this computer is."""
-    paper = load_section("deployment", DeploymentConfig)
-    supervisor = dataclasses.replace(paper.supervisor, rules=["command_value"])
-    return dataclasses.replace(paper, supervisor=supervisor)
+def config(supervised: bool = False) -> DeploymentConfig:
+    """One rule is on, which does not depend on how busy this computer is; or all that do not.
+
+    The interface then waits for the supervisor as long as the PLC for frames.
+    """
+    default = load_section("deployment", DeploymentConfig, "default")
+    rules = (
+        [name for name in default.supervisor.rules if name not in OF_TIME]
+        if supervised
+        else ["command_value"]
+    )
+    supervisor = dataclasses.replace(default.supervisor, rules=rules)
+    silence_s = default.driver.command_timeout_s
+    interface = dataclasses.replace(
+        default.interface, supervised=supervised, maximum_supervisor_silence_s=silence_s
+    )
+    return dataclasses.replace(default, supervisor=supervisor, interface=interface)
 
 
-def build(name: str, port: int) -> Component:
-    machine = load_machine("bobcat_e10")
+def build(name: str, port: int, supervised: bool) -> Component:
+    machine, settings = load_machine("bobcat_e10"), config(supervised)
     if name == "control_interface":
         from pipeline.deployment.components.control_interface import ControlInterface
 
-        return ControlInterface(machine, config().interface)
+        return ControlInterface(machine, settings.interface)
     if name == "control_supervisor":
         from pipeline.deployment.components.control_supervisor import supervise
 
-        return supervise(machine, config(), MACHINE_DIRECTORY)
+        return supervise(machine, settings, MACHINE_DIRECTORY)
     if name == "emcb_200u_driver":
         from pipeline.deployment.drivers.emcb_200u_driver import CanDriver
 
-        return CanDriver(open_bus(bus_config(port)), config().driver)
+        return CanDriver(open_bus(bus_config(port)), settings.driver)
     from pipeline.deployment.drivers.can_frames import CanFrames
 
     if name == "bobcat_e10_driver":
@@ -56,26 +70,26 @@ def build(name: str, port: int) -> Component:
     from tests.deployment.machines import BackAndForth, Integrator, estimator, server
 
     if name == "autonomous_server":
-        return server(BackAndForth(), config(), GOAL_TICKS)
+        return server(BackAndForth(), settings, LONG_GOAL_TICKS if supervised else GOAL_TICKS)
     moving = Integrator(period_s=machine.dt_s)
     if name == "plc":
         from pipeline.deployment.transports.ros1.observed_plc import ObservedPlc
 
         frames = CanFrames(machine, MACHINE_DIRECTORY)
-        return ObservedPlc(open_bus(bus_config(port)), frames, moving, machine.n_joint, config().driver)
+        return ObservedPlc(open_bus(bus_config(port)), frames, moving, machine.n_joint, settings.driver)
     from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
 
-    return SimulationDriver(moving, machine.n_joint, config().driver, estimator())
+    return SimulationDriver(moving, machine.n_joint, settings.driver, estimator())
 
 
 if __name__ == "__main__":
-    name, folder, port = sys.argv[1:]
+    name, folder, port, *rules = sys.argv[1:]
     errors = None
     if name == "autonomous_server":
         from pipeline.deployment.transports.ros1.goal_errors import goal_errors
         from tests.deployment.machines import arm
 
         errors = goal_errors(arm())
-    node = Node(build(name, int(port)), load_machine("bobcat_e10"), errors)
+    node = Node(build(name, int(port), rules == [SUPERVISED]), load_machine("bobcat_e10"), errors)
     node.spin()
     node.save(Path(folder) / f"{name}.json")

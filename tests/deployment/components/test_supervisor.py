@@ -300,10 +300,11 @@ def test_shapes_are_predicted_ahead_not_back() -> None:
 def test_sticks_at_their_threshold_are_neutral_on_the_axes_that_count() -> None:
     config = supervised()
     n_axes = max(config.teleoperation.axes[: bobcat().n_joint]) + 1
-    for deflection, is_released in ((config.teleoperation.threshold, True), (0.999, False)):
+    threshold = config.teleoperation.threshold
+    for n, deflection, is_released in ((0, threshold, True), (0, 0.999, False), (1, 0.0, False)):
         supervisor = supervise(bobcat(), config, MACHINE_DIRECTORY)
         supervisor.on_message(Topic.emergency_stop, EmergencyStop(5, "a", ""), 10)
-        sticks = Joystick(20, np.full(n_axes, deflection))
+        sticks = Joystick(20, np.full(n_axes - n, deflection))
         supervisor.on_message(Topic.joystick, sticks, 20)
         supervisor.on_message(Topic.reset, Reset(30, 5), 30)
         supervisor.on_timer(nanoseconds(2 * config.supervisor.neutral_s))
@@ -319,3 +320,25 @@ def test_only_a_released_stop_is_released_again() -> None:
     (again,) = supervisor.on_message(Topic.reset, Reset(end_ns, 5), end_ns + 1)
     assert again == Publication(Topic.release, Release(end_ns + 1, 5))
     assert supervisor.on_message(Topic.reset, Reset(end_ns, 6), end_ns + 2) == ()
+
+
+def test_what_is_no_command_changes_nothing_for_the_joints() -> None:
+    stop, after_s = np.where(np.arange(4) == 0, UPPER, MIDDLE), CONFIG.maximum_stop_s + 0.1
+    limits, frozen = JointLimits(bobcat(), CONFIG), FrozenEncoder(bobcat(), CONFIG)
+    for rule, q, name in ((limits, stop, "limits"), (frozen, MIDDLE, "frozen")):
+        rule.on_state(state(0.0, q), 0)
+        rule.on_command(command(values=(1, 0, 0, 0)), 0)
+        rule.on_command(command(values=(2, 0, 0, 0)), nanoseconds(1.0))
+        rule.on_state(state(after_s, q), nanoseconds(after_s))
+        assert rule.on_tick(nanoseconds(after_s)) is not None, name
+
+
+def test_a_reading_after_one_that_is_no_number_has_not_jumped() -> None:
+    rule = EncoderReading(bobcat(), CONFIG)
+    assert rule.on_state(state(1.0, np.full(4, np.nan)), 0) is not None
+    assert rule.on_state(state(1.02, MIDDLE + 0.5), 0) is None
+
+
+def test_messages_to_others_are_none_of_the_supervisor_s() -> None:
+    supervisor = supervise(bobcat(), supervised(), MACHINE_DIRECTORY)
+    assert supervisor.on_message(Topic.release, Release(7, 6), 7) == ()
