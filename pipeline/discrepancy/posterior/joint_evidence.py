@@ -50,6 +50,10 @@ class Rows(NamedTuple):
     velocity: np.ndarray
     weight: np.ndarray
 
+    def speed(self, joint: int) -> np.ndarray:
+        """(N,) velocity where the joint counts, 0 elsewhere."""
+        return np.asarray(self.weight[:, joint] * self.velocity[:, joint])
+
 
 class Found(NamedTuple):
     """A group of terms: one family on one joint, with or without an onset.
@@ -99,10 +103,11 @@ def learn_joint(
     """
     residual, state = nominal.columns.residual[:, joint], nominal.facts.state[:, joint]
     counts = nominal.weight[:, joint] > 0.0
-    noise = learn_noise(residual, state, nominal.facts.run, counts)
+    velocity = nominal.speed(joint)
+    noise = learn_noise(residual, state, nominal.facts.run, counts, velocity)
     part = _parts(nominal.facts.session)
     raw, _ = raw_columns(joint, nominal, part)
-    matrix = noise.whiten(raw.astype(np.float32), state, nominal.facts.run)
+    matrix = noise.whiten(raw.astype(np.float32), state, nominal.facts.run, velocity)
     speed = np.arange(nominal.columns.matrices[joint].shape[1], matrix.shape[1] - 1)
     basis = basis_of(terms, speed, deviations(length_s, USUAL_TIME_S, USUAL_DEVIATION))
     scaled = np.column_stack([matrix[:, basis.columns] * basis.scale, matrix[:, -1]])
@@ -114,7 +119,13 @@ def learn_joint(
     grams, n_rows = [rows.T @ rows for rows in of_part], [len(rows) for rows in of_part]
     of_all = np.sum(grams, axis=0)
     in_common = is_scatter * _of_columns(learn_sizes([of_all], [sum(n_rows)], basis.families), basis)
-    misfits = [common_misfit(of_all - gram, in_common) for gram in grams]  # each of the other parts
+    # Each of the other sessions: what a session has of its own, its parts have in common.
+    sessions = _sessions_of(part, nominal.facts.session)
+    own = [
+        np.sum([g for g, of in zip(grams, sessions, strict=True) if of == session], axis=0)
+        for session in sessions
+    ]
+    misfits = [common_misfit(of_all - gram, in_common) for gram in own]
     left = [less_misfit(gram, misfit) for gram, misfit in zip(grams, misfits, strict=True)]
     variance = is_scatter * _of_columns(learn_sizes(left, n_rows, basis.families), basis) * basis.scale**2
     floor = max(float(np.mean(residual[counts] ** 2)) if counts.any() else 0.0, 1e-18)
@@ -140,6 +151,12 @@ def learn_joint(
     return NominalJoint(noise, basis, misfit, variance, floor, of_floor, known)
 
 
+def _sessions_of(part: np.ndarray, session: np.ndarray) -> np.ndarray:
+    """Of each part (in order) the session; of a single session each part its own."""
+    first = np.unique(part, return_index=True)[1]
+    return session[first] if len(np.unique(session)) > 1 else part[first]
+
+
 def _of_columns(of_families: Mapping[str, float], basis: Basis) -> np.ndarray:
     """(K,) of each column its family's."""
     return np.array([of_families[family] for family in basis.families])
@@ -161,7 +178,7 @@ def _share_of_floor(columns: np.ndarray, families: Sequence[str], floor: float) 
 def raw_columns(joint: int, rows: Rows, part: np.ndarray) -> tuple[np.ndarray, float]:
     """(N, M + 1) columns, slow variations of speed over each part, and the residual; and a part's mean length, s."""
     over_time, length_s = cosines(rows.facts.stamp_ns, part)
-    speed = (rows.weight[:, joint] * rows.velocity[:, joint])[:, None]
+    speed = rows.speed(joint)[:, None]
     both = [rows.columns.matrices[joint], speed * over_time, rows.columns.residual[:, joint, None]]
     return np.column_stack(both), length_s
 
@@ -205,8 +222,9 @@ class JointEvidence:
         self._extend(self._setting_in)
 
     def _whiten(self, values: np.ndarray) -> np.ndarray:
-        facts = self._measured.facts
-        return self.nominal.noise.whiten(values.astype(np.float32), facts.state[:, self.joint], facts.run)
+        facts, velocity = self._measured.facts, self._measured.speed(self.joint)
+        state = facts.state[:, self.joint]
+        return self.nominal.noise.whiten(values.astype(np.float32), state, facts.run, velocity)
 
     def _extend(self, setting_in: Sequence[tuple[int, int]]) -> None:
         """Put columns that set in before the residual."""
