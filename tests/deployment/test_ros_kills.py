@@ -11,7 +11,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -125,17 +124,8 @@ class Killing:
         return stopped_s - late_s
 
 
-@pytest.fixture(scope="module")
-def killing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Killing]:
-    with Killing(tmp_path_factory.mktemp("kills")) as killing:
-        yield killing
-
-
-@pytest.mark.parametrize("number", range(2))
 @pytest.mark.parametrize("name", KILLED)
-def test_the_machine_stands_within_a_time_out_of_a_node_s_death_and_goes_on_after_a_reset(
-    killing: Killing, name: str, number: int
-) -> None:
-    phase_s = np.random.default_rng([number, *name.encode()]).uniform(0.0, LATEST_PHASE_S)
-    assert killing.kill(name, phase_s) <= PLC_STOPS_S
-    killing.machine.wait_for_motion()
+def test_the_machine_stands_within_a_time_out_of_a_node_s_death(tmp_path: Path, name: str) -> None:
+    phase_s = np.random.default_rng([*name.encode()]).uniform(0.0, LATEST_PHASE_S)
+    with Killing(tmp_path) as killing:
+        assert killing.kill(name, phase_s) <= PLC_STOPS_S

@@ -389,7 +389,7 @@ def test_an_effect_that_corrects_nothing_is_not_told_as_a_correction():
         signature.fitted[:] = 0.0
     page = closed_loop_page(document, evidence, "m", "a", "b")
     text = text_of(page)
-    for said in ("There is no line, because no correction was taken into the model", "no correction"):
+    for said in ("There is no line: the effect has no equation", "no correction"):
         assert said in text
     for unsaid in (
         "orrected model",
@@ -402,7 +402,7 @@ def test_an_effect_that_corrects_nothing_is_not_told_as_a_correction():
     assert "→" not in text and "removed by the first effect" not in text
     evidence.signatures.append(evidence_of(documents()["named"]).signatures[0])
     text = text_of(closed_loop_page(document, evidence, "m", "a", "b"))
-    assert "Where there is no line, no correction was taken into the model" in text
+    assert "Where there is no line, the effect has no equation" in text
     assert "goes through the filled dots" in text
 
 
