@@ -392,12 +392,12 @@ Figures of random runs say how far they reach: the goals were 300 hours of sound
 |---|---|---|---|
 | reset: eight events in every order | `pytest -m long tests/deployment/components/test_reset.py` | 4,096 orders of \
 four, 262,144 of six | none moves the machine before its release |
-| false stops, `model_residual` | `python -m benchmarks.false_stops` | 10.75 simulated hours, four conditions | none: \
-below 0.28 per hour (95 %) |
+| false stops, `model_residual` | `python -m benchmarks.false_stops --model MODEL --floor FLOOR --ledger FILE` \
+| 10.75 simulated hours, four conditions | none: below 0.28 per hour (95 %) |
 | half speed, standing joint | the same | 30 faults | all told, in 0.8 to 1.65 s and 0.8 to 1.15 s of motion |
 | false stops, other rules | `pytest tests/deployment/test_replay.py` | bags of ours and of the excavator | none \
 without a reason |
-| faults in triples | `python -m tests.deployment.fault_triples` | 565 | two of one cause: the server's \
+| faults in triples | `python -m tests.deployment.fault_triples --ledger FILE` | 565 | two of one cause: the server's \
 last command was lost, and the supervisor stopped 0.15 s later; others: below 0.54 % (95 %) |
 | mutants of rules, supervisor, interface, latch, PLC | mutmut 3.8.1 over their fast tests, quickest first | 425 of \
 929 in 14 minutes | 349 killed; of the 76 others 49 have got a test, 27 change texts, types, values that nobody \
