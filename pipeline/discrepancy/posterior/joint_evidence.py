@@ -2,7 +2,7 @@
 
 import copy
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,13 +10,7 @@ import numpy as np
 from pipeline.discrepancy.posterior.columns import Columns, Term
 from pipeline.discrepancy.posterior.noise import Noise, has_past, learn_noise
 from pipeline.discrepancy.posterior.products import NO_COEFFICIENTS, Prior, Products, beside_nuisance
-from pipeline.discrepancy.posterior.repeatability import (
-    Basis,
-    basis_of,
-    common_misfit,
-    learn_sizes,
-    less_misfit,
-)
+from pipeline.discrepancy.posterior.repeatability import Basis, basis_of, learn_sizes
 from pipeline.discrepancy.posterior.robust_evidence import Block, Fit, fit
 from pipeline.discrepancy.posterior.rows import RowFacts
 from pipeline.discrepancy.posterior.speed_in_time import (
@@ -73,20 +67,14 @@ class NominalJoint(NamedTuple):
     Attributes:
         noise: Of its rows.
         basis: What varies from session to session.
-        misfit: (K,) coefficients of `basis` that all sessions have in common.
-        variance: (K,) of the coefficients of `basis`, from session to session.
+        variance: (K,) of the coefficients of `basis`.
         floor: Mean square of the residual on rows that count.
-        of_floor: (K,) variances with which all families make up the squares of the residual.
-        evidence: Per value of τ, log, of the nominal parts themselves; over that of the least τ.
     """
 
     noise: Noise
     basis: Basis
-    misfit: np.ndarray
     variance: np.ndarray
     floor: float
-    of_floor: np.ndarray
-    evidence: Mapping[float, float]
 
 
 def learn_joint(
@@ -111,68 +99,13 @@ def learn_joint(
     speed = np.arange(nominal.columns.matrices[joint].shape[1], matrix.shape[1] - 1)
     basis = basis_of(terms, speed, deviations(length_s, USUAL_TIME_S, USUAL_DEVIATION))
     scaled = np.column_stack([matrix[:, basis.columns] * basis.scale, matrix[:, -1]])
-    is_told = has_past(nominal.facts.run) & counts
-    is_told = has_past(nominal.facts.run) & counts
-    of_part = [scaled[(part == number) & is_told] for number in np.unique(part)]
-    # What nominal logs show themselves is neither misfit nor scatter: it is what the model lacks.
-    is_scatter = np.array([family not in present for family in basis.families])
-    grams, n_rows = [rows.T @ rows for rows in of_part], [len(rows) for rows in of_part]
-    of_all = np.sum(grams, axis=0)
-    in_common = is_scatter * _of_columns(learn_sizes([of_all], [sum(n_rows)], basis.families), basis)
-    # Each of the other sessions: what a session has of its own, its parts have in common.
-    sessions = _sessions_of(part, nominal.facts.session)
-    own = [
-        np.sum([g for g, of in zip(grams, sessions, strict=True) if of == session], axis=0)
-        for session in sessions
-    ]
-    misfits = [common_misfit(of_all - gram, in_common) for gram in own]
-    left = [less_misfit(gram, misfit) for gram, misfit in zip(grams, misfits, strict=True)]
-    variance = is_scatter * _of_columns(learn_sizes(left, n_rows, basis.families), basis) * basis.scale**2
+    of_part = [scaled[part == number] for number in np.unique(part)]
+    sizes = learn_sizes([rows.T @ rows for rows in of_part], [len(rows) for rows in of_part], basis.families)
+    # What nominal logs show themselves is no scatter: it is what the model lacks.
+    of_scatter = {family: 0.0 if family in present else size for family, size in sizes.items()}
+    variance = np.array([of_scatter[family] for family in basis.families]) * basis.scale**2
     floor = max(float(np.mean(residual[counts] ** 2)) if counts.any() else 0.0, 1e-18)
-    of_floor = _share_of_floor(raw[counts][:, basis.columns], basis.families, floor)
-
-    def evidence(least: float) -> float:
-        of = (np.sqrt(variance + least * of_floor) / basis.scale).astype(np.float32)
-        blocks = [
-            Block(
-                np.zeros((len(rows), 0)),
-                rows[:, :-1] * of,
-                rows[:, -1] - rows[:, :-1] @ misfit,
-                noise.degrees,
-                noise.scale,
-            )
-            for rows, misfit in zip(of_part, misfits, strict=True)
-        ]
-        return fit(blocks, NO_COEFFICIENTS, 1.0).evidence
-
-    of_least = evidence(LEAST_SHARES[0])
-    known = {least: evidence(least) - of_least for least in LEAST_SHARES}
-    misfit = basis.scale * common_misfit(of_all, in_common)
-    return NominalJoint(noise, basis, misfit, variance, floor, of_floor, known)
-
-
-def _sessions_of(part: np.ndarray, session: np.ndarray) -> np.ndarray:
-    """Of each part (in order) the session; of a single session each part its own."""
-    first = np.unique(part, return_index=True)[1]
-    return session[first] if len(np.unique(session)) > 1 else part[first]
-
-
-def _of_columns(of_families: Mapping[str, float], basis: Basis) -> np.ndarray:
-    """(K,) of each column its family's."""
-    return np.array([of_families[family] for family in basis.families])
-
-
-def _share_of_floor(columns: np.ndarray, families: Sequence[str], floor: float) -> np.ndarray:
-    """(K,) variances with which the nuisance of all families makes up the squares of the nominal residual.
-
-    Args:
-        columns: (N, K) of the nuisance on rows that count.
-        families: (K,).
-        floor: Mean square.
-    """
-    squares = np.sum(columns**2, axis=0, dtype=float) / max(len(columns), 1)
-    members = np.array([families.count(family) for family in families])
-    return np.asarray(floor / (np.maximum(squares, 1e-6 * floor) * members * len(set(families))))
+    return NominalJoint(noise, basis, variance, floor)
 
 
 def raw_columns(joint: int, rows: Rows, part: np.ndarray) -> tuple[np.ndarray, float]:
@@ -215,10 +148,10 @@ class JointEvidence:
         raw, self.length_s = raw_columns(self.joint, measured, self._session)
         n_column = measured.columns.matrices[self.joint].shape[1]
         self.speed = np.arange(n_column, raw.shape[1] - 1)
-        self._is_told = has_past(measured.facts.run) & (measured.weight[:, self.joint] > 0.0)
+        is_counted = measured.weight[:, self.joint] > 0.0
+        self._of_floor = self._share_of_floor(raw[is_counted][:, self.nominal.basis.columns])
+        self._is_told = has_past(measured.facts.run) & is_counted
         self.matrix = self._whiten(raw)
-        self._misfit = self.matrix[:, self.nominal.basis.columns] @ self.nominal.misfit.astype(np.float32)
-        self.matrix[:, -1] -= self._misfit
         self._extend(self._setting_in)
 
     def _whiten(self, values: np.ndarray) -> np.ndarray:
@@ -235,6 +168,17 @@ class JointEvidence:
         self._groups: dict[tuple[int, ...], tuple[dict[Group, Found], np.ndarray]] = {}
         self._points: dict[tuple, dict[tuple, Found]] = {}
         self._fits: dict[tuple, tuple[float, Fit]] = {}
+
+    def _share_of_floor(self, columns: np.ndarray) -> np.ndarray:
+        """(K,) variances with which the nuisance of all families makes up the squares of the nominal residual.
+
+        Args:
+            columns: (N, K) of the nuisance on measured rows that count.
+        """
+        floor, families = self.nominal.floor, list(self.nominal.basis.families)
+        squares = np.sum(columns**2, axis=0, dtype=float) / max(len(columns), 1)
+        members = np.array([families.count(family) for family in families])
+        return np.asarray(floor / (np.maximum(squares, 1e-6 * floor) * members * len(set(families))))
 
     def _sessions(self) -> list[np.ndarray]:
         """Per session the rows that tell, (N,) bool."""
@@ -322,7 +266,7 @@ class JointEvidence:
 
     def _variance(self, least: float) -> np.ndarray:
         """(K,) of the nuisance's coefficients."""
-        return self.nominal.variance + least * self.nominal.of_floor
+        return self.nominal.variance + least * self._of_floor
 
     def n_alternatives(self, index: int) -> int:
         """How many terms stand for the cause of a term, each as probable before any row is seen.
@@ -395,7 +339,7 @@ class JointEvidence:
 
     def evidence_of_nothing(self, least: float) -> float:
         """Log evidence without any effect, at a given τ."""
-        return fit(self.blocks((), least), NO_COEFFICIENTS).evidence + self.nominal.evidence[least]
+        return fit(self.blocks((), least), NO_COEFFICIENTS).evidence
 
     def likelihood_of(self, terms: Sequence[int], fitted: "JointEvidence") -> float:
         """Log likelihood of terms with all that was fitted to them on other rows."""
@@ -416,7 +360,7 @@ class JointEvidence:
             fitted: The joint on the rows that they were fitted on.
         """
         least, known = fitted._least(tuple(sorted(terms)))
-        whitened = self._whiten(residual[:, None])[:, 0] - self._misfit
+        whitened = self._whiten(residual[:, None])[:, 0]
         blocks = [
             block._replace(residual=whitened[session])
             for block, session in zip(self.blocks((), least), self._sessions(), strict=True)
@@ -428,10 +372,7 @@ class JointEvidence:
         key = tuple(sorted(terms))
         prior = self.prior(key)
         free = prior._replace(precision=UNKNOWN * prior.precision)
-        return max(
-            fit(self.blocks(key, least), free).likelihood + self.nominal.evidence[least]
-            for least in LEAST_SHARES
-        )
+        return max(fit(self.blocks(key, least), free).likelihood for least in LEAST_SHARES)
 
     def least(self) -> float:
         """The τ of greatest evidence without any effect."""
@@ -445,7 +386,6 @@ class JointEvidence:
             sizes: Sequence[float] = LEAST_SHARES if speed is None else [self.least()]
             for least in sizes:  # upwards, as far as the evidence rises
                 fitted = fit(self.blocks(terms, least, speed), prior)
-                fitted = fitted._replace(evidence=fitted.evidence + self.nominal.evidence[least])
                 if key in self._fits and fitted.evidence <= self._fits[key][1].evidence:
                     break
                 self._fits[key] = least, fitted
