@@ -59,18 +59,6 @@ class AugmentedPredictor:
 
     def predict(self, trajectory: Trajectory, starts: np.ndarray, horizon: int) -> np.ndarray:
         """See `dynamics.errors.Predictor.predict`."""
-        return self.predict_with(self._values, trajectory, starts, horizon)
-
-    def with_values(self, values: Mapping[str, Mapping[str, np.ndarray]]) -> Self:
-        """The same with other values of the effects; both share what is compiled."""
-        other = copy.copy(self)
-        other._values = _as_values(values)
-        return other
-
-    def predict_with(
-        self, values: ChainValues, trajectory: Trajectory, starts: np.ndarray, horizon: int
-    ) -> np.ndarray:
-        """`predict` with given values of the effects."""
         n_rows = -(-(len(trajectory) + 1) // ROW_QUANTUM) * ROW_QUANTUM
         padding = n_rows - len(trajectory)
         columns = [
@@ -85,7 +73,7 @@ class AugmentedPredictor:
             for family, of_joint in self.onset_ns.items()
         }
         rows = (*columns, jnp.asarray(time_s, jnp.float32))
-        observed = self._observe(self._parameters, values, share, rows)
+        observed = self._observe(self._parameters, self._values, share, rows)
         predictions = np.empty((len(starts), horizon, trajectory.q.shape[1]))
         steps = np.arange(horizon)
         for first in range(0, len(starts), CHUNK):
@@ -94,7 +82,7 @@ class AugmentedPredictor:
             future = np.minimum(padded[:, None] + steps, n_rows - 1)
             predicted = self._rollout(
                 self._parameters,
-                values,
+                self._values,
                 share,
                 columns[2],
                 observed,
@@ -103,6 +91,12 @@ class AugmentedPredictor:
             )
             predictions[first : first + CHUNK] = np.asarray(predicted)[: len(chunk)]
         return predictions
+
+    def with_values(self, values: Mapping[str, Mapping[str, np.ndarray]]) -> Self:
+        """The same with other values of the effects; both share what is compiled."""
+        other = copy.copy(self)
+        other._values = _as_values(values)
+        return other
 
     def _observed(
         self, parameters: Parameters, values: ChainValues, share: Mapping[str, jax.Array], rows: tuple

@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.errors import counted
 from pipeline.logs.conditioning.excitation import Excitation, Figures
-from pipeline.logs.conditioning.order_statistics import quantiles
+from pipeline.logs.conditioning.order_statistics import quantiles, widened
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.messages.columns import SECTION_ROWS, Column, extent, sections
 from pipeline.logs.messages.raw_log import NANOSECONDS, Note, RawLog
@@ -101,8 +101,7 @@ def _channel_figures(raw: RawLog, gridded: GriddedLog, machine: MachineSpecifica
     for begin in range(0, n_rows if n_channel else 0, SECTION_ROWS):
         x = channel_values(gridded, begin, min(begin + SECTION_ROWS, n_rows), n_channel).T
         is_known = np.isfinite(x)
-        low = np.minimum(low, np.where(is_known, x, np.inf).min(axis=1, initial=np.inf))
-        high = np.maximum(high, np.where(is_known, x, -np.inf).max(axis=1, initial=-np.inf))
+        low, high = widened(low, high, x, is_known)
         n_known += is_known.sum(axis=1)
     figures: Figures = {}
     for number, name in enumerate(machine.channel_names):

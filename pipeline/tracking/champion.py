@@ -36,10 +36,10 @@ def promote_if_better(client: Any, name: str, version: str, run_id: str) -> None
     new = score(client.get_run(run_id).data.metrics)
     if new is None:
         return
+    present = champion_version(client, name)
     try:
-        present = client.get_model_version_by_alias(name, ALIAS)
-        best = score(client.get_run(present.run_id).data.metrics)
-    except MlflowException:  # no version has it yet, or its run was deleted
+        best = None if present is None else score(client.get_run(present.run_id).data.metrics)
+    except MlflowException:  # its run was deleted
         best = None
     if best is None or new <= best:
         client.set_registered_model_alias(name, ALIAS, version)

@@ -1,11 +1,10 @@
-"""A graph that goes on after every kill: `python -m tests.deployment.ros_kills FOLDER PORT`, a process of its own.
+"""A graph whose nodes are killed: `python -m tests.deployment.ros_kills FOLDER PORT`, a process of its own.
 
-The machine is not part of it, as in reality: its PLC is somebody else's, at the other end of the bus. Nodes that ended
-are started again, stops are reset, goals are given one after the other, and all is recorded as it is heard.
+The machine is not part of it, as in reality: its PLC is somebody else's, at the other end of the bus. Stops are reset,
+goals are given one after the other, and all is recorded as it is heard.
 """
 
 import json
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -13,7 +12,7 @@ from pathlib import Path
 from pipeline.configuration.load import load_machine
 from pipeline.deployment.messages import Reset, SupervisorState, Topic
 from pipeline.deployment.transports.ros1.installation import require_ros
-from pipeline.deployment.transports.ros1.launch import PARENT_DEATH_SIGNAL, graph
+from pipeline.deployment.transports.ros1.launch import graph
 from pipeline.deployment.transports.ros1.message_types import carriers
 from pipeline.deployment.transports.ros1.operator import Operator
 from pipeline.deployment.transports.unfinished_bag import UnfinishedBag, unfinished
@@ -43,13 +42,10 @@ def run(folder: Path, port: str) -> None:
         )
         resets = rospy.Publisher(reset.name, reset.ros_type, queue_size=10)
         operator.wait_for_server(START_S, lambda: None)
+        pids = {name: process.pid for name, process in processes.items()}
+        write_whole(folder / PIDS, json.dumps(pids).encode())
         pursued, number = False, 0
         while True:
-            for name, process in processes.items():
-                if process.poll() is not None:
-                    processes[name] = again(commands[name], folder / f"{name}.log")
-            pids = {name: process.pid for name, process in processes.items()}
-            write_whole(folder / PIDS, json.dumps(pids).encode())
             if signs and signs[-1].rule:
                 now_ns = operator.now_ns()
                 resets.publish(reset.to_ros(Reset(now_ns, signs[-1].stop_ns)))
@@ -61,11 +57,6 @@ def run(folder: Path, port: str) -> None:
             if pursued and operator.client.result(POLL_S) is not None:
                 pursued = False
             time.sleep(POLL_S)
-
-
-def again(command: list[str], log: Path) -> subprocess.Popen[bytes]:
-    with log.open("ab") as stream:
-        return subprocess.Popen([*PARENT_DEATH_SIGNAL, *command], stdout=stream, stderr=subprocess.STDOUT)
 
 
 if __name__ == "__main__":

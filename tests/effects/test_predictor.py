@@ -108,7 +108,7 @@ def test_with_the_true_values_predictions_are_right(family, target):
     predictor = make_predictor(family, values, target)
     right = np.abs(predictor.predict(log, STARTS, HORIZON) - measured(log)).max()
     neutral = {family: as_arrays(KNOWN[family](SETTING).neutral())}
-    wrong = np.abs(predictor.predict_with(neutral, log, STARTS, HORIZON) - measured(log)).max()
+    wrong = np.abs(predictor.with_values(neutral).predict(log, STARTS, HORIZON) - measured(log)).max()
     assert wrong > 3e-3
     assert right < max(5e-5, 0.01 * wrong)
 

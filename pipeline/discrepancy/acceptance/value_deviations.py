@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
-from pipeline.discrepancy.families.contract_parameters import UNKNOWN, Spread, spreads
+from pipeline.discrepancy.families.contract_parameters import UNKNOWN, spreads, within_plausible
 from pipeline.discrepancy.selection.selected_effect import has_wrapper
 from pipeline.effects.catalogue import KNOWN
 
@@ -24,16 +24,9 @@ def value_deviations(fit: FittedEffects) -> Mapping[str, Mapping[str, np.ndarray
         neutral = KNOWN[candidate.family](diagnosis.nominal.setting).neutral()
         of = deviations.setdefault(candidate.family, {name: np.zeros_like(v) for name, v in neutral.items()})
         for name in candidate.point:
-            of[name][candidate.joint] = _deviation(spread.get(name, UNKNOWN))
+            of[name][candidate.joint] = within_plausible(*spread.get(name, UNKNOWN))
         for index, freed in enumerate(candidate.freed):
             for name, source in freed:
                 place = (candidate.joint, *([] if source is None else np.atleast_1d(source)))
-                of[name][place] = _deviation(spread.get(f"coefficient:{index}", UNKNOWN))
+                of[name][place] = within_plausible(*spread.get(f"coefficient:{index}", UNKNOWN))
     return deviations
-
-
-def _deviation(spread: Spread) -> float:
-    """With what is plausible at all as prior, as `contract_parameters.plausible` has it."""
-    if spread.deviation <= 0.0:
-        return 0.0
-    return 1.0 / float(np.hypot(1.0 / spread.deviation, 1.0 / max(spread.widest, 1e-12)))

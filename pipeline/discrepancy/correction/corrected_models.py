@@ -14,14 +14,12 @@ from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.selected_effect import hypothesis_of
-from pipeline.dynamics.evaluation.errors import Predictor
+from pipeline.dynamics.evaluation.errors import OPEN_LOOP_HORIZON, Predictor
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.effects.store import ActiveEffects, augmented, predictor
 from pipeline.effects.varying_speed import FAMILY
 from pipeline.logs.tuples import validation_part
-
-HORIZON = 80  # of the contract's open-loop error
 
 
 class CorrectedModels:
@@ -47,13 +45,13 @@ class CorrectedModels:
         if not (tried := filters_of(effects, noise)):
             return
         allowed = [(of == Purpose.fit) | (of == Purpose.select) for of in logs.purposes]
-        without = window_errors(self.with_effects(effects), logs.measured, allowed, HORIZON)
+        without = window_errors(self.with_effects(effects), logs.measured, allowed, OPEN_LOOP_HORIZON)
         active = _with_filter(self._simulation, active_effects(self._simulation, effects), effects, tried[0])
         model = augmented(self._model, self._parameters, active)
 
         def errors(of: FilterValues) -> WindowErrors:
             return window_errors(
-                model.with_values({**active.values, FAMILY: of}), logs.measured, allowed, HORIZON
+                model.with_values({**active.values, FAMILY: of}), logs.measured, allowed, OPEN_LOOP_HORIZON
             )
 
         self._filter = best_filter(tried, errors, without)

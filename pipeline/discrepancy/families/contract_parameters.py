@@ -206,14 +206,18 @@ def plausible(parameters: Mapping[str, Quantity]) -> dict[str, Quantity]:
         result[name] = {key: value for key, value in of.items() if key != WIDEST}
         if "ci95" not in of:
             continue
-        deviation, widest = deviation_of(of), float(of.get(WIDEST, np.inf))
-        if np.isfinite(widest) and deviation > 0.0:
-            deviation = 1.0 / float(np.hypot(1.0 / deviation, 1.0 / max(widest, 1e-12)))
-        half = OF_95_PERCENT * deviation
+        half = OF_95_PERCENT * within_plausible(deviation_of(of), float(of.get(WIDEST, np.inf)))
         ends = [float(of["value"]) - half, float(of["value"]) + half]
         is_never_negative = name.partition(":")[0] in NOT_NEGATIVE
         result[name]["ci95"] = [max(end, 0.0) for end in ends] if is_never_negative else ends
     return result
+
+
+def within_plausible(deviation: float, widest: float) -> float:
+    """A standard deviation with what is plausible at all, of deviation `widest`, as prior; infinite: no prior."""
+    if not np.isfinite(widest) or deviation <= 0.0:
+        return deviation
+    return 1.0 / float(np.hypot(1.0 / deviation, 1.0 / max(widest, 1e-12)))
 
 
 def deviation_of(of: Mapping[str, Any]) -> float:

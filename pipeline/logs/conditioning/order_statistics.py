@@ -67,3 +67,12 @@ def _value_of_rank(parts: Parts, rank: int) -> float:
 
 def _doubles(parts: Parts) -> Iterable[np.ndarray]:
     return (np.asarray(part, np.float64) for part in parts())
+
+
+def widened(
+    low: np.ndarray, high: np.ndarray, values: np.ndarray, counts: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the extents (k,) widened to the values (k, n) that count, (k, n)."""
+    least = np.where(counts, values, np.inf).min(axis=1, initial=np.inf)
+    most = np.where(counts, values, -np.inf).max(axis=1, initial=-np.inf)
+    return np.minimum(low, least), np.maximum(high, most)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from pipeline.logs.conditioning.encoder_rules import LARGEST_POSITION, TURN
-from pipeline.logs.conditioning.order_statistics import quantiles
+from pipeline.logs.conditioning.order_statistics import quantiles, widened
 from pipeline.logs.messages.columns import sections
 from pipeline.logs.messages.raw_log import Note, NoteKind, RawLog
 from pipeline.machine.specification import JointKind, MachineSpecification
@@ -25,12 +25,9 @@ def unit_warnings(raw: RawLog, machine: MachineSpecification) -> list[Note]:
     most = np.where(kinds == JointKind.revolute, np.maximum(allowed, TURN), allowed)
     low, high = np.full(machine.n_joint, np.inf), np.full(machine.n_joint, -np.inf)
     for (section,) in sections((raw.q,)):
-        q = np.ascontiguousarray(
-            section.T
-        )  # a joint's positions side by side: NumPy reduces those much faster
-        is_possible = np.abs(q) <= LARGEST_POSITION
-        low = np.minimum(low, np.where(is_possible, q, np.inf).min(axis=1))
-        high = np.maximum(high, np.where(is_possible, q, -np.inf).max(axis=1))
+        # A joint's positions side by side: NumPy reduces those much faster.
+        q = np.ascontiguousarray(section.T)
+        low, high = widened(low, high, q, np.abs(q) <= LARGEST_POSITION)
     if not (high - low > most).any():  # which is the rule, and quickly told
         return []
     low, high = np.array([_most_positions(raw, number) for number in range(machine.n_joint)]).T
