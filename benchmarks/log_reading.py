@@ -31,8 +31,8 @@ from pipeline.configuration.load import load_machine, load_section
 from pipeline.logs.conditioning.command_rules import HeldCommands
 from pipeline.logs.conditioning.resample import resample
 from pipeline.logs.conditioning.samples import Samples
-from pipeline.logs.formats.bounded_decompression import decompress
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.compression.bounded_decompression import decompress
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.ingest import ingest
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig

@@ -11,7 +11,7 @@ from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_
 from pipeline.dynamics.evaluation.errors import Predictor, prediction_errors
 from pipeline.effects.store import load_predictor
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.raw_log import RawLog

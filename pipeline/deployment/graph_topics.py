@@ -29,7 +29,7 @@ from pipeline.deployment.messages import (
 )
 from pipeline.deployment.transports.mcap_file import RecordedTopic, write_mcap_file
 from pipeline.logs.formats.bags import STORAGE_READERS
-from pipeline.logs.formats.log_entry import LogEntry
+from pipeline.logs.formats.discovery.log_entry import LogEntry
 from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger
 
 PACKAGE = "hydraulic_arm"

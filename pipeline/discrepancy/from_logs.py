@@ -14,7 +14,7 @@ from pipeline.discrepancy.verdict.result import ClosedLoop
 from pipeline.dynamics.judgement import seen_again
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
-from pipeline.logs.formats.discover import is_empty_folder
+from pipeline.logs.formats.discovery.discover import is_empty_folder
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.telling import cautions

@@ -17,8 +17,8 @@ from pipeline.errors import InputError, counted
 from pipeline.files.atomic import PARTIAL_SUFFIX, write_json
 from pipeline.logs.conditioning.excitation import Excitation
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
-from pipeline.logs.formats.log_entry import LogEntry, LogFormat
+from pipeline.logs.formats.discovery.discover import find_logs
+from pipeline.logs.formats.discovery.log_entry import LogEntry, LogFormat
 from pipeline.logs.formats.opened_file import why_unreadable
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig

@@ -13,7 +13,7 @@ from pipeline.logs.conditioning.conditioned_log import COMMAND_INTERVALS, JOINT_
 from pipeline.logs.conditioning.order_statistics import quantiles
 from pipeline.logs.conditioning.resample import GridRows, resample
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig, LoopTrackerState, initial_state
 from pipeline.logs.messages.columns import Column, ColumnStore, MemoryStore, sections

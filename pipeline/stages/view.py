@@ -13,7 +13,7 @@ from pipeline.deployment.transports.mcap_file import write_mcap_file
 from pipeline.deployment.viewing.visual_topics import STORE, visual_topics
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.tracking import StageRun
 
 

@@ -16,7 +16,7 @@ from pipeline.deployment.graph_topics import read_graph_topics
 from pipeline.deployment.messages import JointCommand, Joystick, Level, ReachGoal, Reset, Topic
 from pipeline.deployment.transports.simulated_time.delays import no_delays
 from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from tests.deployment.fault_cases import Killed, Later
 from tests.deployment.machines import BackAndForth, bobcat, can_graph, paper
 

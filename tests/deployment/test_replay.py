@@ -14,8 +14,8 @@ from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.messages import JointCommand, JointState
 from pipeline.deployment.settings import DeploymentConfig, SupervisorConfig
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
-from pipeline.logs.formats.log_entry import LogEntry
+from pipeline.logs.formats.discovery.discover import find_logs
+from pipeline.logs.formats.discovery.log_entry import LogEntry
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.columns import as_array
 from pipeline.machine.kinematics import load_arm

@@ -23,7 +23,7 @@ from pipeline.deployment.messages import (
 )
 from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from tests.deployment.machines import MIDDLE, bobcat
 
 BEGIN_NS = 1_775_000_000_000_000_000

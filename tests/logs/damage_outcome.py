@@ -22,7 +22,7 @@ from pathlib import Path
 from pipeline.configuration.load import load_machine, load_section
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.ingest import ingest
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig

@@ -10,8 +10,8 @@ from omegaconf import OmegaConf
 from benchmarks.log_damage import page
 from pipeline.configuration.load import load_machine, load_section
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
-from pipeline.logs.formats.log_entry import FORMATS
+from pipeline.logs.formats.discovery.discover import find_logs
+from pipeline.logs.formats.discovery.log_entry import FORMATS
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.messages.command_sources import command_adapter
 from pipeline.logs.messages.conversion import discretise

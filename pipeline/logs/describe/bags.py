@@ -6,12 +6,12 @@ from pipeline.errors import counted
 from pipeline.logs.describe.contents import MAXIMUM_ELEMENTS, Contents, Stream
 from pipeline.logs.describe.field_types import TEXT, TIME, field_types
 from pipeline.logs.formats.bags import readable_blocks
-from pipeline.logs.formats.log_entry import LogEntry
-from pipeline.logs.messages.encodings import decode
+from pipeline.logs.formats.discovery.log_entry import LogEntry
+from pipeline.logs.messages.decoding.definitions import DefinitionError
+from pipeline.logs.messages.decoding.encodings import decode
+from pipeline.logs.messages.decoding.layout import LayoutError
 from pipeline.logs.messages.joint_states import FOXGLOVE_NAMES, FOXGLOVE_TYPE
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
-from pipeline.logs.messages.message_definitions import DefinitionError
-from pipeline.logs.messages.message_layout import LayoutError
 from pipeline.logs.messages.mismatch import MismatchError
 
 MAXIMUM_MESSAGE_BYTES = 1 << 14  # longer ones (images, point clouds) hold no joint states

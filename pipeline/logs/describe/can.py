@@ -10,7 +10,7 @@ from pipeline.errors import InputError, counted
 from pipeline.logs.describe.contents import MAXIMUM_STREAMS, Contents, Stream
 from pipeline.logs.formats.can.frames import read_frames, time_ns
 from pipeline.logs.formats.can.signals import FrameKey, key_of, load_database_file
-from pipeline.logs.formats.log_entry import LogEntry
+from pipeline.logs.formats.discovery.log_entry import LogEntry
 from pipeline.logs.messages.message_blocks import ReadingLedger
 
 CAN_FRAME = "CAN frame"  # type of the streams

@@ -9,8 +9,8 @@ from pipeline.logs.describe.contents import Contents
 from pipeline.logs.describe.lerobot import add_episode
 from pipeline.logs.describe.tables import add_table
 from pipeline.logs.formats.bags import STORAGE_READERS
-from pipeline.logs.formats.discover import find_logs
-from pipeline.logs.formats.log_entry import LogFormat
+from pipeline.logs.formats.discovery.discover import find_logs
+from pipeline.logs.formats.discovery.log_entry import LogFormat
 
 
 def describe(directory: Path) -> Contents:

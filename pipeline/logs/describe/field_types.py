@@ -3,13 +3,13 @@
 from collections.abc import Iterator
 from typing import Any
 
-from pipeline.logs.messages.json_messages import parse_json
+from pipeline.logs.messages.decoding.definitions import Definitions, Repetition, parse_definition
+from pipeline.logs.messages.decoding.json_messages import parse_json
+from pipeline.logs.messages.decoding.layout import NUMBER_TYPES
+from pipeline.logs.messages.decoding.protobuf_messages import message_class_of
+from pipeline.logs.messages.decoding.trees import TreeError
 from pipeline.logs.messages.message_blocks import LoggedTopic
-from pipeline.logs.messages.message_definitions import Definitions, Repetition, parse_definition
-from pipeline.logs.messages.message_layout import NUMBER_TYPES
-from pipeline.logs.messages.message_trees import TreeError
 from pipeline.logs.messages.mismatch import MismatchError
-from pipeline.logs.messages.protobuf_messages import message_class_of
 
 TIME, TEXT = "time", "text"
 MAP = "map"  # its entries' paths are `map.KEY`

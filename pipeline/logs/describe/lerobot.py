@@ -4,10 +4,10 @@ import numpy as np
 
 from pipeline.errors import counted
 from pipeline.logs.describe.contents import MAXIMUM_ELEMENTS, Contents
+from pipeline.logs.formats.discovery.log_entry import LogEntry
 from pipeline.logs.formats.lerobot.dataset import read_information
 from pipeline.logs.formats.lerobot.features import Element, NoNumbersError, names_of
 from pipeline.logs.formats.lerobot.frames import episode_frames
-from pipeline.logs.formats.log_entry import LogEntry
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
 from pipeline.logs.messages.raw_log import NANOSECONDS
 

@@ -8,7 +8,7 @@ import polars
 from pipeline.errors import InputError, counted, first_line
 from pipeline.logs.describe.contents import Contents, Stream
 from pipeline.logs.describe.field_types import TEXT, TIME
-from pipeline.logs.formats.log_entry import LogEntry, LogFormat
+from pipeline.logs.formats.discovery.log_entry import LogEntry, LogFormat
 from pipeline.logs.formats.tables import READING_FAULTS, refuse_separator
 
 TABLE = "table"  # type of the stream, and first word of its key

@@ -6,8 +6,8 @@ from dataclasses import replace
 from functools import partial
 
 from pipeline.errors import InputError
+from pipeline.logs.formats.discovery.log_entry import LogEntry, LogFormat
 from pipeline.logs.formats.lerobot.log import read_lerobot
-from pipeline.logs.formats.log_entry import LogEntry, LogFormat
 from pipeline.logs.formats.mcap.file import read_mcap
 from pipeline.logs.formats.rosbag1.file import read_rosbag1
 from pipeline.logs.formats.sqlite3.file import read_sqlite3

@@ -11,7 +11,7 @@ from io import BufferedReader
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.logs.formats.compressed_file import COMPRESSED_SUFFIXES, decompress_file
+from pipeline.logs.formats.compression.compressed_file import COMPRESSED_SUFFIXES, decompress_file
 from pipeline.logs.messages.message_blocks import ReadingLedger
 
 KINDS = {

@@ -10,7 +10,7 @@ import numpy as np
 import polars
 
 from pipeline.errors import InputError, first_line
-from pipeline.logs.formats.log_entry import LogEntry, LogFormat
+from pipeline.logs.formats.discovery.log_entry import LogEntry, LogFormat
 from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
 from pipeline.logs.messages.one_clock import COMMANDS, POSITIONS, OneClockLog, channel_stream

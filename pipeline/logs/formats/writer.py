@@ -23,8 +23,8 @@ from pipeline.errors import InputError
 from pipeline.files.atomic import PARTIAL_SUFFIX
 from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.conversion import command_conversion, position_conversion
-from pipeline.logs.messages.message_definitions import parse_definition
-from pipeline.logs.messages.message_layout import layout_of, structured_view
+from pipeline.logs.messages.decoding.definitions import parse_definition
+from pipeline.logs.messages.decoding.layout import layout_of, structured_view
 from pipeline.logs.messages.raw_log import NANOSECONDS, ChannelSamples, TargetPoses
 from pipeline.machine.specification import CommandKind, MachineSpecification
 

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pipeline.logs.messages.field_paths import elements, number_at, stamp_paths, stamps_ns
+from pipeline.logs.messages.decoding.field_paths import elements, number_at, stamp_paths, stamps_ns
+from pipeline.logs.messages.decoding.layout import FieldGroup, LayoutError
 from pipeline.logs.messages.message_blocks import LoggedTopic
-from pipeline.logs.messages.message_layout import FieldGroup, LayoutError
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.topic_columns import Adapter
 

@@ -11,9 +11,9 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.logs.messages.adapters import Converted, FieldColumn, NamedColumn, Stamped
 from pipeline.logs.messages.conversion import command_conversion
+from pipeline.logs.messages.decoding.layout import FieldGroup
 from pipeline.logs.messages.joint_states import joint_fields
 from pipeline.logs.messages.message_blocks import LoggedTopic
-from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.topic_columns import Adapter
 from pipeline.machine.log_sources import ClockChoice, CommandSourceKind, per_joint

@@ -6,9 +6,9 @@ import numpy as np
 
 from pipeline.logs.messages.adapters import Converted, FieldColumn, NamedColumn, Stamped
 from pipeline.logs.messages.conversion import position_conversion
-from pipeline.logs.messages.field_paths import SELF_DESCRIBING
+from pipeline.logs.messages.decoding.field_paths import SELF_DESCRIBING
+from pipeline.logs.messages.decoding.layout import FieldGroup
 from pipeline.logs.messages.message_blocks import LoggedTopic
-from pipeline.logs.messages.message_layout import FieldGroup
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.topic_columns import Adapter
 from pipeline.machine.log_sources import per_joint

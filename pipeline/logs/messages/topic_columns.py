@@ -7,12 +7,12 @@ import numpy as np
 
 from pipeline.errors import InputError, counted
 from pipeline.logs.messages.columns import Column, ColumnStore
-from pipeline.logs.messages.encodings import decode
-from pipeline.logs.messages.field_paths import NO_TIME, SELF_DESCRIBING
+from pipeline.logs.messages.decoding.definitions import DefinitionError
+from pipeline.logs.messages.decoding.encodings import decode
+from pipeline.logs.messages.decoding.field_paths import NO_TIME, SELF_DESCRIBING
+from pipeline.logs.messages.decoding.layout import FieldGroup, LayoutError, TooManyFieldsError
+from pipeline.logs.messages.decoding.trees import UNPARSED
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
-from pipeline.logs.messages.message_definitions import DefinitionError
-from pipeline.logs.messages.message_layout import FieldGroup, LayoutError, TooManyFieldsError
-from pipeline.logs.messages.message_trees import UNPARSED
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.raw_log import Note, NoteKind, first_damage
 

@@ -24,7 +24,7 @@ from pipeline.deployment.messages import (
 )
 from pipeline.deployment.transports.unfinished_bag import UnfinishedBag, unfinished
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.raw_log import RawLog
 from pipeline.machine.specification import CommandKind, MachineSpecification

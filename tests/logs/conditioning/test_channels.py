@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.ingest import ingest
 from pipeline.logs.messages.raw_log import ChannelSamples, RawLog
 from pipeline.logs.trajectories import make_trajectories

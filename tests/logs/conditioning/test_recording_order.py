@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pipeline.logs.conditioning import recording_order
 from pipeline.logs.conditioning.recording_order import in_order_of_time, steps_of_clock, stretches
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.columns import MemoryStore
 from pipeline.logs.messages.raw_log import ChannelSamples, RawLog
 from pipeline.logs.trajectories import make_trajectories

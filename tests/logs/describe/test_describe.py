@@ -19,7 +19,7 @@ from pipeline.logs.describe.draft import UNKNOWN, draft_machine
 from pipeline.logs.describe.listing import listing
 from pipeline.logs.describe.tables import time_unit
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.machine.log_sources import CommandSourceKind
 from pipeline.machine.specification import MachineSpecification
 from tests.logs import can_logs, self_describing_bags, whole_logs

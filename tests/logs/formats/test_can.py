@@ -18,8 +18,8 @@ from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.can.detect import is_can_log
 from pipeline.logs.formats.can.frames import read_frames
 from pipeline.logs.formats.can.merged import merged_rows
-from pipeline.logs.formats.discover import find_logs
-from pipeline.logs.formats.log_entry import LogFormat
+from pipeline.logs.formats.discovery.discover import find_logs
+from pipeline.logs.formats.discovery.log_entry import LogFormat
 from pipeline.logs.ingest import ingest
 from pipeline.logs.messages.message_blocks import ReadingLedger
 from pipeline.logs.messages.raw_log import NoteKind

@@ -21,7 +21,7 @@ from benchmarks.log_damage import row
 from pipeline.configuration.load import load_machine
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.raw_log import NoteKind
 from tests.logs import can_logs
 from tests.logs.conftest import REPOSITORY

@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.formats.sqlite3.connection import read_only
 from tests.logs import foreign_bags as foreign
 from tests.logs.damage.case import DamageCase, Damaged, Where

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 from pipeline.logs.formats import indexed_chunk
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.formats.mcap import file as mcap_file
 from pipeline.logs.formats.rosbag1 import file as rosbag1_file
 from pipeline.logs.messages.message_blocks import ReadingLedger

@@ -13,11 +13,11 @@ from pipeline.logs.describe.describe import describe
 from pipeline.logs.export import lerobot
 from pipeline.logs.export.lerobot import write_lerobot
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
+from pipeline.logs.formats.discovery.log_entry import LogFormat
 from pipeline.logs.formats.lerobot import frames
 from pipeline.logs.formats.lerobot.dataset import MAXIMUM_EPISODES
 from pipeline.logs.formats.lerobot.features import Element, element_of, names_of
-from pipeline.logs.formats.log_entry import LogFormat
 from pipeline.logs.ingest import ingest
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import read_tuples

@@ -13,7 +13,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.raw_log import NANOSECONDS, NoteKind
 from tests.ros_graph import DEBIAN_PYTHON, ROSBAG, ROSBAG_RECORD, RosGraph, requires_debian
 

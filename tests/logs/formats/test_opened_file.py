@@ -8,8 +8,8 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
-from pipeline.logs.formats.log_entry import LogEntry, LogFormat
+from pipeline.logs.formats.discovery.discover import find_logs
+from pipeline.logs.formats.discovery.log_entry import LogEntry, LogFormat
 from pipeline.logs.formats.mcap.file import read_mcap
 from pipeline.logs.formats.rosbag1.file import read_rosbag1
 from pipeline.logs.formats.sqlite3.file import read_sqlite3

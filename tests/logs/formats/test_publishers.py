@@ -8,10 +8,10 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
 from pipeline.errors import InputError
-from pipeline.logs.formats import bounded_decompression
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.bounded_decompression import DecompressionError, decompress
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.compression import bounded_decompression
+from pipeline.logs.formats.compression.bounded_decompression import DecompressionError, decompress
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.trajectories import make_trajectories
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session

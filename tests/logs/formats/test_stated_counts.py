@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pipeline.configuration.load import load_machine
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.raw_log import NoteKind, RawLog
 from tests.logs.damage.case import flipped
 from tests.logs.whole_logs import (

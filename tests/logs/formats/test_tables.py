@@ -11,7 +11,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.logs.describe.describe import describe
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.ingest import ingest
 from pipeline.machine.log_sources import ChannelSource, CommandSource
 from tests.logs.whole_logs import write_table

@@ -8,7 +8,7 @@ from rosbags.highlevel import AnyReader
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from tests.logs.conftest import make_session, with_targets
 
 

@@ -6,7 +6,7 @@ from rosbags.typesys import get_types_from_msg
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.conversion import discretise
 from pipeline.machine.log_sources import CommandSource, CommandSourceKind
 from pipeline.machine.specification import CommandKind

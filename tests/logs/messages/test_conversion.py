@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.conversion import Conversion, discretise
 from pipeline.machine.log_sources import CommandSource, CommandSourceKind, JointStateSource
 from pipeline.machine.specification import CommandKind, MachineSpecification

@@ -17,7 +17,7 @@ from pipeline.logs.formats.can.signals import (
     load_database,
     single_signal,
 )
-from pipeline.logs.formats.log_entry import LogEntry
+from pipeline.logs.formats.discovery.log_entry import LogEntry
 from pipeline.logs.messages.columns import SECTION_ROWS, ColumnStore, sections
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS, ReadingLedger
 from pipeline.logs.messages.one_clock import COMMANDS, POSITIONS, OneClockLog, channel_stream

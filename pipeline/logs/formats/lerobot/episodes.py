@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipeline.errors import InputError
+from pipeline.logs.formats.discovery.log_entry import LogEntry, LogFormat, broken
 from pipeline.logs.formats.lerobot.dataset import (
     INFORMATION,
     TOTALS,
@@ -14,7 +15,6 @@ from pipeline.logs.formats.lerobot.dataset import (
     read_information,
     stated_lengths,
 )
-from pipeline.logs.formats.log_entry import LogEntry, LogFormat, broken
 from pipeline.logs.messages.raw_log import Note, NoteKind
 
 

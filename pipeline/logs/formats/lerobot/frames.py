@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.errors import InputError, first_line
+from pipeline.logs.formats.discovery.log_entry import LogEntry
 from pipeline.logs.formats.lerobot.dataset import EPISODE, READING_FAULTS, episode_numbers
-from pipeline.logs.formats.log_entry import LogEntry
 from pipeline.logs.messages.columns import SECTION_ROWS
 from pipeline.logs.messages.raw_log import Note, NoteKind
 

@@ -4,10 +4,10 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import InputError
+from pipeline.logs.formats.discovery.log_entry import LogEntry
 from pipeline.logs.formats.lerobot.dataset import DatasetInformation, read_information
 from pipeline.logs.formats.lerobot.features import Element, NoNumbersError, element_of
 from pipeline.logs.formats.lerobot.frames import episode_frames
-from pipeline.logs.formats.log_entry import LogEntry
 from pipeline.logs.messages.columns import ColumnStore
 from pipeline.logs.messages.message_blocks import MAXIMUM_TIME_NS
 from pipeline.logs.messages.one_clock import COMMANDS, POSITIONS, OneClockLog, channel_stream

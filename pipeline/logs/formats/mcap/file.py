@@ -17,7 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
+from pipeline.logs.formats.compression.bounded_decompression import (
+    MAXIMUM_CHUNK_BYTES,
+    DecompressionError,
+    decompress,
+)
+from pipeline.logs.formats.compression.message_compression import decompressed_messages
 from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records, record_budget
 from pipeline.logs.formats.mcap.index import ENTRY_WORDS, find_messages
 from pipeline.logs.formats.mcap.summary import (
@@ -33,8 +38,8 @@ from pipeline.logs.formats.mcap.summary import (
     SCHEMA,
     Summary,
 )
-from pipeline.logs.formats.message_compression import decompressed_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
+from pipeline.logs.messages.decoding.definitions import full_type_name
 from pipeline.logs.messages.message_blocks import (
     BYTES_AS_TEXT,
     BlockColumns,
@@ -42,7 +47,6 @@ from pipeline.logs.messages.message_blocks import (
     MessageBlock,
     ReadingLedger,
 )
-from pipeline.logs.messages.message_definitions import full_type_name
 
 BINARY_SCHEMAS = ("protobuf", "flatbuffer")
 MESSAGE_HEADER = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time

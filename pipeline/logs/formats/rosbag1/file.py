@@ -16,7 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError, decompress
+from pipeline.logs.formats.compression.bounded_decompression import (
+    MAXIMUM_CHUNK_BYTES,
+    DecompressionError,
+    decompress,
+)
 from pipeline.logs.formats.indexed_chunk import describe_loss, gather_records, record_budget
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.formats.rosbag1.index import find_messages, index_entries
@@ -32,8 +36,8 @@ from pipeline.logs.formats.rosbag1.record import (
     RecordError,
     fields_of,
 )
+from pipeline.logs.messages.decoding.definitions import full_type_name
 from pipeline.logs.messages.message_blocks import BlockColumns, LoggedTopic, MessageBlock, ReadingLedger
-from pipeline.logs.messages.message_definitions import full_type_name
 
 MAGIC = b"#ROSBAG V"
 VERSION = b"#ROSBAG V2.0\n"

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES
-from pipeline.logs.formats.message_compression import decompressed_messages
+from pipeline.logs.formats.compression.bounded_decompression import MAXIMUM_CHUNK_BYTES
+from pipeline.logs.formats.compression.message_compression import decompressed_messages
 from pipeline.logs.formats.opened_file import OpenedFile, opened_file
 from pipeline.logs.formats.sqlite3.connection import plain_tables, read_only
 from pipeline.logs.formats.sqlite3.pages import PageRows, UnusualError, rows_in_pages, truncated_rows
 from pipeline.logs.formats.sqlite3.row_count import RowCount
+from pipeline.logs.messages.decoding.definitions import full_type_name
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger, by_topic
-from pipeline.logs.messages.message_definitions import full_type_name
 from pipeline.logs.messages.raw_log import Note, NoteKind
 
 MAGIC = b"SQLite format 3\x00"

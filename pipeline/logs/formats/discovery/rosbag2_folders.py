@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-from pipeline.logs.formats.compressed_file import COMPRESSED_SUFFIXES
-from pipeline.logs.formats.duplicates import original
-from pipeline.logs.formats.log_entry import (
+from pipeline.logs.formats.compression.compressed_file import COMPRESSED_SUFFIXES
+from pipeline.logs.formats.discovery.duplicates import original
+from pipeline.logs.formats.discovery.log_entry import (
     FORMATS,
     LogEntry,
     broken,
@@ -14,8 +14,8 @@ from pipeline.logs.formats.log_entry import (
     is_regular_file,
     uncompressed,
 )
+from pipeline.logs.formats.discovery.rosbag2_metadata import METADATA, BagMetadata, read_metadata
 from pipeline.logs.formats.opened_file import why_unreadable
-from pipeline.logs.formats.rosbag2_metadata import METADATA, BagMetadata, read_metadata
 from pipeline.logs.messages.raw_log import Note, NoteKind
 
 BAG_SUFFIXES = (".mcap", ".db3")

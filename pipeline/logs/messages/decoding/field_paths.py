@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from pipeline.logs.messages.message_layout import FieldGroup, LayoutError
+from pipeline.logs.messages.decoding.layout import FieldGroup, LayoutError
 from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.raw_log import NANOSECONDS
 

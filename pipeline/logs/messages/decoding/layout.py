@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pipeline.logs.messages.decoding.definitions import Definitions, Field, Repetition
 from pipeline.logs.messages.message_blocks import MessageBlock
-from pipeline.logs.messages.message_definitions import Definitions, Field, Repetition
 from pipeline.logs.messages.mismatch import MismatchError
 
 ENCAPSULATION_BYTES = 4

@@ -4,10 +4,10 @@ from collections.abc import Collection
 
 import numpy as np
 
-from pipeline.logs.messages.json_messages import decode_json
+from pipeline.logs.messages.decoding.definitions import parse_definition
+from pipeline.logs.messages.decoding.json_messages import decode_json
+from pipeline.logs.messages.decoding.layout import FieldGroup, decode_block
 from pipeline.logs.messages.message_blocks import MessageBlock
-from pipeline.logs.messages.message_definitions import parse_definition
-from pipeline.logs.messages.message_layout import FieldGroup, decode_block
 from pipeline.logs.messages.mismatch import MismatchError
 
 ENCODINGS = ("cdr", "ros1", "json", "protobuf")
@@ -27,7 +27,7 @@ def decode(block: MessageBlock, wanted: Collection[str]) -> tuple[list[FieldGrou
     if topic.encoding == "json":
         return decode_json(block, wanted)
     if topic.encoding == "protobuf":
-        from pipeline.logs.messages.protobuf_messages import (
+        from pipeline.logs.messages.decoding.protobuf_messages import (
             decode_protobuf,  # others need not wait for protobuf
         )
 

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from pipeline.errors import InputError
-from pipeline.logs.formats import compressed_file
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.bounded_decompression import DecompressionError, decompress
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.compression import compressed_file
+from pipeline.logs.formats.compression.bounded_decompression import DecompressionError, decompress
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.raw_log import NoteKind
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.logs.formats.can import detect as can_logs
-from pipeline.logs.formats.compressed_file import COMPRESSED_SUFFIXES
+from pipeline.logs.formats.compression.compressed_file import COMPRESSED_SUFFIXES
 from pipeline.logs.formats.opened_file import why_unreadable
 from pipeline.logs.messages.raw_log import Note
 

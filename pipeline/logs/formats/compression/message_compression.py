@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 import zstandard
 
-from pipeline.logs.formats.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError
-from pipeline.logs.formats.compressed_file import MAXIMUM_EXPANSION
+from pipeline.logs.formats.compression.bounded_decompression import MAXIMUM_CHUNK_BYTES, DecompressionError
+from pipeline.logs.formats.compression.compressed_file import MAXIMUM_EXPANSION
 from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger
 
 FRAME_MAGIC = np.frombuffer(b"\x28\xb5\x2f\xfd", np.uint8)

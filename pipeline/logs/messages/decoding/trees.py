@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.logs.messages.field_paths import EVERY, Step, steps_of
+from pipeline.logs.messages.decoding.field_paths import EVERY, Step, steps_of
+from pipeline.logs.messages.decoding.layout import FieldGroup
 from pipeline.logs.messages.message_blocks import MessageBlock
-from pipeline.logs.messages.message_layout import FieldGroup
 
 INT64 = range(-(1 << 63), 1 << 63)
 MAXIMUM_VALUES = 1 << 16  # of one field of one message

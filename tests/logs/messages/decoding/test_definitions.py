@@ -6,15 +6,15 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.formats.mcap.file import read_mcap
-from pipeline.logs.messages.message_blocks import ReadingLedger
-from pipeline.logs.messages.message_definitions import (
+from pipeline.logs.messages.decoding.definitions import (
     DefinitionError,
     parse_definition,
     standard_definitions,
 )
-from pipeline.logs.messages.message_layout import decode_block
+from pipeline.logs.messages.decoding.layout import decode_block
+from pipeline.logs.messages.message_blocks import ReadingLedger
 from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
 from tests.logs.formats.test_formats import assert_holds

@@ -16,11 +16,11 @@ from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 
 from pipeline.errors import first_line
-from pipeline.logs.messages.field_paths import Step, steps_of
+from pipeline.logs.messages.decoding.definitions import MAXIMUM_DEFINITION_CHARACTERS, DefinitionError
+from pipeline.logs.messages.decoding.field_paths import Step, steps_of
+from pipeline.logs.messages.decoding.layout import FieldGroup
+from pipeline.logs.messages.decoding.trees import TreeError, decode_trees
 from pipeline.logs.messages.message_blocks import BYTES_AS_TEXT, LoggedTopic, MessageBlock
-from pipeline.logs.messages.message_definitions import MAXIMUM_DEFINITION_CHARACTERS, DefinitionError
-from pipeline.logs.messages.message_layout import FieldGroup
-from pipeline.logs.messages.message_trees import TreeError, decode_trees
 
 
 def decode_protobuf(block: MessageBlock, wanted: Collection[str]) -> tuple[list[FieldGroup], np.ndarray]:

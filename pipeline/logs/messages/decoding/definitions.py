@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from pipeline.logs.messages.idl_text import simplified_idl
+from pipeline.logs.messages.decoding.idl_text import simplified_idl
 
 MAXIMUM_FIELDS = 10_000  # of a type with empty sequences; nested definitions can grow exponentially
 MAXIMUM_DEFINITION_CHARACTERS = 1 << 18  # the largest of ROS's own has some 20 thousand

@@ -11,16 +11,23 @@ from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto,
 
 from pipeline.logs.describe.field_types import field_types
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
+from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.adapters import NamedColumn
 from pipeline.logs.messages.channel_sources import channel_adapter
 from pipeline.logs.messages.columns import MemoryStore
-from pipeline.logs.messages.encodings import decode
-from pipeline.logs.messages.field_paths import EVERY, NO_TIME, number_at, stamp_paths, stamps_ns, steps_of
+from pipeline.logs.messages.decoding.definitions import DefinitionError
+from pipeline.logs.messages.decoding.encodings import decode
+from pipeline.logs.messages.decoding.field_paths import (
+    EVERY,
+    NO_TIME,
+    number_at,
+    stamp_paths,
+    stamps_ns,
+    steps_of,
+)
+from pipeline.logs.messages.decoding.protobuf_messages import message_class_of
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
-from pipeline.logs.messages.message_definitions import DefinitionError
 from pipeline.logs.messages.mismatch import MismatchError
-from pipeline.logs.messages.protobuf_messages import message_class_of
 from pipeline.logs.messages.topic_columns import TopicColumns
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.machine.log_sources import ChannelSource, CommandSource, CommandSourceKind, JointStateSource

@@ -6,11 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.logs.formats.duplicates import each_once
+from pipeline.logs.formats.discovery.duplicates import each_once
+from pipeline.logs.formats.discovery.log_entry import (
+    NOT_UTF8,
+    LogEntry,
+    broken,
+    file_entry,
+    format_of,
+    printable,
+)
+from pipeline.logs.formats.discovery.log_names import unique_names
+from pipeline.logs.formats.discovery.rosbag2_folders import bag_of
 from pipeline.logs.formats.lerobot.episodes import dataset_of
-from pipeline.logs.formats.log_entry import NOT_UTF8, LogEntry, broken, file_entry, format_of, printable
-from pipeline.logs.formats.log_names import unique_names
-from pipeline.logs.formats.rosbag2_folders import bag_of
 from pipeline.logs.tuples import SUFFIX, is_tuple_file
 
 

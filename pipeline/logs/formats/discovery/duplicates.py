@@ -4,7 +4,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.logs.formats.log_entry import LogEntry, uncompressed
+from pipeline.logs.formats.discovery.log_entry import LogEntry, uncompressed
 from pipeline.logs.messages.raw_log import Note, NoteKind
 
 KEPT_COPY = ".orig.bag"  # the original that `rosbag reindex`, `fix` and `compress` keep beside their result

@@ -11,8 +11,8 @@ import yaml
 
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
-from pipeline.logs.formats.discover import find_logs
-from pipeline.logs.formats.rosbag2_metadata import BagMetadata, read_metadata
+from pipeline.logs.formats.discovery.discover import find_logs
+from pipeline.logs.formats.discovery.rosbag2_metadata import BagMetadata, read_metadata
 from pipeline.logs.ingest import ingest
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.tuples import read_tuples

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.logs.messages.field_paths import Step
+from pipeline.logs.messages.decoding.field_paths import Step
+from pipeline.logs.messages.decoding.layout import FieldGroup
+from pipeline.logs.messages.decoding.trees import TreeError, decode_trees
 from pipeline.logs.messages.message_blocks import MessageBlock
-from pipeline.logs.messages.message_layout import FieldGroup
-from pipeline.logs.messages.message_trees import TreeError, decode_trees
 
 RFC_3339 = re.compile(r"(\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d)(?:\.(\d{1,9})\d*)?([Zz]|[+-]\d\d:\d\d)?")
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -1,0 +1,1 @@
+"""Compressed bags: whole files, chunks, single messages."""
