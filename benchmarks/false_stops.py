@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.configuration.load import load_machine
-from pipeline.deployment.components.free_running_model import FreeRunningModel
-from pipeline.deployment.components.model_floor import (
+from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel
+from pipeline.deployment.components.supervision.model_floor import (
     BLOCK_STEPS,
     ModelFloor,
     MovingSteps,

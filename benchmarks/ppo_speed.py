@@ -19,8 +19,8 @@ of the process (all its threads). The second is the one to compare by where othe
 
 Needed floating-point operations per tick: 2 Σ n_l n_{l+1} over the model's layers, and over the policy's divided by
 the action repeats; the share of the peak is their rate over that of the best large float32 matrix product seen in the
-same run. Of the model's first layer this project computes fewer (`dynamics/model/held_command.py`): its share is of
-what the plain way needs.
+same run. Of the model's first layer this project computes fewer (`dynamics/model/rollouts/held_command.py`): its share
+is of what the plain way needs.
 """
 
 import argparse

@@ -13,7 +13,7 @@ from pipeline.configuration.load import load_section
 from pipeline.dynamics.evaluation.errors import Predictor
 from pipeline.dynamics.evaluation.predictive_band import PredictiveBand
 from pipeline.dynamics.model.dynamics_model import Target
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.dynamics.model.network import Parameterization, Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.references.all_references import ArxConfig

@@ -10,7 +10,6 @@ import jax
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.variant import RewardVariant, variant_reward
 from pipeline.control.policy import Policy, load_policy_of
-from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import (
     Controller,
     ControllerKind,
@@ -18,6 +17,7 @@ from pipeline.deployment.components.controllers import (
     PolicyController,
 )
 from pipeline.deployment.components.goals import goal_solver
+from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.termination import TerminalConditions
 from pipeline.deployment.drivers.machine import LearnedStep
 from pipeline.deployment.settings import DeploymentConfig

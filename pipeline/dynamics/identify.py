@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.dynamics.evaluation.predictive_band import Coverage, PredictiveBand
 from pipeline.dynamics.judgement import OpenLoopPrediction, check_unseen, judge, long_prediction
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.dynamics.model.network import Parameterization, Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.model.store import save_model

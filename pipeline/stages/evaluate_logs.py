@@ -9,7 +9,7 @@ from omegaconf import MISSING
 from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration
 from pipeline.configuration.paths import InputLogs, InputModel, OutputFile
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.deployment.evaluate_logs import evaluate_logs
+from pipeline.deployment.graph_logs.evaluate_logs import evaluate_logs
 from pipeline.files.atomic import write_json
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.reaching.episodes import EpisodesConfig

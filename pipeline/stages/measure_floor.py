@@ -7,8 +7,8 @@ from omegaconf import MISSING
 
 from pipeline.configuration.paths import InputModel, InputPath, OutputFile
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.deployment.components.free_running_model import FreeRunningModel
-from pipeline.deployment.components.model_floor import measure_floor
+from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel
+from pipeline.deployment.components.supervision.model_floor import measure_floor
 from pipeline.dynamics.model.store import load_metadata
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.logs.tuples import read_tuples

@@ -8,7 +8,7 @@ from omegaconf import MISSING
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.configuration.paths import InputLogs, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.deployment.graph_topics import read_graph_topics
+from pipeline.deployment.graph_logs.graph_topics import read_graph_topics
 from pipeline.deployment.transports.mcap_file import write_mcap_file
 from pipeline.deployment.viewing.visual_topics import STORE, visual_topics
 from pipeline.errors import InputError

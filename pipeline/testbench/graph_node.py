@@ -9,9 +9,9 @@ import numpy as np
 
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
-from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import at_rest
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
+from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.compose import graph_parts

@@ -15,7 +15,7 @@ from pipeline.control.evaluate import controller_evaluation
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.controller import icem_controller
 from pipeline.control.icem.variant import RewardVariant, variant_reward
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.machine.poses import PoseConditions, PoseTable, build_pose_table
 from pipeline.machine.specification import (
     CommandKind,

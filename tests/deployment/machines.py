@@ -11,10 +11,10 @@ from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_se
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.components.autonomous_server import AutonomousServer
 from pipeline.deployment.components.control_interface import ControlInterface
-from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import ControllerState
 from pipeline.deployment.components.state_buffers import Observer
-from pipeline.deployment.components.supervisor_rules import RULES
+from pipeline.deployment.components.supervision.control_supervisor import supervise
+from pipeline.deployment.components.supervision.supervisor_rules import RULES
 from pipeline.deployment.components.termination import TerminalConditions
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.drivers.bobcat_e10_driver import MachineDriver

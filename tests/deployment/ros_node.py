@@ -51,7 +51,7 @@ def build(name: str, port: int, supervised: bool) -> Component:
 
         return ControlInterface(machine, settings.interface)
     if name == "control_supervisor":
-        from pipeline.deployment.components.control_supervisor import supervise
+        from pipeline.deployment.components.supervision.control_supervisor import supervise
 
         return supervise(machine, settings, MACHINE_DIRECTORY)
     if name == "emcb_200u_driver":

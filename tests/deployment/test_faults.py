@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.components.supervisor_rules import RULES
+from pipeline.deployment.components.supervision.supervisor_rules import RULES
 from tests.deployment.fault_cases import CUTS, DELAYS, FAULTS, RULES_TOLD, fault_page, run_faults
 from tests.deployment.fault_triples import CONTROL_PERIOD_S, PLC_STOPS_S, are_of_one_clock, findings, sampled
 

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_section
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
-from pipeline.deployment.components.supervisor_rules import RULES, RuleParts, build_rules
+from pipeline.deployment.components.supervision.supervisor_rules import RULES, RuleParts, build_rules
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.messages import JointCommand, JointState
 from pipeline.deployment.settings import DeploymentConfig, SupervisorConfig

@@ -11,9 +11,9 @@ import pytest
 from pipeline.configuration.load import MACHINE_DIRECTORY, ControlConfiguration, load_machine, load_section
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.policy import Policy, PolicyLayer
-from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.controllers import PolicyController
 from pipeline.deployment.components.goals import compiled_forward, goal_solver, known_configurations
+from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.termination import TerminalConditions
 from pipeline.deployment.drivers.machine import LearnedStep
 from pipeline.deployment.messages import GoalOutcome

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
-from pipeline.dynamics.model.fir_specification import FirSpecification
+from pipeline.dynamics.model.fir.specification import FirSpecification
 from pipeline.dynamics.settings import IdentifyConfig, Optimiser, TrainingConfig
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import JointKind, JointSpecification, MachineSpecification

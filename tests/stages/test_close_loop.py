@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from pipeline.configuration.load import load_machine, load_section
-from pipeline.deployment.evaluate_logs import evaluate_model
+from pipeline.deployment.graph_logs.evaluate_logs import evaluate_model
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.model.store import save_model
 from pipeline.effects.catalogue import KNOWN

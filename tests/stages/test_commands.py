@@ -16,7 +16,7 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf, open_dict
 
 from pipeline.configuration.load import load_machine
-from pipeline.deployment.components.supervisor_rules import RULES
+from pipeline.deployment.components.supervision.supervisor_rules import RULES
 from pipeline.logs.formats.writer import write_bag
 from tests.stages.command import run_stage
 

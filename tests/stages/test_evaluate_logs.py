@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_section
-from pipeline.deployment.evaluate_logs import evaluate_model, evaluate_reaching
+from pipeline.deployment.graph_logs.evaluate_logs import evaluate_model, evaluate_reaching
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.model.store import save_model
 from pipeline.effects.effect import Setting

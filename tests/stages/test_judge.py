@@ -12,7 +12,7 @@ from pipeline.configuration.load import load_machine
 from pipeline.dynamics.evaluation.errors import prediction_errors
 from pipeline.dynamics.evaluation.predictive_band import PredictiveBand
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.model.store import load_model, save_model
 from pipeline.errors import InputError

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.deployment.graph_topics import GraphRecord, add_graph_topics
+from pipeline.deployment.graph_logs.graph_topics import GraphRecord, add_graph_topics
 from pipeline.deployment.messages import (
     Diagnostics,
     EmergencyStop,

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.components.recording import BASE_FRAME
-from pipeline.deployment.graph_topics import KINDS, graph_store
+from pipeline.deployment.graph_logs.graph_topics import KINDS, graph_store
 from pipeline.deployment.messages import JointState, MachineCommand, Message, TargetPose, Topic
 from pipeline.logs.messages.conversion import command_conversion, position_conversion
 from pipeline.machine.specification import CommandKind, MachineSpecification

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.components.recording import BASE_FRAME
-from pipeline.deployment.diagnostic_arrays import DIAGNOSTIC_ARRAY, diagnostic_array
-from pipeline.deployment.graph_topics import GraphRecord
+from pipeline.deployment.graph_logs.diagnostic_arrays import DIAGNOSTIC_ARRAY, diagnostic_array
+from pipeline.deployment.graph_logs.graph_topics import GraphRecord
 from pipeline.deployment.transports.mcap_file import RecordedTopic
 from pipeline.deployment.viewing.joint_transforms import JointTransforms, joint_transforms
 from pipeline.logs.messages.columns import as_array

@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.dynamics.model.dynamics_model import Target
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.dynamics.model.network import Parameterization, Parameters
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.dynamics.training.ensemble_loss import part_bounds

@@ -22,8 +22,8 @@ from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, train
 from pipeline.discrepancy.diagnosis.fingerprint import code_fingerprint
 from pipeline.discrepancy.selection.candidate import Candidate, Misfit, Nominal
 from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.dynamics.model.fir_model import FirModel
-from pipeline.dynamics.model.fir_specification import FirSpecification
+from pipeline.dynamics.model.fir.model import FirModel
+from pipeline.dynamics.model.fir.specification import FirSpecification
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_whole

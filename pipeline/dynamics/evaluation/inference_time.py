@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
-from pipeline.dynamics.model.fir_model import MEMBERS
+from pipeline.dynamics.model.fir.model import MEMBERS
 from pipeline.dynamics.model.kinds import build_model
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.model.specify import Scales, specification_of

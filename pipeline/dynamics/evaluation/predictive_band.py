@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.dynamics.evaluation.errors import OPEN_LOOP_HORIZON, OPEN_LOOP_STRIDE, open_loop_starts
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.training.windows import FIRST_JUDGED_ROW, window_starts

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import jax
 
 from pipeline.dynamics.model.features import History
-from pipeline.dynamics.model.held_command import hold
-from pipeline.dynamics.model.held_rollout import HeldRollout
 from pipeline.dynamics.model.network import Parameterization, Parameters
-from pipeline.dynamics.model.rollout import rollout
+from pipeline.dynamics.model.rollouts.held_command import hold
+from pipeline.dynamics.model.rollouts.held_rollout import HeldRollout
+from pipeline.dynamics.model.rollouts.open_loop import rollout
 from pipeline.dynamics.model.specification import ModelSpecification, Target
 from pipeline.dynamics.model.stepwise_model import StepwiseModel
 from pipeline.dynamics.model.stops import Stops

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
-from pipeline.dynamics.model.fir_model import FirModel
-from pipeline.dynamics.model.fir_specification import FirSpecification
+from pipeline.dynamics.model.fir.model import FirModel
+from pipeline.dynamics.model.fir.specification import FirSpecification
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.model.specification import ModelSpecification
 

@@ -21,7 +21,7 @@ class Parameterization(enum.StrEnum):
 
     mlp = "mlp"
     kan = "kan"
-    nfir = "nfir"  # nonlinear finite impulse response: `fir_model.py`
+    nfir = "nfir"  # nonlinear finite impulse response: `fir`
 
 
 class Layer(NamedTuple):

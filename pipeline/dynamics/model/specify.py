@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
-from pipeline.dynamics.model.fir_specification import FirSpecification
+from pipeline.dynamics.model.fir.specification import FirSpecification
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.model.shown_motion import Shown
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.dynamics.model.features import push
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.training.loss import Loss
 from pipeline.dynamics.training.windows import Window

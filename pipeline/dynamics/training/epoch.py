@@ -8,7 +8,7 @@ import numpy as np
 import optax
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
-from pipeline.dynamics.model.fir_model import MEMBERS
+from pipeline.dynamics.model.fir.model import MEMBERS
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.settings import IdentifyConfig, Optimiser, TrainingConfig
 from pipeline.dynamics.training.loss import Loss, open_loop_loss

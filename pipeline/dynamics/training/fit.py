@@ -19,7 +19,7 @@ import numpy as np
 import optax
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.dynamics.model.kinds import build_model
 from pipeline.dynamics.model.network import Parameterization, Parameters
 from pipeline.dynamics.model.specify import specify

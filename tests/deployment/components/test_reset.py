@@ -11,7 +11,7 @@ import pytest
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import Component, Publication, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
-from pipeline.deployment.components.control_supervisor import supervise
+from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.messages import (
     EmergencyStop,

@@ -17,9 +17,9 @@ from mcap_ros2.decoder import DecoderFactory
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
-from pipeline.deployment.components.control_supervisor import supervise
 from pipeline.deployment.components.recording import Recorder
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
+from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.messages import GoalOutcome, JointState, MachineCommand, ReachResult, Topic

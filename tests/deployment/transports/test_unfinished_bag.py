@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pipeline.deployment.components.recording import Recorder
-from pipeline.deployment.graph_topics import read_graph_topics
+from pipeline.deployment.graph_logs.graph_topics import read_graph_topics
 from pipeline.deployment.messages import (
     EmergencyStop,
     JointCommand,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.components.goals import compiled_forward
-from pipeline.deployment.graph_topics import GraphRecord
+from pipeline.deployment.graph_logs.graph_topics import GraphRecord
 from pipeline.deployment.messages import (
     Diagnostics,
     EmergencyStop,

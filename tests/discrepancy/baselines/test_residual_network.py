@@ -9,7 +9,7 @@ from pipeline.discrepancy.baselines.residual_network import fit_residual_network
 from pipeline.dynamics.evaluation.errors import open_loop_rmse_80
 from pipeline.dynamics.model.network import apply
 from pipeline.dynamics.model.predictor import LearnedPredictor
-from pipeline.dynamics.model.rollout import rollout
+from pipeline.dynamics.model.rollouts.open_loop import rollout
 from tests.discrepancy.slower_machine import MACHINE, TRAINED_KINDS, make_settings, nominal, slower
 from tests.dynamics import reference
 from tests.dynamics.conftest import KINDS, lag_trajectory, move_biases, random_trajectory

@@ -18,7 +18,7 @@ from pipeline.discrepancy.diagnosis.nominal_cache import (
 )
 from pipeline.discrepancy.selection.candidate import Candidate, Misfit
 from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory

@@ -9,7 +9,7 @@ import pytest
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, left_out_rows
 from pipeline.discrepancy.diagnosis.sequences import Sequences, side_by_side
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.dynamics.training.ensemble_loss import part_bounds
 from pipeline.dynamics.training.windows import window_starts
 from pipeline.effects.effect import Setting

@@ -12,7 +12,7 @@ from pipeline.discrepancy.diagnosis.sequences import Sequences
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis, Simulation
 from pipeline.discrepancy.selection.candidate import Candidate, Key
 from pipeline.discrepancy.selection.screen import screen
-from pipeline.dynamics.model.fir_model import FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.delay import Delay
 from pipeline.effects.effect import Setting

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.dynamics.evaluation.predictive_band import NORMAL_90, PredictiveBand
-from pipeline.dynamics.model.fir_model import MEMBERS, FirModel
-from pipeline.dynamics.model.fir_specification import FirSpecification
+from pipeline.dynamics.model.fir.model import MEMBERS, FirModel
+from pipeline.dynamics.model.fir.specification import FirSpecification
 from pipeline.errors import InputError
 from tests.dynamics.conftest import make_specification, make_trajectory
 

@@ -11,7 +11,7 @@ from jaxkan.layers.Legendre import LegendreLayer
 from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import KolmogorovArnoldNetwork, apply
-from pipeline.dynamics.model.rollout import rollout
+from pipeline.dynamics.model.rollouts.open_loop import rollout
 from pipeline.errors import InputError
 from tests.dynamics import reference
 from tests.dynamics.conftest import LAGS, make_specification, random_trajectory

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pipeline.dynamics.model.dynamics import Dynamics
-from pipeline.dynamics.model.fir_model import MEMBERS, FirModel
-from pipeline.dynamics.model.fir_specification import FirSpecification
+from pipeline.dynamics.model.fir.model import MEMBERS, FirModel
+from pipeline.dynamics.model.fir.specification import FirSpecification
 from pipeline.dynamics.model.stops import Stops
 from pipeline.dynamics.model.store import load_model, save_model
 from pipeline.errors import InputError

@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 
 from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
-from pipeline.dynamics.model.rollout import rollout
+from pipeline.dynamics.model.rollouts.open_loop import rollout
 from pipeline.dynamics.training.loss import open_loop_loss
 from tests.dynamics.conftest import make_specification, random_trajectory
 

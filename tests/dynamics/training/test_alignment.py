@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.dynamics.model.dynamics import Dynamics
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
-from pipeline.dynamics.model.rollout import rollout
+from pipeline.dynamics.model.rollouts.open_loop import rollout
 from pipeline.dynamics.training.loss import open_loop_loss
 from pipeline.dynamics.training.windows import TrainingRows, gather_windows, window_starts
 from tests.dynamics import reference

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.dynamics.evaluation.errors import open_loop_rmse_80
 from pipeline.dynamics.model.dynamics_model import Target
-from pipeline.dynamics.model.fir_model import MEMBERS
+from pipeline.dynamics.model.fir.model import MEMBERS
 from pipeline.dynamics.model.network import Parameterization, apply
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.dynamics.settings import EnsembleConfig

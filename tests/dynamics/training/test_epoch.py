@@ -6,7 +6,7 @@ import numpy as np
 import optax
 import pytest
 
-from pipeline.dynamics.model.fir_model import MEMBERS
+from pipeline.dynamics.model.fir.model import MEMBERS
 from pipeline.dynamics.training.epoch import clip_each_network, compile_epoch, compile_evaluation
 from pipeline.dynamics.training.loss import prediction_loss
 from pipeline.dynamics.training.windows import stack_rows

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.components.recording import BASE_FRAME
-from pipeline.deployment.diagnostic_arrays import read_statuses
+from pipeline.deployment.graph_logs.diagnostic_arrays import read_statuses
 from pipeline.deployment.messages import (
     CanFrame,
     Diagnostics,

@@ -7,9 +7,9 @@ import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.commands import is_command
-from pipeline.deployment.components.free_running_model import FreeRunningModel
-from pipeline.deployment.components.model_floor import BLOCK_STEPS, ModelFloor, MovingSteps
-from pipeline.deployment.components.rule import Rule
+from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel
+from pipeline.deployment.components.supervision.model_floor import BLOCK_STEPS, ModelFloor, MovingSteps
+from pipeline.deployment.components.supervision.rule import Rule
 from pipeline.deployment.messages import JointCommand, JointState
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification

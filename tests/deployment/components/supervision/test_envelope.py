@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.deployment.components.envelope_rule import Envelope, StaysInEnvelope
+from pipeline.deployment.components.supervision.envelope_rule import Envelope, StaysInEnvelope
 from pipeline.deployment.messages import JointState
 from pipeline.deployment.settings import EnvelopeConfig
 from pipeline.errors import InputError

@@ -17,11 +17,11 @@ import numpy as np
 
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.features import History, push
-from pipeline.dynamics.model.fir_network import FirNetwork
-from pipeline.dynamics.model.fir_specification import FirSpecification
-from pipeline.dynamics.model.held_command import after_hold, by_held_commands, held_commands
-from pipeline.dynamics.model.held_rollout import windows_of
+from pipeline.dynamics.model.fir.network import FirNetwork
+from pipeline.dynamics.model.fir.specification import FirSpecification
 from pipeline.dynamics.model.network import Layer, Parameters, apply
+from pipeline.dynamics.model.rollouts.held_command import after_hold, by_held_commands, held_commands
+from pipeline.dynamics.model.rollouts.held_rollout import windows_of
 from pipeline.dynamics.model.stops import Stops
 
 MEMBERS = "members"  # their parameters, stacked in front

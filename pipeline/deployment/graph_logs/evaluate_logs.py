@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.deployment.graph_topics import GraphRecord, read_graph_topics
-from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
+from pipeline.deployment.graph_logs.graph_topics import GraphRecord, read_graph_topics
+from pipeline.deployment.graph_logs.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
 from pipeline.dynamics.evaluation.errors import Predictor, prediction_errors
 from pipeline.effects.store import load_predictor
 from pipeline.logs.formats.bags import read_log

@@ -10,9 +10,9 @@ import pytest
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import nanoseconds
-from pipeline.deployment.components.control_supervisor import supervise
-from pipeline.deployment.components.free_running_model import FreeRunningModel, moved_to
-from pipeline.deployment.components.model_floor import (
+from pipeline.deployment.components.supervision.control_supervisor import supervise
+from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel, moved_to
+from pipeline.deployment.components.supervision.model_floor import (
     BLOCK_STEPS,
     ModelFloor,
     MovingSteps,
@@ -21,8 +21,8 @@ from pipeline.deployment.components.model_floor import (
     measure_floor,
     read_floor,
 )
-from pipeline.deployment.components.residual_rule import FollowsModel
-from pipeline.deployment.components.supervisor_rules import RuleParts, build_rules
+from pipeline.deployment.components.supervision.residual_rule import FollowsModel
+from pipeline.deployment.components.supervision.supervisor_rules import RuleParts, build_rules
 from pipeline.deployment.messages import EmergencyStop, JointCommand, JointState, SupervisorState, Topic
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.dynamics.model.store import model_fingerprint, save_model

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from pipeline.deployment.component import nanoseconds
 from pipeline.deployment.components.recording import Recorder
-from pipeline.deployment.graph_topics import read_graph_topics
+from pipeline.deployment.graph_logs.graph_topics import read_graph_topics
 from pipeline.deployment.messages import JointCommand, Joystick, Level, ReachGoal, Reset, Topic
 from pipeline.deployment.transports.simulated_time.delays import no_delays
 from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph

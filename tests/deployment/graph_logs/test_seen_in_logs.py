@@ -8,8 +8,9 @@ from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from pipeline.deployment.components.recording import Recorder
-from pipeline.deployment.evaluate_logs import evaluate_deployment
-from pipeline.deployment.graph_topics import DEFINITIONS, read_graph_topics
+from pipeline.deployment.graph_logs.evaluate_logs import evaluate_deployment
+from pipeline.deployment.graph_logs.graph_topics import DEFINITIONS, read_graph_topics
+from pipeline.deployment.graph_logs.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
 from pipeline.deployment.messages import (
     EmergencyStop,
     GoalOutcome,
@@ -21,7 +22,6 @@ from pipeline.deployment.messages import (
     TargetPose,
     Topic,
 )
-from pipeline.deployment.seen_in_logs import delay_samples, delays_seen, safety_events, safety_seen
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discovery.discover import find_logs
 from tests.deployment.machines import MIDDLE, bobcat

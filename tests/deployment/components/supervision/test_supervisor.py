@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import Publication, nanoseconds
-from pipeline.deployment.components.control_supervisor import supervise
-from pipeline.deployment.components.self_collision import SelfCollision
-from pipeline.deployment.components.supervisor_rules import (
+from pipeline.deployment.components.supervision.control_supervisor import supervise
+from pipeline.deployment.components.supervision.self_collision import SelfCollision
+from pipeline.deployment.components.supervision.supervisor_rules import (
     CommandDelay,
     CommandFrequency,
     CommandOrder,

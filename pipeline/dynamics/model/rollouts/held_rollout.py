@@ -20,8 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.dynamics.model.features import History
-from pipeline.dynamics.model.held_command import by_held_commands
 from pipeline.dynamics.model.network import Parameters
+from pipeline.dynamics.model.rollouts.held_command import by_held_commands
 from pipeline.dynamics.model.stepwise_model import StepwiseModel
 from pipeline.dynamics.model.stops import Stops
 

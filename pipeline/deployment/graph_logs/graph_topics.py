@@ -16,7 +16,11 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.diagnostic_arrays import DIAGNOSTIC_ARRAY, diagnostic_array, read_diagnostic_array
+from pipeline.deployment.graph_logs.diagnostic_arrays import (
+    DIAGNOSTIC_ARRAY,
+    diagnostic_array,
+    read_diagnostic_array,
+)
 from pipeline.deployment.messages import (
     Diagnostics,
     EmergencyStop,
@@ -33,7 +37,7 @@ from pipeline.logs.formats.discovery.log_entry import LogEntry
 from pipeline.logs.messages.message_blocks import MessageBlock, ReadingLedger
 
 PACKAGE = "hydraulic_arm"
-DEFINITIONS = Path(__file__).parent / f"transports/ros1/{PACKAGE}/msg"
+DEFINITIONS = Path(__file__).parents[1] / f"transports/ros1/{PACKAGE}/msg"
 RESULT_DEFINITION = "time stamp\nuint32 goal_id\nstring outcome\nuint32 n_ticks\n"  # on ROS, of an action
 
 

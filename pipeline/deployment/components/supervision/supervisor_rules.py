@@ -14,12 +14,12 @@ import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.commands import is_command
-from pipeline.deployment.components.envelope_rule import Envelope, StaysInEnvelope
-from pipeline.deployment.components.free_running_model import FreeRunningModel
-from pipeline.deployment.components.model_floor import ModelFloor, read_floor
-from pipeline.deployment.components.residual_rule import FollowsModel
-from pipeline.deployment.components.rule import Rule
-from pipeline.deployment.components.self_collision import SelfCollision
+from pipeline.deployment.components.supervision.envelope_rule import Envelope, StaysInEnvelope
+from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel
+from pipeline.deployment.components.supervision.model_floor import ModelFloor, read_floor
+from pipeline.deployment.components.supervision.residual_rule import FollowsModel
+from pipeline.deployment.components.supervision.rule import Rule
+from pipeline.deployment.components.supervision.self_collision import SelfCollision
 from pipeline.deployment.messages import JointCommand, JointState
 from pipeline.deployment.settings import SupervisorConfig
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics

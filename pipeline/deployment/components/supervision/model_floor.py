@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.deployment.components.free_running_model import FreeRunningModel
+from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel
 from pipeline.dynamics.model.shown_motion import NEAR_SHARE, STANDING_SHARE
 from pipeline.dynamics.model.specification import ModelSpecification
 from pipeline.errors import InputError

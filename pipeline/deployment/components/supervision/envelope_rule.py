@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 
-from pipeline.deployment.components.rule import Rule
+from pipeline.deployment.components.supervision.rule import Rule
 from pipeline.deployment.messages import JointState
 from pipeline.deployment.settings import EnvelopeConfig
 from pipeline.errors import InputError

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.deployment.component import Component, Condition, Output, Publication, nanoseconds
-from pipeline.deployment.components.rule import Rule
-from pipeline.deployment.components.supervisor_rules import RuleParts, build_rules
+from pipeline.deployment.components.supervision.rule import Rule
+from pipeline.deployment.components.supervision.supervisor_rules import RuleParts, build_rules
 from pipeline.deployment.messages import (
     EmergencyStop,
     JointCommand,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.graph_topics import GraphRecord
+from pipeline.deployment.graph_logs.graph_topics import GraphRecord
 from pipeline.deployment.messages import GoalOutcome, InterfaceRule, JointCommand
 from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.raw_log import RawLog

@@ -1,0 +1,1 @@
+"""Logs of the graph: its topics in a bag, and what they tell of reaching, delays and safety."""

@@ -1,0 +1,1 @@
+"""The nonlinear finite-impulse-response (NFIR) model."""
