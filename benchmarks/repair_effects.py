@@ -22,7 +22,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-CASES = ("delay:3", "lag:3", "stiction:3", "flow_coupling:3", "oscillation:3")
+CASES = ("delay:3", "lag:3", "stiction:3", "flow_coupling:1.5", "oscillation:3")
 RICH_MINUTES, RICH_SEED = 20.0, 2  # other than the measured logs' seed
 
 

@@ -137,6 +137,12 @@ def load_effects(directory: Path) -> ActiveEffects | None:
     return effects
 
 
+def load_active(directory: Path) -> ActiveEffects | None:
+    """Read `effects.json`; None if it is missing, or no effect in it is active. Raises as `load_effects`."""
+    effects = load_effects(directory)
+    return effects if effects is not None and effects.families() else None
+
+
 def _lists(by_family: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, dict[str, list]]:
     return {
         family: {name: np.asarray(value).tolist() for name, value in of.items()}

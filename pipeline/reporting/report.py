@@ -18,6 +18,7 @@ from pipeline.reporting.chapters.models import (
     selected_models_table,
 )
 from pipeline.reporting.chapters.overview import key_figures, overview_section, verdict
+from pipeline.reporting.chapters.repair import repair_table
 from pipeline.reporting.page import render_page
 from pipeline.reporting.pictures import Pictures
 from pipeline.reporting.results.artifacts import PipelineResults
@@ -112,6 +113,8 @@ def _tables(machine: MachineSpecification, results: PipelineResults, origin: str
         tables[name if name in ("sim2sim", "sim2real") else f"deployment_{name}"] = table
     if (closed_loop := closed_loop_table(machine, results.closed_loop)) is not None:
         tables["closed_loop"] = closed_loop
+    if (repaired := repair_table(results.closed_loop.repair or {})) is not None:
+        tables["repair"] = repaired
     return tables
 
 

@@ -8,14 +8,16 @@ from omegaconf import MISSING
 from pipeline.configuration.graph import ControllerKeys, settings_of
 from pipeline.configuration.paths import InputLogs
 from pipeline.configuration.stage import stage
-from pipeline.control.repair.files import FORMER, NEW, ON_MACHINE, add_machine_trials, read_policies
+from pipeline.control.repair.files import FORMER, NEW, ON_MACHINE, add_machine_trials, note_in, read_policies
 from pipeline.control.repair.logged_comparison import compare_logged
 from pipeline.deployment.compose import GraphSettings, dispatch_synchronously
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
+from pipeline.plant.machines.simulated import SIMULATED
 from pipeline.plant.recording.session import read_moment
 from pipeline.testbench.alternating_trials import drive_in_turns
 from pipeline.testbench.plant_machine import changed_machine
+from pipeline.testbench.recording import own_logs_among
 from pipeline.tracking import StageRun, flatten_metrics, progress_bar
 
 
@@ -34,6 +36,9 @@ class ProveStage(ControllerKeys):
     effects: list[str] = field(default_factory=list)
     effects_seed: int = MISSING
     effect_size: float = MISSING
+    allow_empty: bool = False
+    measured: str | None = None
+    recorded: str = MISSING
 
     def __post_init__(self) -> None:
         if (self.former is None) != (self.new is None):
@@ -47,6 +52,9 @@ class ProveStage(ControllerKeys):
 def main(configuration: ProveStage, run: StageRun) -> None:
     """Drive the simulated machine, or read logs of the real one; say in `repair.json` what it showed."""
     folder, output = Path(configuration.repair), Path(configuration.output)
+    if configuration.allow_empty and (why := _nothing_to_drive(configuration)) is not None:
+        print(f"prove: nothing is driven: {why}")
+        return
     policies, former, new = read_policies(folder), configuration.former, configuration.new
     if former is None or new is None:
         dispatch_synchronously()
@@ -65,6 +73,16 @@ def main(configuration: ProveStage, run: StageRun) -> None:
     shown = (f"{100 * document[ON_MACHINE][name]:.1f} %" for name in ("sr_before", "sr_after"))
     print(f"prove: success {' to '.join(shown)} over {compared.n_targets} targets; {document['reason']}")
     run.metrics(flatten_metrics(document[ON_MACHINE]))
+
+
+def _nothing_to_drive(configuration: ProveStage) -> str | None:
+    """Why the simulated machine says nothing of the repair; None where it does."""
+    measured = configuration.measured
+    if own_logs_among({"measured": (measured, Path(configuration.recorded))}):
+        return f"the logs in {measured} are of your own machine; drive it, and name former and new"
+    if configuration.machine.name not in SIMULATED:
+        return f"there is no simulated plant of {configuration.machine.name}"
+    return note_in(Path(configuration.repair))
 
 
 if __name__ == "__main__":

@@ -12,8 +12,9 @@ from pipeline.configuration.reaching import ReachingKeys
 from pipeline.configuration.stage import stage
 from pipeline.control.apg.config import APGConfig
 from pipeline.control.repair.config import RepairConfig
-from pipeline.control.repair.files import write_repair
+from pipeline.control.repair.files import write_note, write_repair
 from pipeline.control.repair.repair import repair
+from pipeline.effects.store import load_active
 from pipeline.files.path_checks import Output
 from pipeline.tracking import StageRun, flatten_metrics
 
@@ -29,6 +30,7 @@ class RepairStage(ReachingKeys):
     apg: APGConfig = MISSING
     policy_repair: RepairConfig = MISSING
     seed: int = MISSING
+    allow_empty: bool = False
 
 
 @stage(RepairStage)
@@ -36,6 +38,9 @@ def main(configuration: RepairStage, run: StageRun) -> None:
     """Write the new policy, the former one, and `repair.json`."""
     policy, model, output = (Path(getattr(configuration, key)) for key in ("policy", "model", "output"))
     run.inputs(f"{model}/parameters.msgpack", f"{model}/effects.json", f"{policy}/policy.msgpack")
+    if configuration.allow_empty and load_active(model) is None:
+        say(write_note(output, f"{model} has no effects around it"))
+        return
     config = configuration.policy_repair
     of_training = configuration.reaching, configuration.apg, config, configuration.seed
     repaired = repair(policy, model, *of_training, lambda point: say(point.shown))

@@ -18,6 +18,18 @@ def test_seeds_draw_different_kinds(nominal):
     assert len(kinds) > 1
 
 
+def test_one_of_several_kinds_is_drawn(nominal):
+    kinds = {draw_effects(["delay|lag"], seed, nominal, 1.0, 600.0)[0].kind for seed in range(8)}
+    assert kinds == {"delay", "lag"}
+    with pytest.raises(InputError, match=r"'lags' is not known"):
+        draw_effects(["delay|lags"], 0, nominal, 1.0, 600.0)
+
+
+def test_a_pump_that_moves_nothing_is_refused(nominal):
+    with pytest.raises(InputError, match=r"flow_coupling: size 3 leaves no motion enough flow; at most 1\.6"):
+        draw_effects(["flow_coupling"], 0, nominal, 3.0, 600.0)
+
+
 def test_an_unknown_kind_is_refused_with_the_known_ones(nominal):
     with pytest.raises(InputError, match=r"'gains' is not known; choose from .*gain"):
         draw_effects(["gains"], 0, nominal, 1.0, 600.0)

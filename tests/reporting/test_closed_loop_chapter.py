@@ -1,11 +1,14 @@
 """The report's chapter on the closed loop: verdict, errors, link and what the seal said."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pipeline.configuration.load import load_machine
+from pipeline.control.repair.comparison import Comparison, PairedRate
 from pipeline.reporting.chapters.closed_loop import closed_loop_section, closed_loop_table, seal_sentence
 from pipeline.reporting.page import render_page
 from pipeline.reporting.results.artifacts import ClosedLoopResult
@@ -69,3 +72,27 @@ def test_without_measured_logs_the_chapter_says_so() -> None:
     assert section.answer == "The loop was not closed."
     assert list(section.paragraphs) == ["measured holds no logs."]
     assert closed_loop_table(MACHINE, closed_loop) is None
+
+
+def test_a_repair_stands_beside_the_errors() -> None:
+    """Rates and intervals of the document, place by place; the picture is there."""
+    rates = Comparison(
+        100,
+        PairedRate.of(*(np.arange(100) < n for n in (75, 89))),
+        PairedRate.of(*(np.arange(100) < n for n in (60, 11))),
+    ).as_dict(margin=0.05)
+    document = {**rates, "on_model": rates, "on_machine": rates, "reason": "it reaches more"}
+    section = closed_loop_section(MACHINE, replace(result("named"), repair=document), OUTPUT)
+    table = section.tables[1]
+    assert [row[0] for row in table.rows] == ["model with what was found", "changed machine"]
+    assert table.rows[1][1:4] == ["100", "0.75", "0.89"] and table.rows[1][4].startswith("+14 (+7 to +21")
+    assert len(section.figures) == 1 and b"<svg" in section.figures[0].content
+    assert "The repaired policy may replace the former one: it reaches more." in section.paragraphs[0]
+
+
+def test_where_nothing_was_repaired_the_chapter_says_why() -> None:
+    section = closed_loop_section(
+        MACHINE, replace(result("none"), repair={"note": "it has no effects"}), OUTPUT
+    )
+    assert section.paragraphs[0] == "No policy was repaired: it has no effects."
+    assert len(section.tables) == 1 and not section.figures

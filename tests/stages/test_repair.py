@@ -168,3 +168,21 @@ def test_both_policies_take_turns_on_the_machine_and_logs_of_it_say_the_same(
     assert (tmp_path / "out/repair.json").read_text() == write_back
     done = run_stage("prove", *common, logs[0], folder=tmp_path)
     assert done.returncode == 2 and "name both folders, or none" in done.stderr
+
+
+def test_where_nothing_was_found_nothing_is_repaired_driven_or_promoted(folder: Path) -> None:
+    common = ["profile=smoke", "allow_empty=true"]
+    done = run_stage("repair", "policy=deployed", "model=before", "output=none", *common, folder=folder)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((folder / "none/repair.json").read_text()) == {
+        "note": "before has no effects around it"
+    }
+    for overrides, why in (
+        ([], "before has no effects around it"),
+        (["measured=deployed"], "the logs in deployed are of your own machine"),
+    ):
+        done = run_stage("prove", "repair=none", "model=before", *overrides, *common, folder=folder)
+        assert done.returncode == 0 and f"nothing is driven: {why}" in done.stdout, done.stderr
+    done = run_stage("promote", "repair=none", folder=folder)
+    assert done.returncode == 2
+    assert "there is no repair: before has no effects around it" in done.stderr

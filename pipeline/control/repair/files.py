@@ -36,6 +36,20 @@ def write_repair(folder: Path, repaired: Repaired, policy: Path, margin: float) 
     return document
 
 
+def write_note(folder: Path, note: str) -> str:
+    """Say in place of a repair why there is none."""
+    write_json(folder / DOCUMENT, {"note": note})
+    return note
+
+
+def note_in(folder: Path) -> str | None:
+    """Why there is no repair in a folder of one; None where there is one, or no file."""
+    try:
+        return json.loads((folder / DOCUMENT).read_text(encoding="utf-8")).get("note")
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
 def add_machine_trials(folder: Path, comparison: Comparison) -> dict[str, Any]:
     """Write what both policies did on the machine into the document, and return it; both gates count.
 
@@ -58,6 +72,8 @@ def read_repair(folder: Path) -> dict[str, Any]:
         InputError: There is none, it is damaged, or a policy is another one.
     """
     path = folder / DOCUMENT
+    if (note := note_in(folder)) is not None:
+        raise InputError(f"{path}: there is no repair: {note}; repair on a model with effects")
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         policies = document["policies"]

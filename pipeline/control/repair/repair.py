@@ -16,7 +16,7 @@ from pipeline.control.repair.comparison import Comparison
 from pipeline.control.repair.config import RepairConfig
 from pipeline.control.repair.drawn_effects import DrawnEnvironment, TaskOnDraws
 from pipeline.effects.draws import EffectDraws
-from pipeline.effects.store import FILE, dynamics_fingerprint, load_dynamics, load_effects
+from pipeline.effects.store import FILE, dynamics_fingerprint, load_active, load_dynamics
 from pipeline.errors import InputError
 from pipeline.reaching.episodes import learning_poses
 from pipeline.reaching.settings import ReachingSettings
@@ -73,8 +73,8 @@ def repair(
         InputError: The model has no effects, or the policy does not fit it.
     """
     dynamics, parameters = load_dynamics(model, reaching.machine)
-    effects = load_effects(model)
-    if effects is None or not effects.families():
+    effects = load_active(model)
+    if effects is None:
         raise InputError(f"{model}: has no effects around it; name the model_after that close_loop wrote")
     task = reaching.task(dynamics, parameters)
     former, _ = load_policy(policy)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pipeline.errors import InputError
 from pipeline.plant.effects.effect import PlantEffect, Quantity
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES, N_JOINT
 from pipeline.plant.machines.characterise import full_speed
@@ -14,8 +15,17 @@ LEAST_LOSS = 0.05  # a joint that loses less is not counted as affected
 
 
 def draw(random: np.random.Generator, nominal: Parameters, size: float) -> PlantEffect:
-    """The pump loses flow and the open centre is throttled equally, so that single motions keep their speed."""
+    """The pump loses flow and the open centre is throttled equally, so that single motions keep their speed.
+
+    Raises:
+        InputError: So large an effect would leave less flow than one motion takes.
+    """
     factor = 1.0 - size * random.uniform(SMALLEST_LOSS, LARGEST_LOSS)
+    if factor < SINGLE_DEMAND:
+        most = (1.0 - SINGLE_DEMAND) / LARGEST_LOSS
+        raise InputError(
+            f"effect flow_coupling: size {size:g} leaves no motion enough flow; at most {most:.1f}"
+        )
 
     def apply(parameters: Parameters) -> Parameters:
         # single motions keep their supply pressure when the bypass passes as much less as the pump delivers

@@ -10,6 +10,7 @@ from pipeline.plant.effects import PlantEffect, change_point
 from pipeline.plant.parameters import Parameters
 
 DRAWN = "drawn"  # the kind itself is drawn
+OR = "|"  # ... from these
 CHANGE_POINT = "change_point"  # a drawn kind that sets in during the first session
 
 
@@ -19,7 +20,7 @@ def draw_effects(
     """Draw one effect per kind.
 
     Args:
-        kinds: Names in `effects.KINDS`, `drawn`, or `change_point`.
+        kinds: Names in `effects.KINDS`, `drawn`, or `change_point`; of names with `|` between them one is drawn.
         seed: Seed of kinds, joints, directions, strengths and moments.
         nominal: The machine that the effects will change.
         size: Strength, 1 for plain effects.
@@ -34,11 +35,13 @@ def draw_effects(
     for number, kind in enumerate(kinds):
         random = np.random.default_rng([seed, number])
         known = sorted(effects.KINDS)
-        if kind not in (*known, DRAWN, CHANGE_POINT):
-            raise InputError(
-                f"effects: {kind!r} is not known; choose from {', '.join((*known, CHANGE_POINT, DRAWN))}"
-            )
-        chosen = known[random.integers(len(known))] if kind in (DRAWN, CHANGE_POINT) else kind
+        among = known if kind in (DRAWN, CHANGE_POINT) else kind.split(OR)
+        for name in among:
+            if name not in known:
+                raise InputError(
+                    f"effects: {name!r} is not known; choose from {', '.join((*known, CHANGE_POINT, DRAWN))}"
+                )
+        chosen = among[random.integers(len(among))] if len(among) > 1 else among[0]
         effect = effects.draw(chosen, int(random.integers(2**31)), nominal, size)
         drawn.append(change_point.wrap(random, effect, first_session_s) if kind == CHANGE_POINT else effect)
     return drawn

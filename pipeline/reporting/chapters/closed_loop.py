@@ -1,4 +1,4 @@
-"""The index page's chapter on the closed loop: verdict, errors before and after, and the seal's truth."""
+"""The index page's chapter on the closed loop: verdict, errors before and after, repair, and the seal's truth."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -9,10 +9,12 @@ from typing import Any
 from markupsafe import Markup
 
 from pipeline.machine.specification import MachineSpecification
+from pipeline.reporting.chapters.repair import repair_panel, repair_sentence, repair_table
 from pipeline.reporting.closed_loop.figures import BASELINES
 from pipeline.reporting.closed_loop.quantities import number, readable_unit, significant
 from pipeline.reporting.closed_loop.verdict import HORIZON, affected_joints, held_out_error, verdict_sentence
-from pipeline.reporting.page import Section
+from pipeline.reporting.figures.before_after import BeforeAfter, before_after_figure
+from pipeline.reporting.page import SVG, Figure, Section
 from pipeline.reporting.results.artifacts import ClosedLoopResult
 from pipeline.reporting.table import Table
 
@@ -28,25 +30,47 @@ class MachineUnits:
 
 
 def closed_loop_section(machine: MachineSpecification, result: ClosedLoopResult, output: Path) -> Section:
-    """Build the chapter: the verdict on the measured logs, errors, and the comparison with the seal.
+    """Build the chapter: the verdict on the measured logs, errors, repair, and the comparison with the seal.
 
     Args:
-        result: Outputs of `close_loop` and `unseal`.
+        result: Outputs of `close_loop` and `unseal`, and of `repair` where it ran.
         output: Folder of the page; the link to the loop's report is relative to it.
     """
     document = result.document
     if "verdict" not in document:
         return Section(TITLE, "The loop was not closed.", paragraphs=[f"{document['note']}."])
-    table = closed_loop_table(machine, result)
+    tables, repaired = [closed_loop_table(machine, result)], []
+    if result.repair is not None:
+        tables.append(repair_table(result.repair))
+        repaired = [repair_sentence(result.repair)]
     link = Markup('Evidence, rivals and the next experiment: <a href="{0}">{1}</a>.').format(
         os.path.relpath(result.page, output), result.page
     )
     return Section(
         TITLE,
         verdict_sentence(document, MachineUnits(machine.joint_names, machine.units)),
-        tables=[table] if table is not None else [],
-        paragraphs=[seal_sentence(result.judgement), link],
+        _figures(machine, result),
+        [table for table in tables if table is not None],
+        [*repaired, seal_sentence(result.judgement), link],
     )
+
+
+def _figures(machine: MachineSpecification, result: ClosedLoopResult) -> list[Figure]:
+    """Errors and rates before and after, side by side; none where no policy was repaired."""
+    panel = None if result.repair is None else repair_panel(result.repair)
+    if panel is None:
+        return []
+    rows = {}
+    for joint, unit in zip(machine.joint_names, machine.units, strict=True):
+        factor, name = readable_unit(unit)
+        before, after = (
+            factor * held_out_error(result.document, when, joint) for when in ("before", "after")
+        )
+        rows[f"{joint} [{name}]"] = before, after
+    errors = BeforeAfter("4 s error of the model", ("before", "with what was found"), rows)
+    title = "From the error to the policy"
+    caption = "Errors on measured rows that no fit saw. Both policies pursue the same targets in turns."
+    return [Figure(title, caption, before_after_figure([errors, panel]), SVG)]
 
 
 def closed_loop_table(machine: MachineSpecification, result: ClosedLoopResult) -> Table | None:

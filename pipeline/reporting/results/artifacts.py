@@ -1,7 +1,7 @@
 """Reader of the stages' outputs in the artifacts folder, for tables and figures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,9 @@ class ClosedLoopResult:
     document: dict[str, Any]  # contract, section 4; or a `note` if measured logs are missing
     judgement: dict[str, Any]  # of the stage unseal; or a `note` without a seal
     page: Path  # the loop's report
+    repair: dict[str, Any] | None = (
+        None  # repair.json, contract, section 3; or a `note` where nothing was repaired
+    )
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,9 @@ def read_results(
         models,
         judgements,
         evaluated,
-        read_closed_loop(artifacts / "close_loop"),
+        replace(
+            read_closed_loop(artifacts / "close_loop"), repair=read_json(artifacts / "repair/repair.json")
+        ),
         read_deployments(artifacts, evaluated),
     )
 
@@ -93,6 +98,7 @@ def files_read(artifacts: Path, results: PipelineResults) -> list[Path]:
         *(artifacts / "judge" / model.kind / "comparisons.json" for model in results.models),
         *files_of(artifacts, results.controllers, results.deployments),
         *(artifacts / "close_loop" / name for name in ("closed_loop.json", "judgement.json")),
+        artifacts / "repair/repair.json",
         artifacts / "pictures",
     ]
 
