@@ -95,7 +95,7 @@ def identify(
     settings = load_section("identify", IdentifyConfig, profile)
     settings.training_of(kind)  # before the tuples are read
     parameterization, _, target = kind.partition("_")
-    rows = split_by_purpose(Path(tuples), Path(held_out) if held_out else None, [], machine)
+    rows = split_by_purpose(tuples, held_out, [], machine)
     identified = identify_on(rows, machine, Parameterization(parameterization), Target(target), settings)
     identified.save(Path(output))
     return identified

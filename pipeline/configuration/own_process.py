@@ -1,32 +1,18 @@
-"""What joins a ROS graph in a process of its own: rospy joins one in a process's life."""
+"""Jobs of a sweep that join a ROS graph each."""
 
-import ctypes
-import signal
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import ParamSpec, TypeVar
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
+from pipeline.deployment.transports.own_process import in_own_process
+
 P = ParamSpec("P")
 R = TypeVar("R")
-PR_SET_PDEATHSIG = 1  # of prctl(2)
-
-
-def in_own_process(function: Callable[P, R], *arguments: P.args, **keys: P.kwargs) -> R:
-    """Call it there; what it takes and returns, or raises, is pickled."""
-    with ProcessPoolExecutor(1, get_context("spawn"), _die_with_parent) as process:
-        return process.submit(function, *arguments, **keys).result()
 
 
 def for_this_job(function: Callable[P, R], *arguments: P.args, **keys: P.kwargs) -> R:
     """Call it in a process of its own where this one has more jobs to do: in a sweep."""
     is_sweep = HydraConfig.get().mode is RunMode.MULTIRUN
     return in_own_process(function, *arguments, **keys) if is_sweep else function(*arguments, **keys)
-
-
-def _die_with_parent() -> None:
-    """Or else a graph would go on driving the machine after its command was killed."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

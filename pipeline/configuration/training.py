@@ -32,8 +32,7 @@ def run_training(name: str, configuration: TrainingKeys, train: Train[S], config
         def progress(point: CurvePoint) -> None:
             metrics = point.metrics.as_dict()
             shown = {key: f"{metrics[key]:.2f}" for key in ("average_return", "sr_012_008")}
-            bar.set_postfix(shown, refresh=False)
-            bar.reach(point.steps)
+            bar.reach(point.steps, **shown)
             run.metrics({f"curve.{key}": value for key, value in metrics.items()}, step=point.steps)
 
         model, reaching = Path(configuration.model), configuration.reaching
@@ -41,5 +40,4 @@ def run_training(name: str, configuration: TrainingKeys, train: Train[S], config
     trained.save(output)
     run.metrics(trained.metrics)
     run.artifact(output, "policy")
-    if checkpoints:  # a finished run must not be taken up again by changed code
-        remove_checkpoints(checkpoints, is_checkpoint)
+    remove_checkpoints(checkpoints, is_checkpoint)

@@ -33,13 +33,15 @@ class LoopInputs:
         model: Folder of the model; None: it is identified from the nominal logs.
         kind: What is identified then, `nfir_dqdot` for example.
         learned: File that keeps what is learned of the nominal logs alone; None: it is not kept.
+        allow_empty: Whether a note takes the place of the result where no logs are measured.
     """
 
     nominal: str
     measured: str
-    model: Path | None
+    model: str | None
     kind: str
-    learned: Path | None
+    learned: str | None
+    allow_empty: bool = False
 
 
 def close_loop_on_logs(
@@ -51,7 +53,6 @@ def close_loop_on_logs(
     identify: IdentifyConfig,
     settings: CloseLoopConfig,
     log: Callable[[str], None] = lambda _: None,
-    allow_empty: bool = False,
 ) -> tuple[ClosedLoop, list[Trajectory]] | None:
     """Write `closed_loop.json`, `report_data.npz`, `model_before` and `model_after` into `output`.
 
@@ -64,7 +65,6 @@ def close_loop_on_logs(
         identify: Section `identify`.
         settings: Section `close_loop`.
         log: Called with one sentence per step.
-        allow_empty: Whether a note takes the place of the result where no logs are measured.
 
     Returns:
         The result and the nominal trajectories; None for a note.
@@ -72,8 +72,9 @@ def close_loop_on_logs(
     Raises:
         InputError: Logs or model cannot be used, or a file cannot be written.
     """
-    if allow_empty and is_empty_folder(Path(inputs.measured)):
-        log(write_note(output, machine, inputs.model, inputs.nominal, inputs.measured))
+    given, kept = (None if path is None else Path(path) for path in (inputs.model, inputs.learned))
+    if inputs.allow_empty and is_empty_folder(Path(inputs.measured)):
+        log(write_note(output, machine, given, inputs.nominal, inputs.measured))
         return None
     logs = [
         load_logs(Path(folder), machine, ingest, loop_tracker) for folder in (inputs.nominal, inputs.measured)
@@ -87,12 +88,13 @@ def close_loop_on_logs(
             f"caution: trajectory {again.name} of measured={inputs.measured} is among nominal={inputs.nominal}, too; "
             "in what is the same nothing can be found"
         )
-    model = nominal_model(inputs.model, inputs.kind, nominal, machine, settings, identify)
+    model = nominal_model(given, inputs.kind, nominal, machine, settings, identify)
     log(f"{len(nominal)} nominal and {len(measured)} measured trajectories")
     try:
-        result = close_loop(nominal, measured, machine, model, settings, identify, log, kept=inputs.learned)
+        result = close_loop(nominal, measured, machine, model, settings, identify, log, kept=kept)
     except UnusableLogs as error:
         raise InputError(f"{error.which}={getattr(inputs, error.which)}: {error.why}") from None
     report = LoopReport(machine.name, inputs.nominal, inputs.measured, result.evidence)
     write_closed_loop(output, result, nominal, report)
+    log(f"verdict {result.document['verdict']}")
     return result, nominal

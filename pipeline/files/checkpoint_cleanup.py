@@ -13,15 +13,17 @@ PARTIAL = re.compile(
 )  # files that a killed process left incomplete
 
 
-def remove_checkpoints(folder: Path, is_own: Callable[[Path], bool]) -> None:
+def remove_checkpoints(folder: Path | None, is_own: Callable[[Path], bool]) -> None:
     """Delete a stage's checkpoints, so that changed code cannot resume a finished run; then the folder if empty.
 
     Deletion errors are ignored, because the run's results have been written.
 
     Args:
-        folder: It may be missing.
+        folder: It may be missing, or None where a run keeps no checkpoints.
         is_own: Whether a file or folder is a checkpoint of the stage, by its name and content.
     """
+    if folder is None:
+        return
     with suppress(OSError):
         for entry in folder.iterdir():
             partial = PARTIAL.fullmatch(entry.name)

@@ -53,13 +53,37 @@ class Pictures:
     figures: dict[str, Figure]
 
 
+@dataclass(frozen=True)
+class PictureSettings:
+    """What pictures show.
+
+    Attributes:
+        episode: Number of the episode that the films show.
+        paths: Number of episodes, from the first on, whose paths are drawn.
+        frames_per_second: Frame rate of the films; a divisor of the machine's rate.
+    """
+
+    episode: int
+    paths: int
+    frames_per_second: int
+
+    def check(self, rate_hz: float) -> None:
+        """Raise `InputError` where a number is out of its range, or no divisor of the machine's rate."""
+        if self.episode < 0 or self.paths < 1:
+            raise InputError(
+                f"episode is {self.episode}, paths {self.paths}; they count from 0 and 1 upwards"
+            )
+        if self.frames_per_second < 1 or rate_hz % self.frames_per_second:
+            raise InputError(
+                f"frames_per_second is {self.frames_per_second}; it must divide the machine's {rate_hz:g} Hz"
+            )
+
+
 def draw_pictures(
     machine: MachineSpecification,
     machine_directory: Path,
     controllers: Sequence[ControllerResult],
-    episode: int,
-    n_paths: int,
-    frames_per_second: int,
+    settings: PictureSettings,
     deployments: Sequence[Deployment] = (),
 ) -> Pictures:
     """Draw all pictures; films and paths are of each controller's first seed.
@@ -68,25 +92,27 @@ def draw_pictures(
         machine: the machine; it has a robot description.
         machine_directory: where `conf/machine` lies.
         controllers: evaluated controllers.
-        episode: number of the episode that the films show.
-        n_paths: number of episodes, from the first on, whose paths are drawn.
-        frames_per_second: frame rate of the films; a divisor of the machine's rate.
+        settings: what the pictures show.
         deployments: results of the controllers in the graph and on the plant.
+
+    Raises:
+        InputError: See `PictureSettings.check`.
     """
+    settings.check(machine.rate_hz)
     if not controllers:
         return Pictures({}, None, {})
     groups = by_controller(controllers)
     arm = load_arm(machine, machine_directory)
     figures = {
         "success_rates": success_rates(groups),
-        "paths": paths(machine, arm, groups, n_paths),
+        "paths": paths(machine, arm, groups, settings.paths),
     }
     if any(controller.curve for controller in controllers):
         figures["learning_curves"] = learning_curves(groups)
     figures |= deployment_figures(deployments)
     try:
         films = {
-            name: film(machine, machine_directory, group[0], episode, frames_per_second)
+            name: film(machine, machine_directory, group[0], settings.episode, settings.frames_per_second)
             for name, group in groups.items()
         }
     except RenderingUnavailableError as error:

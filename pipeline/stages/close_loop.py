@@ -1,6 +1,6 @@
 """Stage `close_loop`: from logs measured on the machine to the effect that its model lacks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -44,17 +44,12 @@ class CloseLoopStage(PipelineConfiguration):
 def main(configuration: CloseLoopStage, run: StageRun) -> None:
     """Write `closed_loop.json`, both models, and `report.html` with the data that it is made from."""
     machine, output = configuration.machine, Path(configuration.output)
-    given, learned = (None if p is None else Path(p) for p in (configuration.model, configuration.learned))
-    inputs = LoopInputs(configuration.nominal, configuration.measured, given, configuration.kind, learned)
+    inputs = LoopInputs(**{field.name: getattr(configuration, field.name) for field in fields(LoopInputs)})
     settings = configuration.ingest, configuration.control.loop_tracker, configuration.identify
-    closed = close_loop_on_logs(
-        inputs, output, machine, *settings, configuration.close_loop, say, configuration.allow_empty
-    )
+    closed = close_loop_on_logs(inputs, output, machine, *settings, configuration.close_loop, say)
     if closed is not None:
-        result, nominal = closed
         run.inputs(inputs.nominal, inputs.measured)
-        publish_closed_loop(run, output, result.document, result.model, machine.name, max(nominal, key=len))
-        say(f"verdict {result.document['verdict']}")
+        publish_closed_loop(run, output, *closed, machine.name)
     if configuration.page:
         write_page("closed_loop", output)
         say(f"see {output / 'report.html'}")

@@ -42,8 +42,7 @@ def main(configuration: EvaluateIcemStage, run: StageRun) -> None:
     write_evaluation(output, metrics, traces, episodes)
     run.metrics(flatten_metrics(metrics))
     run.artifact(output, "evaluation")
-    if checkpoints:  # a finished evaluation must not be taken up again by changed code
-        remove_checkpoints(checkpoints, is_chunk)
+    remove_checkpoints(checkpoints, is_chunk)
 
 
 if __name__ == "__main__":

@@ -14,8 +14,8 @@ from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.dynamics.training.checkpoint import is_training
 from pipeline.dynamics.training.data_split import VALIDATION, split_by_purpose
 from pipeline.files.checkpoint_cleanup import remove_checkpoints
-from pipeline.tracking import StageRun, flatten_metrics, progress_bar
-from pipeline.tracking.registry.publish import publish_dynamics_model
+from pipeline.tracking import StageRun, progress_bar
+from pipeline.tracking.registry.publish import publish_identified
 
 
 @dataclass
@@ -36,29 +36,24 @@ class IdentifyStage(PipelineConfiguration):
 def main(configuration: IdentifyStage, run: StageRun) -> None:
     """Train the model kind `model`, `target`, judge it on held-out rows and write the model folder."""
     machine, settings, output = configuration.machine, configuration.identify, Path(configuration.output)
-    kind = f"{configuration.model.value}_{configuration.target.value}"
-    epochs = settings.training_of(kind).maximum_epochs
-    held_out = Path(configuration.held_out) if configuration.held_out is not None else None
+    model, target = configuration.model, configuration.target
+    kind = f"{model.value}_{target.value}"
+    held_out = configuration.held_out
     checkpoints = Path(configuration.checkpoints) if configuration.checkpoints else None
-    rows = split_by_purpose(Path(configuration.tuples), held_out, configuration.hold_out, machine)
+    rows = split_by_purpose(configuration.tuples, held_out, configuration.hold_out, machine)
     if rows.judged_on == VALIDATION:
         print("identify: no held-out recording; judged on the validation rows, which early stopping saw")
-    run.inputs(configuration.tuples, *([configuration.held_out] if configuration.held_out else []))
-    with progress_bar(f"identify {kind}", epochs, "epoch") as bar:
+    run.inputs(configuration.tuples, *([held_out] if held_out else []))
+    with progress_bar(f"identify {kind}", settings.training_of(kind).maximum_epochs, "epoch") as bar:
 
         def progress(epoch: int, training: float, evaluation: float) -> None:
-            bar.set_postfix(training=f"{training:.2e}", evaluation=f"{evaluation:.2e}", refresh=False)
-            bar.reach(epoch)
+            bar.reach(epoch, training=f"{training:.2e}", evaluation=f"{evaluation:.2e}")
             run.metrics({"training_loss": training, "evaluation_loss": evaluation}, step=epoch)
 
-        model, target = configuration.model, configuration.target
         identified = identify(rows, machine, model, target, settings, progress, checkpoints)
     identified.save(output)
-    run.metrics(flatten_metrics(identified.metrics))
-    run.artifact(output, "model")
-    publish_dynamics_model(run, output, identified.model, f"{machine.name}-{kind}", rows.learning[0])
-    if checkpoints:  # a finished run must not be taken up again by changed code
-        remove_checkpoints(checkpoints, is_training)
+    publish_identified(run, output, identified, f"{machine.name}-{kind}", rows.learning[0])
+    remove_checkpoints(checkpoints, is_training)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ def main(configuration: JudgeStage, run: StageRun) -> None:
     """Fit the references, judge everything on the held-out recording, write metrics, tables and figures."""
     machine, output = configuration.machine, Path(configuration.output)
     models = load_models(configuration.models, machine)
-    rows = split_by_purpose(Path(configuration.tuples), Path(configuration.held_out), [], machine)
+    rows = split_by_purpose(configuration.tuples, configuration.held_out, [], machine)
     if rows.judged_on == VALIDATION:
         print("judge: no held-out recording; judged on the validation rows, which early stopping saw")
     else:

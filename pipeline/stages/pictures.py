@@ -8,8 +8,7 @@ from omegaconf import MISSING
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.configuration.paths import InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
-from pipeline.errors import InputError
-from pipeline.reporting.pictures import draw_pictures, save_pictures
+from pipeline.reporting.pictures import PictureSettings, draw_pictures, save_pictures
 from pipeline.reporting.results.deployments import read_evaluated
 from pipeline.tracking import StageRun
 
@@ -25,17 +24,6 @@ class PicturesStage(PipelineConfiguration):
     frames_per_second: int = MISSING
     output: OutputFolder = MISSING
 
-    def __post_init__(self) -> None:
-        if self.episode < 0 or self.paths < 1:
-            raise InputError(
-                f"episode is {self.episode}, paths {self.paths}; they count from 0 and 1 upwards"
-            )
-        if self.frames_per_second < 1 or self.machine.rate_hz % self.frames_per_second:
-            raise InputError(
-                f"frames_per_second is {self.frames_per_second}; it must divide the machine's "
-                f"{self.machine.rate_hz:g} Hz"
-            )
-
 
 @stage(PicturesStage)
 def main(configuration: PicturesStage, run: StageRun) -> None:
@@ -43,15 +31,8 @@ def main(configuration: PicturesStage, run: StageRun) -> None:
     cells, artifacts = Path(configuration.cells), Path(configuration.artifacts)
     controllers, deployments, files = read_evaluated(cells, artifacts)
     run.inputs(*files)
-    pictures = draw_pictures(
-        configuration.machine,
-        MACHINE_DIRECTORY,
-        controllers,
-        configuration.episode,
-        configuration.paths,
-        configuration.frames_per_second,
-        deployments,
-    )
+    shown = PictureSettings(configuration.episode, configuration.paths, configuration.frames_per_second)
+    pictures = draw_pictures(configuration.machine, MACHINE_DIRECTORY, controllers, shown, deployments)
     output = Path(configuration.output)
     save_pictures(output, pictures)
     run.artifact(output, "pictures")

@@ -15,8 +15,8 @@ from pipeline.reporting.results.artifacts import files_read, read_results
 from pipeline.reporting.results.cells import read_controller_cells
 from pipeline.reporting.results.controllers import controllers_of
 from pipeline.reporting.results.paper import origin_of
-from pipeline.tracking import StageRun, dvc_hashes, flatten_metrics
-from pipeline.tracking.provenance import DATA, provenance
+from pipeline.tracking import StageRun, flatten_metrics
+from pipeline.tracking.provenance import data_tags, provenance
 
 
 @dataclass
@@ -37,7 +37,6 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     cells = read_controller_cells(Path(configuration.cells), "identified", "logs")
     results = read_results(artifacts, list(cells["identified"]), controllers_of(cells))
     run.inputs(configuration.sessions, *files_read(artifacts, results))
-    hashes = {f"dvc.{path}": digest for path, digest in dvc_hashes(list(DATA)).items()}
     report = build_report(
         machine,
         MACHINE_DIRECTORY,
@@ -52,7 +51,7 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     write_report(report, output)
     summary = flatten_metrics(report.summary)
     run.metrics(summary)
-    run.parent_metrics(summary, hashes)
+    run.parent_metrics(summary, data_tags())
     run.artifact(output, "report")
     print(f"report: open {output / 'index.html'}")
 

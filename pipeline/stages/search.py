@@ -11,7 +11,6 @@ from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.dynamics.training.data_split import split_by_purpose
-from pipeline.errors import InputError
 from pipeline.study.configuration import SearchConfig
 from pipeline.study.search import KindStudy, SearchedKind
 from pipeline.study.storage import refuse_password
@@ -34,8 +33,6 @@ class SearchStage(PipelineConfiguration):
     output: OutputFolder = MISSING
 
     def __post_init__(self) -> None:
-        if isinstance(self.n_trials, int) and self.n_trials < 1:
-            raise InputError(f"n_trials is {self.n_trials}; it must be at least 1")
         refuse_password(self.storage)
 
 
@@ -43,19 +40,16 @@ class SearchStage(PipelineConfiguration):
 def main(configuration: SearchStage, run: StageRun) -> None:
     """Work on the study of one model kind until its trials are finished, then write them as a table."""
     machine, output = configuration.machine, Path(configuration.output)
-    rows = split_by_purpose(Path(configuration.tuples), None, configuration.hold_out, machine)
+    rows = split_by_purpose(configuration.tuples, None, configuration.hold_out, machine)
     run.inputs(configuration.tuples)
     kind = configuration.model, configuration.target
     searched = SearchedKind(machine, configuration.identify, configuration.search, *kind, rows.learning)
     study = KindStudy(searched, configuration.storage, Path(configuration.checkpoints))
     with progress_bar(f"search {study.name}", configuration.n_trials, "trial") as bar:
-        study.run(
-            configuration.n_trials, bar.reach, lambda n, loss: run.metrics({"evaluation_loss": loss}, n)
-        )
+        study.run(configuration.n_trials, bar.reach, run.metrics)
     ended = study.write(output)
     if study.is_finished_here:
-        values = [trial.value for trial in ended if trial.value is not None]
-        run.metrics({"trials": len(ended)} | ({"smallest_evaluation_loss": min(values)} if values else {}))
+        run.metrics(study.summary)
         run.artifact(output, "search")
     print(f"search: {len(ended)} trials of {study.name} in {output / 'trials.csv'}")
 

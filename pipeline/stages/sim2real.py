@@ -1,6 +1,6 @@
 """Stage `sim2real`: successive targets on the simulated machine, a stand-in for the excavator, recorded as a bag."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from omegaconf import MISSING
@@ -10,23 +10,17 @@ from pipeline.configuration.stage import stage
 from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.compose import GraphSettings, dispatch_synchronously
 from pipeline.plant.machines.simulated import SIMULATED
-from pipeline.plant.recording.session import read_moment
-from pipeline.testbench.plant_machine import changed_machine
+from pipeline.testbench.plant_machine import ChangedPlant
 from pipeline.testbench.successive_targets import Ending, Pursuit, bag_in, write_note, write_pursuit
 from pipeline.tracking import StageRun, Stopwatch, progress_bar
 
 
 @dataclass
-class Sim2RealStage(ControllerKeys):
+class Sim2RealStage(ChangedPlant, ControllerKeys):
     """Keys of `conf/sim2real.yaml`."""
 
     ending: Ending = MISSING
     allow_empty: bool = MISSING
-    start_time: str = MISSING
-    plant_seed: int = MISSING
-    effects: list[str] = field(default_factory=list)
-    effects_seed: int = MISSING
-    effect_size: float = MISSING
 
 
 @stage(Sim2RealStage)
@@ -37,13 +31,11 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
         print(f"sim2real: {write_note(output, machine)}")
         return
     dispatch_synchronously()
-    start = read_moment("start_time", configuration.start_time)
+    start = configuration.start()
     bag = bag_in(output, start)
     pursuit = Pursuit.ending_by(settings_of(GraphSettings, configuration), configuration.ending)
     run.inputs(*pursuit.settings.files)
-    changed = changed_machine(
-        machine.name, configuration.effects, configuration.effects_seed, configuration.effect_size
-    )
+    changed = configuration.parameters(machine.name)
     watch, start_ns = Stopwatch(), int(start.timestamp()) * NANOSECONDS
     with progress_bar("sim2real", total=len(pursuit.episodes.targets), unit="target") as bar:
         recorder = pursuit.run(changed, configuration.plant_seed, start_ns, bar.reach)

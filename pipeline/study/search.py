@@ -5,7 +5,7 @@ import gc
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from pipeline.dynamics.search.search_space import propose
 from pipeline.dynamics.search.trial_table import TrialRow, write_trials
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.dynamics.training.fit import TrainingDivergedError, fit
+from pipeline.errors import InputError
 from pipeline.files.atomic import write_json
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
@@ -74,15 +75,23 @@ class KindStudy:
         return self._study.finished_by() == self._study.identity
 
     def run(
-        self, n_trials: int, progress: Callable[[int], None], learned: Callable[[int, float], None]
+        self,
+        n_trials: int,
+        progress: Callable[[int], None],
+        learned: Callable[[Mapping[str, float], int], None],
     ) -> None:
         """Work on the study until it has so many trials.
 
         Args:
             n_trials: Of all workers.
             progress: Called at first, and after each trial of this worker, with how many trials are done with.
-            learned: Called with each trial of this worker that has a value: its number, and L|eval.
+            learned: Called with each trial of this worker that has a value: L|eval by name, and its number.
+
+        Raises:
+            InputError: The number of trials is below 1.
         """
+        if n_trials < 1:
+            raise InputError(f"n_trials is {n_trials}; it must be at least 1")
 
         def cleared(trial: Trial) -> None:
             shutil.rmtree(self._checkpoints / f"trial_{trial.number}", ignore_errors=True)
@@ -90,13 +99,19 @@ class KindStudy:
             gc.collect()
             progress(len(self.ended))
             if trial.value is not None:
-                learned(trial.number, trial.value)
+                learned({"evaluation_loss": trial.value}, trial.number)
 
         space = self._searched.search.spaces[self._searched.model]
         trainer = TrialTraining(self._searched, self._checkpoints)
         progress(len(self.ended))
         self._study.run(n_trials, lambda choose: propose(space, choose), trainer, cleared)
         shutil.rmtree(self._checkpoints, ignore_errors=True)
+
+    @property
+    def summary(self) -> dict[str, float]:
+        """How many trials are done with, and the smallest L|eval of those that have one."""
+        values = [trial.value for trial in self.ended if trial.value is not None]
+        return {"trials": len(self.ended)} | ({"smallest_evaluation_loss": min(values)} if values else {})
 
     def write(self, output: Path) -> list[Trial]:
         """Write `trials.csv` and `meta.json`; the trials in them."""

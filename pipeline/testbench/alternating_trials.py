@@ -12,14 +12,18 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.control.policy import Policy
+from pipeline.control.repair.files import note_in
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.goals import known_configurations
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.compose import GraphSettings, controller_delays, graph_parts
 from pipeline.deployment.successive import run_successive
+from pipeline.errors import InputError
+from pipeline.plant.machines.simulated import SIMULATED
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.recording.session import SESSION_NAME
 from pipeline.testbench.plant_machine import PlantMachine
+from pipeline.testbench.recording import own_logs_among
 
 PAUSE_S = 1  # between two bags, which are named by the second that they begin in
 
@@ -47,7 +51,13 @@ def drive_in_turns(
         start: Of the first bag.
         output: Parent of the bags' folders, which are made anew.
         progress: Called with the number of targets done, over all policies.
+
+    Raises:
+        InputError: A number of targets is below 1.
     """
+    for name, value in {"targets": n_targets, "block": block}.items():
+        if value < 1:
+            raise InputError(f"{name} is {value}; it must be at least 1")
     episodes = settings.reaching.fixed_episodes(n_targets)
     parts = {name: graph_parts(settings, policy) for name, policy in policies.items()}
     delays = controller_delays(settings)
@@ -73,3 +83,19 @@ def drive_in_turns(
             took_s = (recorder.states[-1][0] / NANOSECONDS) - start.timestamp()
             start += timedelta(seconds=int(took_s) + 1 + PAUSE_S)
         order.reverse()
+
+
+def nothing_to_drive(repair: Path, machine: str, measured: str | None, recorded: str) -> str | None:
+    """Why the simulated machine says nothing of a repair; None where it does.
+
+    Args:
+        repair: Its folder.
+        machine: Name of the machine.
+        measured: Logs of the machine as it is, which the repair's model was corrected by.
+        recorded: Where those of the simulated machine are.
+    """
+    if own_logs_among({"measured": (measured, Path(recorded))}):
+        return f"the logs in {measured} are of your own machine; drive it, and name former and new"
+    if machine not in SIMULATED:
+        return f"there is no simulated plant of {machine}"
+    return note_in(repair)

@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.drivers.machine import Sample
 from pipeline.plant.machines.simulated import simulated_machine
 from pipeline.plant.parameters import Parameters
+from pipeline.plant.recording.session import read_moment
 from pipeline.plant.sealed.undeclared import draw_effects
 from pipeline.plant.simulator import Plant
 
@@ -39,9 +42,35 @@ class PlantMachine:
         return [Sample(int(age), q, None) for age, q in zip(ages_ns, states.position_rad, strict=True)]
 
 
-def changed_machine(name: str, effects: Sequence[str], seed: int, size: float) -> Parameters:
-    """The machine with the effects named, all of which have set in: drawn as `record_changed` draws them."""
-    parameters = simulated_machine(name)
-    for effect in draw_effects(effects, seed, parameters, size, math.inf):
-        parameters = effect.apply(parameters)
-    return parameters
+@dataclass(kw_only=True)
+class ChangedPlant:
+    """The plant with effects that have all set in, drawn as `record_changed` draws them, at a moment.
+
+    Attributes:
+        start_time: Of the first bag, with zone.
+        plant_seed: Of the plant's process variation and its encoders' noise.
+        effects: Kinds of the effects.
+        effects_seed: Of their values.
+        effect_size: Factor on them.
+    """
+
+    start_time: str
+    plant_seed: int
+    effects: list[str] = field(default_factory=list)
+    effects_seed: int
+    effect_size: float
+
+    def start(self) -> datetime:
+        """Raises `InputError` where `start_time` is no time with a zone."""
+        return read_moment("start_time", self.start_time)
+
+    def parameters(self, machine: str) -> Parameters:
+        """Those of the machine of this name, with the effects.
+
+        Raises:
+            InputError: There is no plant of this machine, or no such effect.
+        """
+        parameters = simulated_machine(machine)
+        for effect in draw_effects(self.effects, self.effects_seed, parameters, self.effect_size, math.inf):
+            parameters = effect.apply(parameters)
+        return parameters

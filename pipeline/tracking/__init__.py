@@ -4,7 +4,6 @@ The library does not import this package; stages pass it plain numbers and files
 """
 
 from pipeline.tracking.configuration import TrackingConfiguration
-from pipeline.tracking.lineage import dvc_hashes
 from pipeline.tracking.metrics import flatten_metrics
 from pipeline.tracking.progress import ProgressBar, Stopwatch, progress_bar
 from pipeline.tracking.stage_run import StageRun
@@ -15,7 +14,6 @@ __all__ = [
     "StageRun",
     "Stopwatch",
     "TrackingConfiguration",
-    "dvc_hashes",
     "flatten_metrics",
     "progress_bar",
     "track",

@@ -9,8 +9,10 @@ from tqdm import tqdm
 class ProgressBar(tqdm):
     """A bar that is told how much is done in total."""
 
-    def reach(self, done: float) -> None:
-        """Show that so much of the total is done, in whole units; what goes beyond it is not shown."""
+    def reach(self, done: float, **shown: str) -> None:
+        """Show that so much of the total is done, in whole units, and values; what goes beyond it is not shown."""
+        if shown:
+            self.set_postfix(shown, refresh=False)
         self.update(min(round(done), self.total) - self.n)
 
 

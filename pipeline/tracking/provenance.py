@@ -12,6 +12,11 @@ DATA = (
 )
 
 
+def data_tags() -> dict[str, str]:
+    """DVC's hashes of the data, as tags of the whole pipeline's run."""
+    return {f"dvc.{path}": digest for path, digest in dvc_hashes(list(DATA)).items()}
+
+
 def provenance(profile: str, machine: str, run: StageRun) -> list[tuple[str, str]]:
     """Name and value: profile, machine, DVC's hashes of the data, the MLflow run, the command."""
     return [

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.configuration.own_process import in_own_process
+from pipeline.deployment.transports.own_process import in_own_process
 from pipeline.errors import InputError
 
 PATIENCE_S = 60.0
@@ -26,7 +26,7 @@ def test_what_it_returns_or_raises_comes_back() -> None:
 
 def test_it_dies_with_the_command_that_was_killed() -> None:
     work = "import os, time; print(os.getpid(), flush=True); time.sleep(1000)"
-    code = f"from pipeline.configuration.own_process import in_own_process; in_own_process(exec, {work!r})"
+    code = f"from pipeline.deployment.transports.own_process import in_own_process; in_own_process(exec, {work!r})"
     command = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert command.stdout is not None
     worker = Path(f"/proc/{int(command.stdout.readline())}")

@@ -30,9 +30,8 @@ from pipeline.dynamics.training.data_split import split_by_purpose
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory, write_tuples
 from pipeline.machine.specification import JointSpecification, MachineSpecification
-from pipeline.stages.search import SearchStage
 from pipeline.study.configuration import SearchConfig
-from pipeline.study.search import SearchedKind, TrialTraining
+from pipeline.study.search import KindStudy, SearchedKind, TrialTraining
 from pipeline.study.settings import Pruner
 from pipeline.study.storage import open_storage
 from pipeline.study.trials import TrialOutcome
@@ -299,9 +298,11 @@ def test_what_is_held_out_is_not_searched_on(tuples: Path) -> None:
         learning(["log"])
 
 
-def test_a_total_below_one_is_refused() -> None:
+def test_a_total_below_one_is_refused(tmp_path: Path) -> None:
+    searched = small_search([lag_trajectory(0, n_rows=300, n_validation=80)])
+    study = KindStudy(searched, str(tmp_path / "a.journal"), tmp_path / "checkpoints")
     with pytest.raises(InputError, match="n_trials is 0"):
-        SearchStage(n_trials=0, storage="a.journal")
+        study.run(0, lambda _: None, lambda *_: None)
 
 
 def small_search(trajectories: list[Trajectory], **changes: Any) -> SearchedKind:

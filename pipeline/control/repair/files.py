@@ -50,8 +50,11 @@ def note_in(folder: Path) -> str | None:
         return None
 
 
-def add_machine_trials(folder: Path, comparison: Comparison) -> dict[str, Any]:
-    """Write what both policies did on the machine into the document, and return it; both gates count.
+def add_machine_trials(folder: Path, comparison: Comparison) -> tuple[dict[str, Any], str]:
+    """Write what both policies did on the machine into the document; both gates count.
+
+    Returns:
+        What was written, and in one line what it shows.
 
     Raises:
         InputError: See `read_repair`.
@@ -62,7 +65,9 @@ def add_machine_trials(folder: Path, comparison: Comparison) -> dict[str, Any]:
     document["promotable"] = document[ON_MODEL]["promotable"] and on_machine["promotable"]
     document["reason"] = f"on the model {document[ON_MODEL]['reason']}; on the machine {on_machine['reason']}"
     write_json(folder / DOCUMENT, document, allow_nan=False)
-    return document
+    success = (f"{100 * on_machine[name]:.1f} %" for name in ("sr_before", "sr_after"))
+    told = f"success {' to '.join(success)} over {comparison.n_targets} targets; {document['reason']}"
+    return on_machine, told
 
 
 def read_repair(folder: Path) -> dict[str, Any]:

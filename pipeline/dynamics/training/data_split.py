@@ -27,7 +27,10 @@ class DataSplit:
 
 
 def split_by_purpose(
-    tuples: Path, held_out: Path | None, hold_out: Sequence[str], machine: MachineSpecification
+    tuples: str | Path,
+    held_out: str | Path | None,
+    hold_out: Sequence[str],
+    machine: MachineSpecification,
 ) -> DataSplit:
     """Read tuples and split them by purpose.
 
@@ -39,7 +42,7 @@ def split_by_purpose(
     Raises:
         InputError: A folder or a trajectory is missing, or no training data are left.
     """
-    learning = read_tuples(tuples, machine)
+    learning = read_tuples(Path(tuples), machine)
     names = [trajectory.name for trajectory in learning]
     unknown = [name for name in hold_out if name not in names]
     if unknown:
@@ -50,10 +53,10 @@ def split_by_purpose(
         raise InputError(
             f"hold_out={list(hold_out)}: nothing is left to learn from; hold out fewer trajectories"
         )
-    if held_out is not None and not held_out.is_dir():
+    if held_out is not None and not Path(held_out).is_dir():
         raise InputError(f"held_out={held_out}: no such folder; run the stage ingest with this output")
-    if held_out is not None and any(held_out.glob(f"*{SUFFIX}")):
-        judged += read_tuples(held_out, machine)
+    if held_out is not None and any(Path(held_out).glob(f"*{SUFFIX}")):
+        judged += read_tuples(Path(held_out), machine)
     if judged:
         return DataSplit(learning, judged, HELD_OUT)
     return DataSplit(learning, [validation_part(trajectory) for trajectory in learning], VALIDATION)

@@ -1,9 +1,9 @@
 """Log a model folder to a stage's run and register it."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from pipeline.tracking import StageRun, flatten_metrics
 
 if TYPE_CHECKING:
     import pandas
+
+    from pipeline.discrepancy.verdict.result import ClosedLoop
+    from pipeline.dynamics.identify import Identified
 
 CODE = Path(__file__).with_name("dynamics_model.py")  # MLflow runs it; importing it would import MLflow
 # Packages that a dynamics model needs; MLflow installs them where the model is served.
@@ -61,31 +64,35 @@ def publish_dynamics_model(
     )
 
 
+def publish_identified(
+    run: StageRun, folder: Path, identified: "Identified", registered_name: str, trajectory: Trajectory
+) -> None:
+    """Log the metrics of an identified model, and the model that it wrote into `folder`."""
+    run.metrics(flatten_metrics(identified.metrics))
+    run.artifact(folder, "model")
+    publish_dynamics_model(run, folder, identified.model, registered_name, trajectory)
+
+
 def publish_closed_loop(
-    run: StageRun,
-    folder: Path,
-    document: Mapping[str, Any],
-    model: DynamicsModel,
-    machine_name: str,
-    trajectory: Trajectory,
+    run: StageRun, folder: Path, closed: "ClosedLoop", nominal: Sequence[Trajectory], machine_name: str
 ) -> None:
     """Log the errors of a closed loop, and both models that it wrote, each with a nested run of its errors.
 
     Args:
         run: The stage's run.
         folder: What `close_loop` wrote.
-        document: `closed_loop.json`.
-        model: The model that the loop was closed on.
+        closed: The same, in memory.
+        nominal: The longest of these trajectories has the rows of the input example.
         machine_name: Goes into the registered model's name.
-        trajectory: Rows for the input example.
     """
+    document, example = closed.document, max(nominal, key=len)
     run.metrics(flatten_metrics({"error": document["error"], "baselines": document["baselines"]}))
     for part in ("before", "after"):
         with run.nested(part) as nested:  # under the names that identify's runs have
             errors = {metric: values[part] for metric, values in document["error"].items()}
             nested.metrics(flatten_metrics({"model": errors}))
         name, registered = f"model_{part}", f"{machine_name}-closed_loop"
-        publish_dynamics_model(run, folder / name, model, registered, trajectory, name, part)
+        publish_dynamics_model(run, folder / name, closed.model, registered, example, name, part)
 
 
 def example_rows(
