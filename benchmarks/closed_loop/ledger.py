@@ -15,7 +15,7 @@ from typing import Any
 from benchmarks.closed_loop.comparison import Solution
 from benchmarks.closed_loop.truth import Truth, from_content
 from pipeline.configuration.load import load_section
-from pipeline.discrepancy.diagnosis.fingerprint import code_fingerprint
+from pipeline.discrepancy.diagnosis.nominal.fingerprint import code_fingerprint
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError

@@ -430,5 +430,5 @@ def test_a_damaged_ledger_is_refused_by_its_line(tmp_path):
 def test_the_fingerprint_is_of_code_and_settings(monkeypatch):
     before = fingerprint()
     assert before == fingerprint() and len(before) == 12
-    monkeypatch.setattr("pipeline.discrepancy.diagnosis.fingerprint.DECISIVE", ("effects",))
+    monkeypatch.setattr("pipeline.discrepancy.diagnosis.nominal.fingerprint.DECISIVE", ("effects",))
     assert fingerprint() != before

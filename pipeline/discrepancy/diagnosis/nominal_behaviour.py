@@ -14,15 +14,15 @@ from pipeline.discrepancy.diagnosis.diagnosis_model import (
     train_diagnosis_model,
     training_of_diagnosis,
 )
-from pipeline.discrepancy.diagnosis.floor_at_rest import floor_at_rest
-from pipeline.discrepancy.diagnosis.nominal_cache import (
+from pipeline.discrepancy.diagnosis.nominal.floor_at_rest import floor_at_rest
+from pipeline.discrepancy.diagnosis.nominal.nominal_cache import (
     Learned,
     identity,
     load_learned,
     save_learned,
     without,
 )
-from pipeline.discrepancy.diagnosis.null_gains import null_gains
+from pipeline.discrepancy.diagnosis.nominal.null_gains import null_gains
 from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, alternating_folds, averaged, rows_in_blocks
 from pipeline.discrepancy.diagnosis.sequences import Sequences, side_by_side

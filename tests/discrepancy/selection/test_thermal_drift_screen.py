@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.diagnosis.null_gains import null_gains
+from pipeline.discrepancy.diagnosis.nominal.null_gains import null_gains
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, rows_in_blocks
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.families.cold_oil import hardly_warms

@@ -19,7 +19,7 @@ import numpy as np
 from flax import serialization
 
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, training_of_diagnosis
-from pipeline.discrepancy.diagnosis.fingerprint import code_fingerprint
+from pipeline.discrepancy.diagnosis.nominal.fingerprint import code_fingerprint
 from pipeline.discrepancy.selection.candidate import Candidate, Misfit, Nominal
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.model.fir.model import FirModel

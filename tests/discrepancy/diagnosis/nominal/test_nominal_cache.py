@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pipeline.configuration.load import load_machine, load_section
-from pipeline.discrepancy.diagnosis import nominal_cache as module
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel
-from pipeline.discrepancy.diagnosis.nominal_cache import (
+from pipeline.discrepancy.diagnosis.nominal import nominal_cache as module
+from pipeline.discrepancy.diagnosis.nominal.nominal_cache import (
     Learned,
     identity,
     load_learned,

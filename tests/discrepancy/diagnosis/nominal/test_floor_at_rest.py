@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.diagnosis.floor_at_rest import floor_at_rest
+from pipeline.discrepancy.diagnosis.nominal.floor_at_rest import floor_at_rest
 from pipeline.discrepancy.diagnosis.scored_rows import ROWS_AVERAGED
 
 DT_S = 0.05

@@ -8,7 +8,7 @@ DECISIVE = ("discrepancy", "dynamics", "effects")  # packages of `pipeline` that
 
 def code_fingerprint() -> str:
     """Of the sources, byte by byte, that decide what closing the loop answers."""
-    package = Path(__file__).resolve().parents[2]
+    package = Path(__file__).resolve().parents[3]
     digest = hashlib.sha256()
     for folder in DECISIVE:
         for path in sorted((package / folder).rglob("*.py")):
