@@ -8,12 +8,12 @@ from omegaconf import MISSING
 from pipeline.configuration.graph import ControllerKeys, settings_of
 from pipeline.configuration.paths import InputLogs
 from pipeline.configuration.stage import stage
-from pipeline.control.repair.files import FORMER, NEW, add_machine_trials, read_policies
+from pipeline.control.repair.files import add_machine_trials, read_policies
 from pipeline.control.repair.logged_comparison import compare_logged
-from pipeline.deployment.compose import GraphSettings, dispatch_synchronously
+from pipeline.deployment.compose import GraphSettings
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.testbench.alternating_trials import drive_in_turns, nothing_to_drive
+from pipeline.testbench.alternating_trials import nothing_to_drive, take_turns
 from pipeline.testbench.plant_machine import ChangedPlant
 from pipeline.tracking import StageRun, flatten_metrics, progress_bar
 
@@ -47,16 +47,13 @@ def main(configuration: ProveStage, run: StageRun) -> None:
         return
     policies, former, new = read_policies(folder), configuration.former, configuration.new
     if former is None or new is None:
-        dispatch_synchronously()
-        seed, n, block = configuration.plant_seed, configuration.targets, configuration.block
-        plant, start = configuration.parameters(configuration.machine.name), configuration.start()
+        n, graph = configuration.targets, settings_of(GraphSettings, configuration)
         with progress_bar("prove", total=2 * n, unit="target") as bar:
-            settings = settings_of(GraphSettings, configuration)
-            drive_in_turns(settings, policies, plant, seed, n, block, start, output, bar.reach)
-        former, new = str(output / FORMER), str(output / NEW)
-    reaching, tracker = configuration.reaching, configuration.control.loop_tracker
-    compared = compare_logged(Path(former), Path(new), reaching, configuration.ingest, tracker)
-    shown, told = add_machine_trials(folder, compared)
+            former, new = take_turns(
+                graph, policies, configuration, n, configuration.block, output, bar.reach
+            )
+    read_by = configuration.reaching, configuration.ingest, configuration.control.loop_tracker
+    shown, told = add_machine_trials(folder, compare_logged(Path(former), Path(new), *read_by))
     print(f"prove: {told}")
     run.metrics(flatten_metrics(shown))
 

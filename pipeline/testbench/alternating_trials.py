@@ -6,7 +6,7 @@ go first.
 
 import shutil
 from collections.abc import Callable, Mapping
-from datetime import datetime, timedelta
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -16,41 +16,39 @@ from pipeline.control.repair.files import note_in
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.goals import known_configurations
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
-from pipeline.deployment.compose import GraphSettings, controller_delays, graph_parts
+from pipeline.deployment.compose import GraphSettings, controller_delays, dispatch_synchronously, graph_parts
 from pipeline.deployment.successive import run_successive
 from pipeline.errors import InputError
 from pipeline.plant.machines.simulated import SIMULATED
-from pipeline.plant.parameters import Parameters
 from pipeline.plant.recording.session import SESSION_NAME
-from pipeline.testbench.plant_machine import PlantMachine
+from pipeline.testbench.plant_machine import ChangedPlant, PlantMachine
 from pipeline.testbench.recording import own_logs_among
 
 PAUSE_S = 1  # between two bags, which are named by the second that they begin in
 
 
-def drive_in_turns(
+def take_turns(
     settings: GraphSettings,
     policies: Mapping[str, Policy],
-    parameters: Parameters,
-    plant_seed: int,
+    changed: ChangedPlant,
     n_targets: int,
     block: int,
-    start: datetime,
     output: Path,
     progress: Callable[[int], None] = lambda n: None,
-) -> None:
+) -> list[str]:
     """Pursue the first targets of the evaluation with each policy, on the plant in simulated time.
 
     Args:
         settings: Of the graph; the policy that it names counts for its kind alone.
         policies: By the name of the folder that its bags go to.
-        parameters: Of the plant.
-        plant_seed: Of its process variation and its encoders' noise.
+        changed: The plant.
         n_targets: How many.
         block: Targets that a policy pursues before the next one takes over.
-        start: Of the first bag.
         output: Parent of the bags' folders, which are made anew.
         progress: Called with the number of targets done, over all policies.
+
+    Returns:
+        The bags' folders, in the policies' order.
 
     Raises:
         InputError: A number of targets is below 1.
@@ -58,10 +56,12 @@ def drive_in_turns(
     for name, value in {"targets": n_targets, "block": block}.items():
         if value < 1:
             raise InputError(f"{name} is {value}; it must be at least 1")
+    dispatch_synchronously()
     episodes = settings.reaching.fixed_episodes(n_targets)
     parts = {name: graph_parts(settings, policy) for name, policy in policies.items()}
     delays = controller_delays(settings)
-    plant = PlantMachine(parameters, plant_seed, np.asarray(episodes.starts[0], float))
+    parameters, start = changed.parameters(settings.machine.name), changed.start()
+    plant = PlantMachine(parameters, changed.plant_seed, np.asarray(episodes.starts[0], float))
     for name in policies:
         shutil.rmtree(output / name, ignore_errors=True)
     done, order = 0, list(policies)
@@ -83,6 +83,7 @@ def drive_in_turns(
             took_s = (recorder.states[-1][0] / NANOSECONDS) - start.timestamp()
             start += timedelta(seconds=int(took_s) + 1 + PAUSE_S)
         order.reverse()
+    return [str(output / name) for name in policies]
 
 
 def nothing_to_drive(repair: Path, machine: str, measured: str | None, recorded: str) -> str | None:
