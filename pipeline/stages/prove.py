@@ -13,21 +13,18 @@ from pipeline.control.repair.logged_comparison import compare_logged
 from pipeline.deployment.compose import GraphSettings
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.testbench.alternating_trials import nothing_to_drive, take_turns
-from pipeline.testbench.plant_machine import ChangedPlant
+from pipeline.testbench.alternating_trials import Turns, nothing_to_drive, take_turns
 from pipeline.tracking import StageRun, flatten_metrics, progress_bar
 
 
 @dataclass
-class ProveStage(ChangedPlant, ControllerKeys):
+class ProveStage(Turns, ControllerKeys):
     """Keys of `conf/prove.yaml`."""
 
     ingest: IngestConfig = MISSING
     repair: str = MISSING
     former: InputLogs | None = None
     new: InputLogs | None = None
-    targets: int = MISSING
-    block: int = MISSING
     allow_empty: bool = False
     measured: str | None = None
     recorded: str = MISSING
@@ -47,11 +44,9 @@ def main(configuration: ProveStage, run: StageRun) -> None:
         return
     policies, former, new = read_policies(folder), configuration.former, configuration.new
     if former is None or new is None:
-        n, graph = configuration.targets, settings_of(GraphSettings, configuration)
-        with progress_bar("prove", total=2 * n, unit="target") as bar:
-            former, new = take_turns(
-                graph, policies, configuration, n, configuration.block, output, bar.reach
-            )
+        settings = settings_of(GraphSettings, configuration)
+        with progress_bar("prove", total=2 * configuration.targets, unit="target") as bar:
+            former, new = take_turns(settings, policies, configuration, output, bar.reach)
     read_by = configuration.reaching, configuration.ingest, configuration.control.loop_tracker
     shown, told = add_machine_trials(folder, compare_logged(Path(former), Path(new), *read_by))
     print(f"prove: {told}")

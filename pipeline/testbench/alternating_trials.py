@@ -6,6 +6,7 @@ go first.
 
 import shutil
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 
@@ -27,12 +28,23 @@ from pipeline.testbench.recording import own_logs_among
 PAUSE_S = 1  # between two bags, which are named by the second that they begin in
 
 
+@dataclass(kw_only=True)
+class Turns(ChangedPlant):
+    """Trials on the plant.
+
+    Attributes:
+        targets: How many each policy pursues.
+        block: Targets that a policy pursues before the next one takes over.
+    """
+
+    targets: int
+    block: int
+
+
 def take_turns(
     settings: GraphSettings,
     policies: Mapping[str, Policy],
-    changed: ChangedPlant,
-    n_targets: int,
-    block: int,
+    turns: Turns,
     output: Path,
     progress: Callable[[int], None] = lambda n: None,
 ) -> list[str]:
@@ -41,9 +53,7 @@ def take_turns(
     Args:
         settings: Of the graph; the policy that it names counts for its kind alone.
         policies: By the name of the folder that its bags go to.
-        changed: The plant.
-        n_targets: How many.
-        block: Targets that a policy pursues before the next one takes over.
+        turns: The plant, and how many targets are pursued on it.
         output: Parent of the bags' folders, which are made anew.
         progress: Called with the number of targets done, over all policies.
 
@@ -53,6 +63,7 @@ def take_turns(
     Raises:
         InputError: A number of targets is below 1.
     """
+    n_targets, block = turns.targets, turns.block
     for name, value in {"targets": n_targets, "block": block}.items():
         if value < 1:
             raise InputError(f"{name} is {value}; it must be at least 1")
@@ -60,8 +71,8 @@ def take_turns(
     episodes = settings.reaching.fixed_episodes(n_targets)
     parts = {name: graph_parts(settings, policy) for name, policy in policies.items()}
     delays = controller_delays(settings)
-    parameters, start = changed.parameters(settings.machine.name), changed.start()
-    plant = PlantMachine(parameters, changed.plant_seed, np.asarray(episodes.starts[0], float))
+    parameters, start = turns.parameters(settings.machine.name), turns.start()
+    plant = PlantMachine(parameters, turns.plant_seed, np.asarray(episodes.starts[0], float))
     for name in policies:
         shutil.rmtree(output / name, ignore_errors=True)
     done, order = 0, list(policies)
