@@ -59,6 +59,7 @@ class PipelineConfiguration:
     search: Any = MISSING
     judge: Any = MISSING
     close_loop: Any = MISSING
+    watch: Any = MISSING
     deployment: Any = MISSING
 
 

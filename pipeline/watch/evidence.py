@@ -1,7 +1,7 @@
 """Evidence that a statistic has changed, which holds at any time: one e-process per statistic and joint.
 
 Under the null x_1, x_2, … of a statistic are independent, Student's t with five degrees of freedom at unknown place μ
-and scale σ: heavier tails than normal ones, so that a single odd session is no change. From session v on, under the
+and scale σ: heavier tails than normal ones. From session v on, under the
 alternative, place and scale are μ + δσ and σ √(1 + (δ/4)²): what sessions show of a change varies, the more the larger
 it is. Both share the prior of μ and σ, the right Haar one, 1/σ. So the ratio of the marginal likelihoods is an
 e-process for every μ and σ. δ and v are averaged over:
@@ -28,6 +28,9 @@ PLACES = np.linspace(-1.5, 1.5, 15)  # of μ, in nominal standard deviations: fi
 SCALES = np.geomspace(0.35, 4.0, 8)  # of σ likewise: beyond both is next to no posterior of ten
 SHIFTS = np.concatenate([sign * 3.0 * 1.9 ** np.arange(7) for sign in (-1, 1)])  # δ up to 140
 WIDENING = 4.0
+# Ratio of likelihoods that a single session may give: 20 over the largest w, so that no single one, however odd, is
+# taken for a change. A ratio cut short is evidence still.
+MOST_OF_ONE = 2000.0
 LARGEST = 1e300  # evidence beyond is told as this
 
 
@@ -86,8 +89,10 @@ def evidence(nominal: np.ndarray, watched: np.ndarray, least: np.ndarray) -> np.
         weight = np.where(np.isfinite(row), start_weight(begun), 0.0)
         left = left - weight
         begins = (weight[:, None, None] / len(SHIFTS) * same)[..., None]
-        changed = (changed + begins) * _density(row, place, scale)
-        same = same * _density(row, grid.place, grid.scale)
+        unchanged = _density(row, grid.place, grid.scale)
+        most = MOST_OF_ONE * unchanged[..., None]
+        changed = (changed + begins) * np.minimum(_density(row, place, scale), most)
+        same = same * unchanged
         total = same.sum(axis=(1, 2))
         ratio = changed.sum(axis=(1, 2, 3)) / np.maximum(total, 1e-300)
         found[session] = np.minimum(ratio + left, LARGEST)

@@ -100,7 +100,11 @@ def _regression(rows: Rows, scale: Scale, joint: int) -> tuple[int, np.ndarray]:
     moves = np.abs(share[:, joint]) > STANDING_SHARE
     counts = rows.counts[:, joint].astype(float)
     residual = (rows.velocity - rows.nominal)[:, joint] / scale.speed[joint]
-    columns = [counts, residual * counts, *(column * counts for column in _columns(rows, scale, share, joint))]
+    columns = [
+        counts,
+        residual * counts,
+        *(column * counts for column in _columns(rows, scale, share, joint)),
+    ]
     every = np.ones((1, len(counts)), bool)
     return int(np.sum(moves & rows.counts[:, joint])), averaged(np.stack(columns, axis=-1)[None], every)
 
@@ -131,7 +135,9 @@ def _starts(u: np.ndarray, moves: np.ndarray, dt_s: float) -> tuple[np.ndarray, 
     """(T,) bool, whether a joint has begun to move lately: after a rest; in the direction other than before."""
     row = np.arange(len(u))
     sign = np.where(moves, np.sign(u), 0.0)
-    before = np.concatenate([[-1], np.maximum.accumulate(np.where(moves, row, -1))[:-1]])  # last row in motion
+    before = np.concatenate(
+        [[-1], np.maximum.accumulate(np.where(moves, row, -1))[:-1]]
+    )  # last row in motion
     starts = moves & (np.concatenate([[0.0], sign[:-1]]) != sign)
     rested = starts & (row - before > REST_S / dt_s)
     turned = starts & (before >= 0) & (sign[before] == -sign)

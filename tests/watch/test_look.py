@@ -1,0 +1,199 @@
+"""Looks at a machine of two joints, whose logs are bags that grow in number from look to look."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.configuration.load import ControlConfiguration, load_section
+from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.errors import InputError
+from pipeline.logs.formats.writer import write_bag
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.machine.specification import JointSpecification, MachineSpecification
+from pipeline.watch import look as look_module
+from pipeline.watch.look import look
+from pipeline.watch.settings import WatchConfig
+from pipeline.watch.watch_inputs import WatchInputs, WatchSettings, stamp_of
+
+MACHINE = MachineSpecification(
+    name="two_joints",
+    rate_hz=20.0,
+    joints=[JointSpecification("lift", -1.0, 1.0), JointSpecification("turn", -2.0, 2.0)],
+)
+SPEED, DT_S, DAY_S = np.array([0.4, 0.6]), 0.05, 86_400
+FIRST_S = 1_700_000_000
+
+
+def settings(profile: str = "smoke") -> WatchSettings:
+    tracker = load_section("control", ControlConfiguration, profile).loop_tracker
+    return WatchSettings(
+        MACHINE,
+        load_section("ingest", IngestConfig, profile),
+        tracker,
+        load_section("identify", IdentifyConfig, profile),
+        load_section("close_loop", CloseLoopConfig, profile),
+        load_section("watch", WatchConfig, profile),
+    )
+
+
+def write_session(folder: Path, day: int, slower: float = 1.0, minutes: float = 2.0) -> Path:
+    """A bag of random holds; `turn` has this share of its speed on the way down."""
+    random, n = np.random.default_rng(day), round(minutes * 60.0 / DT_S)
+    command, q, v = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(2)
+    held, left = np.zeros(2), np.zeros(2)
+    for row in range(1, n):
+        for joint in range(2):
+            left[joint] -= 1
+            if left[joint] <= 0:
+                held[joint], left[joint] = random.choice([-1.0, 0.0, 1.0]), random.integers(6, 40)
+            if abs(q[row - 1, joint]) > 0.8 * (1.0, 2.0)[joint]:
+                held[joint] = -np.sign(q[row - 1, joint])
+        command[row] = held
+        target = SPEED * held * np.where(held < 0.0, [1.0, slower], 1.0)
+        v = v + 0.2 * (target - v)
+        q[row] = q[row - 1] + DT_S * v
+    stamps = (FIRST_S + day * DAY_S) * 10**9 + np.arange(n, dtype=np.int64) * round(1e9 * DT_S)
+    path = folder / f"day_{day:03d}"
+    write_bag(
+        path,
+        MACHINE,
+        joint_state_header_stamp_ns=stamps,
+        joint_state_log_time_ns=stamps + 1_000_000,
+        joint_names=list(MACHINE.joint_names),
+        positions=q + 3e-4 * random.standard_normal(q.shape),
+        command_log_time_ns=stamps,
+        commands=command.astype(np.int8),
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ten nominal sessions, and what a first look learned of them."""
+    root = tmp_path_factory.mktemp("watch")
+    for day in range(10):
+        write_session(root / "nominal", day)
+    (root / "sessions").mkdir()
+    document = look(paths(root), settings())
+    assert (document["state"], document["sessions"]) == ("not_enough", [])
+    return root
+
+
+@pytest.fixture
+def root(learned: Path, tmp_path: Path) -> Path:
+    """The same, for one test."""
+    shutil.copytree(learned / "state", tmp_path / "state")
+    (tmp_path / "nominal").symlink_to(learned / "nominal")
+    (tmp_path / "sessions").mkdir()
+    return tmp_path
+
+
+def paths(root: Path) -> WatchInputs:
+    return WatchInputs((root / "nominal").resolve(), root / "sessions", root / "state", root / "output")
+
+
+def said(root: Path) -> dict[str, object]:
+    return json.loads((root / "output/watch.json").read_text())  # type: ignore[no-any-return]
+
+
+def test_a_sound_machine_is_healthy_and_logs_are_read_once(root, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    for day in (12, 11, 13):
+        write_session(root / "sessions", day)
+    document = look(paths(root), settings())
+    assert said(root) == document
+    assert document["state"] == "healthy"
+    assert [of["name"] for of in document["sessions"]] == ["day_011", "day_012", "day_013"]
+    assert all(of["joints"]["turn"]["state"] == "healthy" for of in document["sessions"])
+    monkeypatch.setattr(look_module, "read_session", None)  # nothing is to be read any more
+    assert look(paths(root), settings()) == document
+
+
+def test_copies_new_names_and_broken_logs_do_no_harm(root: Path) -> None:
+    path = write_session(root / "sessions", 11)
+    before = look(paths(root), settings())
+    shutil.copytree(path, root / "sessions/other_name")
+    shutil.copytree(root / "nominal/day_003", root / "sessions/nominal_again")
+    broken = write_session(root / "sessions", 12) / "day_012_0.mcap"
+    (mcap,) = broken.parent.glob("*.mcap")
+    mcap.write_bytes(b"nothing")
+    after = look(paths(root), settings())
+    assert [of["begin"] for of in after["sessions"]] == [of["begin"] for of in before["sessions"]]
+    why = {of["name"]: of["why"] for of in after["not_counted"]}
+    assert set(why) == {"day_012", "nominal_again"}
+    assert "nominal sessions" in why["nominal_again"] and "day_012" in why["day_012"]
+
+
+def test_late_sessions_stand_where_they_were_recorded(root: Path) -> None:
+    for day in (11, 13):
+        write_session(root / "sessions", day)
+    write_session(root / "late", 12)
+    look(paths(root), settings())
+    (root / "late/day_012").rename(root / "sessions/day_012")
+    late = look(paths(root), settings())
+    shutil.rmtree(root / "state/sessions")
+    assert look(paths(root), settings()) == late
+
+
+def test_a_look_that_was_killed_is_gone_on_with(root: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    for day in (11, 12, 13):
+        write_session(root / "sessions", day)
+    read, calls = look_module.read_session, []
+
+    def killed(entry, of):  # type: ignore[no-untyped-def]
+        calls.append(entry.name)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return read(entry, of)
+
+    monkeypatch.setattr(look_module, "read_session", killed)
+    with pytest.raises(KeyboardInterrupt):
+        look(paths(root), settings())
+    document = look(paths(root), settings())
+    assert [of["name"] for of in document["sessions"]] == ["day_011", "day_012", "day_013"]
+    assert sorted(calls) == ["day_011", "day_012", "day_012", "day_013"]
+
+
+def test_maintenance_begins_a_baseline(root: Path) -> None:
+    for day in (11, 12, 13):
+        write_session(root / "sessions", day)
+    from_12 = replace(paths(root), baseline_ns=(FIRST_S + 12 * DAY_S - 60) * 10**9)
+    document = look(from_12, settings())
+    assert [of["is_baseline"] for of in document["sessions"]] == [False, True, True]
+    assert document["state"] == "not_enough"
+    assert look(paths(root), settings()) == document  # once told, it holds
+
+
+def test_logs_that_teach_nothing_are_one_line(tmp_path: Path) -> None:
+    write_session(tmp_path / "nominal", 0, minutes=0.1)
+    (tmp_path / "sessions").mkdir()
+    with pytest.raises(InputError, match=r"^nominal=.*nominal: identify: "):
+        look(paths(tmp_path), settings())
+    with pytest.raises(InputError, match="not a time; write now, or "):
+        stamp_of("yesterday")
+
+
+@pytest.mark.long
+def test_a_change_is_told_with_its_session_and_its_cause(root: Path) -> None:
+    for day in range(11, 15):
+        write_session(root / "sessions", day)
+    assert look(paths(root), settings())["state"] == "healthy"
+    for day in range(15, 18):
+        write_session(root / "sessions", day, slower=0.7, minutes=4.0)
+    document = look(paths(root), settings())
+    assert document["state"] == "changed"
+    (finding,) = document["findings"]
+    assert finding["joints"] == ["turn"]
+    assert finding["onset"]["session"] == "day_015"
+    assert finding["size"]["statistic"] == "speed_backward"
+    (effect,) = finding["cause"]["closed_loop"]["effects"]
+    assert (effect["family"], effect["joints"]) == ("gain", ["turn"])
+    assert effect["parameters"]["speed_ratio"]["value"] == pytest.approx(0.7, abs=0.05)
+    for day in (18, 19):
+        write_session(root / "sessions", day)
+    repaired = look(paths(root), settings())
+    assert (repaired["state"], repaired["findings"][0]["until"]) == ("healthy", "day_018")
