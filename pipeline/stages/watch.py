@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 from omegaconf import MISSING
 
@@ -13,9 +12,10 @@ from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.tracking import StageRun
+from pipeline.watch.document import metrics_of
 from pipeline.watch.look import look
 from pipeline.watch.settings import WatchConfig
-from pipeline.watch.watch_inputs import WatchInputs, WatchSettings, stamp_of
+from pipeline.watch.watch_inputs import WatchInputs, WatchSettings
 
 say = partial(print, "watch:", flush=True)  # at once
 
@@ -40,23 +40,12 @@ class WatchStage(PipelineConfiguration):
 @stage(WatchStage)
 def main(configuration: WatchStage, run: StageRun) -> None:
     """Write `watch.json`, and per change a folder as of `close_loop`."""
-    nominal, sessions = Path(configuration.nominal), Path(configuration.sessions)
-    model, baseline = configuration.model, configuration.baseline
-    inputs = WatchInputs(
-        nominal,
-        sessions,
-        state=Path(configuration.state),
-        output=Path(configuration.output),
-        model=Path(model) if model else None,
-        baseline_ns=stamp_of(baseline) if baseline else None,
-    )
-    ingest, tracker = configuration.ingest, configuration.control.loop_tracker
-    sections = configuration.identify, configuration.close_loop, configuration.watch
-    settings = WatchSettings(configuration.machine, ingest, tracker, *sections)
-    document = look(inputs, settings, say)
+    told = configuration
+    inputs = WatchInputs.told(told.nominal, told.sessions, told.state, told.output, told.model, told.baseline)
+    sections = told.ingest, told.control.loop_tracker, told.identify, told.close_loop, told.watch
+    document = look(inputs, WatchSettings(told.machine, *sections), say)
     for step, session in enumerate(document["sessions"]):
-        values = {f"e_value.{joint}": of["e_value"] for joint, of in session["joints"].items()}
-        run.metrics({"e_value": session["e_value"], **values}, step)
+        run.metrics(metrics_of(session), step)
     run.artifact(inputs.output / "watch.json")
     say(f"{document['state']}, evidence {document['e_value']:.3g} of {document['alarm_at']:g}")
 

@@ -1,6 +1,6 @@
 """watch.json: what a look says."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -38,6 +38,12 @@ def document_of(
         "sessions": sessions,
         "findings": findings,
     }
+
+
+def metrics_of(session: Mapping[str, Any]) -> dict[str, float]:
+    """Evidence of one of the document's sessions by dotted names."""
+    by_joint = {f"e_value.{joint}": float(of["e_value"]) for joint, of in session["joints"].items()}
+    return {"e_value": float(session["e_value"]), **by_joint}
 
 
 def _session(index: int, record: SessionRecord, joints: Sequence[str], course: Course) -> dict[str, Any]:

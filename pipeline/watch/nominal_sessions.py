@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, train_diagnosis_model
-from pipeline.discrepancy.diagnosis.nominal_cache import Learned, identity, load_learned, save_learned
+from pipeline.discrepancy.diagnosis.nominal.nominal_cache import Learned, identity, load_learned, save_learned
 from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
 from pipeline.discrepancy.diagnosis.sequences import Sequences, side_by_side
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation

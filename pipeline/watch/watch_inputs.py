@@ -36,6 +36,19 @@ class WatchInputs:
     model: Path | None = None
     baseline_ns: int | None = None
 
+    @classmethod
+    def told(
+        cls, nominal: str, sessions: str, state: str, output: str, model: str | None, baseline: str | None
+    ) -> "WatchInputs":
+        """As a user writes them; `baseline` as of `stamp_of`.
+
+        Raises:
+            InputError: It is no time.
+        """
+        stamp_ns = None if baseline is None else stamp_of(baseline)
+        given = None if model is None else Path(model)
+        return cls(Path(nominal), Path(sessions), Path(state), Path(output), given, stamp_ns)
+
 
 @dataclass(frozen=True)
 class WatchSettings:
