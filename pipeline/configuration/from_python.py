@@ -207,7 +207,7 @@ def close_loop(
     machine: MachineSpecification,
     model: str | Path | None,
     nominal: Sequence[Trajectory],
-    measured: Sequence[Trajectory],
+    measured: Sequence[Trajectory] | None,
     profile: str = "default",
 ) -> ClosedLoop:
     """Find what has changed between the logs that a model describes and newer ones.
@@ -218,9 +218,10 @@ def close_loop(
 
     Args:
         model: Folder of the model; None: a model of kind nfir_dqdot is identified from `nominal`.
+        measured: Newer logs; None: what the model lacks of `nominal`.
 
     Raises:
-        InputError: The model is of another machine, or has effects already.
+        InputError: The model is of another machine, or has effects already; neither it nor newer logs are given.
         UnusableLogs: The logs are too short.
     """
     from pipeline.discrepancy.close_loop import close_loop as close_loop_on

@@ -25,13 +25,14 @@ from pipeline.discrepancy.verdict.verdict import Verdict
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
 
 def close_loop(
     nominal: Sequence[Trajectory],
-    measured: Sequence[Trajectory],
+    measured: Sequence[Trajectory] | None,
     machine: MachineSpecification,
     model: tuple[DynamicsModel, Parameters] | None,
     config: CloseLoopConfig,
@@ -44,7 +45,7 @@ def close_loop(
 
     Args:
         nominal: Logs of the machine that the model describes.
-        measured: Logs of the machine as it is.
+        measured: Logs of the machine as it is; None: the nominal ones, of which the model may lack something.
         machine: Its specification.
         model: The frozen model f_θ and θ; None: the diagnosis model, so that one model is diagnosed and corrected.
         config: Section `close_loop`.
@@ -54,12 +55,14 @@ def close_loop(
         kept: File that keeps it; see `learn_nominal_behaviour`.
 
     Raises:
-        InputError: That file is damaged, or cannot be written.
+        InputError: That file is damaged, or cannot be written; neither measured logs nor a model are given.
         UnusableLogs: The logs are too short.
     """
     journal = Journal(log)
-    logs = prepare(nominal, measured, machine, config, identify)
-    diagnosis = diagnose(logs, nominal_behaviour, kept, journal)
+    if measured is None and model is None:
+        raise InputError("neither measured logs nor a model are named; name one, or both")
+    logs = prepare(nominal, nominal if measured is None else measured, machine, config, identify)
+    diagnosis = diagnose(logs, nominal_behaviour, kept, journal, model if measured is None else None)
     if config.engine is Engine.posterior:
         by_posterior = select_by_posterior(diagnosis, journal)
         selection: Selection = by_posterior

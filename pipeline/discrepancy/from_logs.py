@@ -29,7 +29,7 @@ class LoopInputs:
 
     Attributes:
         nominal: Folder of logs of the machine that the model describes.
-        measured: Folder of logs of the machine as it is.
+        measured: Folder of logs of the machine as it is; None: what the model lacks of the nominal logs is sought.
         model: Folder of the model; None: it is identified from the nominal logs.
         kind: What is identified then, `nfir_dqdot` for example.
         learned: File that keeps what is learned of the nominal logs alone; None: it is not kept.
@@ -37,11 +37,16 @@ class LoopInputs:
     """
 
     nominal: str
-    measured: str
+    measured: str | None
     model: str | None
     kind: str
     learned: str | None
     allow_empty: bool = False
+
+    @property
+    def folders(self) -> list[str]:
+        """Of logs, each once."""
+        return [self.nominal] if self.measured is None else [self.nominal, self.measured]
 
 
 def close_loop_on_logs(
@@ -73,28 +78,37 @@ def close_loop_on_logs(
         InputError: Logs or model cannot be used, or a file cannot be written.
     """
     given, kept = (None if path is None else Path(path) for path in (inputs.model, inputs.learned))
-    if inputs.allow_empty and is_empty_folder(Path(inputs.measured)):
+    if inputs.measured is None and given is None:
+        raise InputError(
+            "measured is not named: name logs of the machine as it is, or model=PATH to judge that model"
+        )
+    if inputs.measured is not None and inputs.allow_empty and is_empty_folder(Path(inputs.measured)):
         log(write_note(output, machine, given, inputs.nominal, inputs.measured))
         return None
-    logs = [
-        load_logs(Path(folder), machine, ingest, loop_tracker) for folder in (inputs.nominal, inputs.measured)
-    ]
+    logs = [load_logs(Path(folder), machine, ingest, loop_tracker) for folder in inputs.folders]
     for caution in cautions(itertools.chain(*logs)):
         log(caution)
-    nominal, measured = ([rows for one in read for rows in one.trajectories] for read in logs)
-    again = seen_again(nominal, measured)
+    nominal, *others = ([rows for one in read for rows in one.trajectories] for read in logs)
+    measured = others[0] if others else None
+    again = None if measured is None else seen_again(nominal, measured)
     if again is not None:
         log(
             f"caution: trajectory {again.name} of measured={inputs.measured} is among nominal={inputs.nominal}, too; "
             "in what is the same nothing can be found"
         )
     model = nominal_model(given, inputs.kind, nominal, machine, settings, identify)
-    log(f"{len(nominal)} nominal and {len(measured)} measured trajectories")
+    counts = f"{len(nominal)} nominal"
+    log(
+        f"{counts} trajectories"
+        if measured is None
+        else f"{counts} and {len(measured)} measured trajectories"
+    )
     try:
         result = close_loop(nominal, measured, machine, model, settings, identify, log, kept=kept)
     except UnusableLogs as error:
-        raise InputError(f"{error.which}={getattr(inputs, error.which)}: {error.why}") from None
-    report = LoopReport(machine.name, inputs.nominal, inputs.measured, result.evidence)
+        which = error.which if others else "nominal"
+        raise InputError(f"{which}={getattr(inputs, which)}: {error.why}") from None
+    report = LoopReport(machine.name, inputs.nominal, inputs.folders[-1], result.evidence)
     write_closed_loop(output, result, nominal, report)
     log(f"verdict {result.document['verdict']}")
     return result, nominal

@@ -31,7 +31,7 @@ class CloseLoopStage(PipelineConfiguration):
     identify: IdentifyConfig = MISSING
     close_loop: CloseLoopConfig = MISSING
     nominal: InputLogs = MISSING
-    measured: InputLogs = MISSING
+    measured: InputLogs | None = None
     output: Annotated[str, Output(replaced=("model_before", "model_after"))] = MISSING
     model: InputModel | None = None
     learned: OutputFile | None = None
@@ -48,7 +48,7 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
     settings = configuration.ingest, configuration.control.loop_tracker, configuration.identify
     closed = close_loop_on_logs(inputs, output, machine, *settings, configuration.close_loop, say)
     if closed is not None:
-        run.inputs(inputs.nominal, inputs.measured)
+        run.inputs(*inputs.folders)
         publish_closed_loop(run, output, *closed, machine.name)
     if configuration.page:
         write_page("closed_loop", output)

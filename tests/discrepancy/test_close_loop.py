@@ -51,11 +51,13 @@ def record(
     late_rows: int = 0,
     sag: tuple[float, float, float] = (0.0, 0.0, 0.0),
     onset: int = 0,
+    shared: float = 0.0,
 ) -> Trajectory:
     """Random holds of commands.
 
     From row `onset` on the second joint is slower on its way down, by this factor, and all commands act later. The
-    first joint creeps at velocities that are given for commands -1, 0 and 1.
+    first joint creeps at velocities that are given for commands -1, 0 and 1. At full speed it takes this share
+    of the second joint's.
     """
     random = np.random.default_rng(seed)
     a, q = np.zeros((n_rows, 2)), np.zeros((n_rows, 2))
@@ -74,6 +76,7 @@ def record(
         target[1] *= slower if acting[1] < 0 and row >= onset else 1.0
         velocity = velocity + (1.0 - np.exp(-DT_S / CONSTANTS_S)) * (target - velocity)
         q[row + 1] = q[row] + DT_S * velocity
+        q[row + 1, 1] -= DT_S * shared * velocity[1] * abs(velocity[0]) / SPEEDS[0]
         q[row + 1, 0] += DT_S * sag[int(command[0]) + 1]
     q = q + 5e-4 * random.standard_normal(q.shape)
     tracker = LoopTrackerConfig(proportional_gain=10.0, integral_gain=60.0)

@@ -120,6 +120,10 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
         ["model=this_machine"],
         "error: close_loop: measured=new: 4 s are too short ",
     ),
+    "neither newer logs nor a model": (
+        ["measured=null"],
+        "error: close_loop: measured is not named: name logs of the machine as it is, or model=PATH ",
+    ),
     "a value out of range": (
         ["close_loop.search.smallest_share=2"],
         "error: close_loop: close_loop.search.smallest_share is 2.0; it must be in (0, 1)",

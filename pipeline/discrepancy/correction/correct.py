@@ -95,7 +95,10 @@ def correct(
     models = CorrectedModels(model, parameters, diagnosis.simulation)
     before = LearnedPredictor(model, parameters)
     of_before = {horizon: held_out_errors(logs, before, horizon) for horizon in LEVELS}
-    floor = {horizon: nominal_errors(logs, before, horizon) for horizon in LEVELS}
+    # Of the logs that a model lacks something of: what one that was identified from them is off by.
+    own = diagnosis.nominal.diagnosis
+    usual = before if not logs.is_of_one_machine else LearnedPredictor(own.model, own.parameters)
+    floor = {horizon: nominal_errors(logs, usual, horizon) for horizon in LEVELS}
     models.follow(logs, acceptance.fit.effects, floor[1])
     gate = OpenLoopGate(
         before=of_before[80],

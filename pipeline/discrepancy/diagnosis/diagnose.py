@@ -1,11 +1,13 @@
 """Step 2: the diagnosis model runs on the measured logs, on the rows where nominal logs say how joints move."""
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel
+from pipeline.discrepancy.diagnosis.given_model import GivenModel
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
 from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
@@ -13,6 +15,8 @@ from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, alternating_f
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.journal import Journal
+from pipeline.dynamics.model.dynamics_model import DynamicsModel
+from pipeline.dynamics.model.network import Parameters
 
 FOLD_ROWS = 200
 TOLD_STEPS = 0.1
@@ -49,9 +53,16 @@ class Diagnosis:
 
 
 def diagnose(
-    logs: PreparedLogs, nominal: NominalBehaviour | None, kept: Path | None, journal: Journal
+    logs: PreparedLogs,
+    nominal: NominalBehaviour | None,
+    kept: Path | None,
+    journal: Journal,
+    model: tuple[DynamicsModel, Parameters] | None = None,
 ) -> Diagnosis:
-    """Simulate the measured logs; arguments as of `close_loop`.
+    """Simulate the measured logs; other arguments as of `close_loop`.
+
+    Args:
+        model: Whose omissions are sought, where `logs` are the nominal ones on both sides; None: the machine's change.
 
     Raises:
         InputError: The file `kept` is damaged, or cannot be written.
@@ -70,9 +81,13 @@ def diagnose(
         )
         + " (root mean square)."
     )
-    simulation = Simulation(nominal.diagnosis, sequences, nominal.effects, nominal.setting)
+    runs: DiagnosisModel | GivenModel = nominal.diagnosis
+    if model is not None:  # beside which nothing that the logs show is there already
+        runs, nominal = GivenModel(*model, nominal.diagnosis), replace(nominal, present=())
+    simulation = Simulation(runs, sequences, nominal.effects, nominal.setting)
     used = sequences.is_row & np.isin(logs.label, (Purpose.fit, Purpose.select))
-    phases = sampling_phases(simulation, used)
+    # Of the same logs the identified model tells when recordings began, or a late model would be taken for that.
+    phases = sampling_phases(simulation, used) if model is None else nominal.phases
     simulation = simulation.with_phases(phases)
     if np.any(np.abs(phases) > TOLD_STEPS):
         journal.log(

@@ -43,6 +43,11 @@ class PreparedLogs:
     rule: str
 
     @property
+    def is_of_one_machine(self) -> bool:
+        """Whether the logs on both sides are the same: what is sought is what a given model lacks of them."""
+        return self.measured is self.nominal
+
+    @property
     def joints(self) -> list[str]:
         """Names in order."""
         return list(self.machine.joint_names)

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel
+from pipeline.discrepancy.diagnosis.given_model import GivenModel
 from pipeline.discrepancy.diagnosis.sequences import Sequences
 from pipeline.effects.chain import Chain, ChainValues
 from pipeline.effects.effect import Effect, SensorEffect, Setting, Signals
@@ -52,7 +53,7 @@ class Simulation:
     """Velocities under hypotheses, on one set of logs.
 
     Args:
-        model: The diagnosis model.
+        model: The diagnosis model, or the one whose omissions are sought.
         sequences: Logs on which it runs.
         effects: Families that hypotheses may name.
         setting: Of the machine.
@@ -62,7 +63,7 @@ class Simulation:
 
     def __init__(
         self,
-        model: DiagnosisModel,
+        model: DiagnosisModel | GivenModel,
         sequences: Sequences,
         effects: Sequence[type[Effect]],
         setting: Setting,
@@ -196,7 +197,11 @@ def _stacked(trees: Sequence) -> Any:
 
 
 def _driven(
-    model: DiagnosisModel, chain: Chain, values: ChainValues, rows: list, left_out: jax.Array | None
+    model: DiagnosisModel | GivenModel,
+    chain: Chain,
+    values: ChainValues,
+    rows: list,
+    left_out: jax.Array | None,
 ) -> jax.Array:
     command, q, _, phase = rows
     reaching = jnp.moveaxis(chain.command_sequence(values, command), 0, 1)
@@ -212,7 +217,7 @@ def _driven(
 
 
 def _responding(
-    model: DiagnosisModel, chain: Chain, values: ChainValues, u: jax.Array, rows: list
+    model: DiagnosisModel | GivenModel, chain: Chain, values: ChainValues, u: jax.Array, rows: list
 ) -> jax.Array:
     command, q, time_s, *_ = rows
     true = chain.true(values, q)
@@ -221,7 +226,12 @@ def _responding(
 
 
 def _tangent(
-    model: DiagnosisModel, chain: Chain, values: ChainValues, direction: ChainValues, u: jax.Array, rows: list
+    model: DiagnosisModel | GivenModel,
+    chain: Chain,
+    values: ChainValues,
+    direction: ChainValues,
+    u: jax.Array,
+    rows: list,
 ) -> jax.Array:
     _, tangent = jax.jvp(lambda values: _responding(model, chain, values, u, rows), (values,), (direction,))
     return tangent

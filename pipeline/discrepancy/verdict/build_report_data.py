@@ -50,6 +50,11 @@ def report_data_of(verdict: Verdict, journal: Journal) -> ReportData:
         for name, share in zip(logs.joints, diagnosis.unknown_share, strict=True)
         if share > LARGEST_UNKNOWN
     ]
+    if logs.is_of_one_machine:
+        warnings.append(
+            "Nominal and measured logs are the same: what the given model lacks of them is sought. "
+            "The floor is that of a model that was identified from them."
+        )
     if logs.machine.command_kind is not CommandKind.discrete:
         warnings += _extrapolations(logs)
     return ReportData(
