@@ -14,8 +14,8 @@ from pathlib import Path
 
 from tests.logs.damage import CASES
 from tests.logs.damage.case import DamageCase, Damaged
-from tests.logs.damage_outcome import Outcome, outcomes
-from tests.logs.whole_logs import whole_log
+from tests.logs.damage.outcome import Outcome, outcomes
+from tests.logs.samples.whole_logs import whole_log
 
 HEADINGS = ("damage", "format", "messages", "recovered", "the line given")
 MAXIMUM_LINE = 200

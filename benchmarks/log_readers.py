@@ -22,8 +22,8 @@ from pipeline.configuration.load import load_machine
 from pipeline.logs.formats.mcap import file as mcap_file
 from pipeline.logs.formats.rosbag1 import file as rosbag1_file
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock, ReadingLedger
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
+from tests.logs.samples import foreign_bags as foreign
 
 WANTED = ("/joint_states", "/joint_commands")
 SECONDS = 3600

@@ -38,8 +38,8 @@ from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.tracked_velocities import track
 from pipeline.machine.specification import MachineSpecification
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
+from tests.logs.samples import foreign_bags as foreign
 
 SESSION_MINUTES = (21, 23, 32)
 LONG_BAG_MINUTES = 30

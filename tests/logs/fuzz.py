@@ -23,9 +23,9 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discovery.discover import find_logs
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import load_machine, make_session
 from tests.logs.messages.decoding import test_definitions as definitions
+from tests.logs.samples import foreign_bags as foreign
 
 SECONDS_PER_INPUT = 10
 MEMORY_BYTES = 4 << 30

@@ -11,9 +11,9 @@ from rosbags.rosbag2 import StoragePlugin
 from pipeline.logs.export.lerobot import write_lerobot
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.logs.tuples import Trajectory
-from tests.logs import can_logs, self_describing_bags
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
+from tests.logs.samples import can_logs, self_describing_bags
+from tests.logs.samples import foreign_bags as foreign
 
 START_NS = 1_700_000_000_000_000_000
 

@@ -18,9 +18,9 @@ from pipeline.logs.messages.conversion import discretise
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.machine.log_sources import CommandSourceKind
 from pipeline.machine.specification import MachineSpecification
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import REPOSITORY, make_session
 from tests.logs.damage import CASES
+from tests.logs.samples import foreign_bags as foreign
 
 PAGE = (REPOSITORY / "docs/logs.md").read_text(encoding="utf-8")
 DAMAGE_PAGE = (REPOSITORY / "docs/log_damage.md").read_text(encoding="utf-8")

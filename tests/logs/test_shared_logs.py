@@ -19,8 +19,8 @@ from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.tuples import read_tuples
 from pipeline.machine.log_sources import CommandSource, CommandSourceKind, JointStateSource
 from pipeline.machine.specification import CommandKind, JointSpecification, MachineSpecification
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import shared_folder
+from tests.logs.samples import foreign_bags as foreign
 
 WHOLE = 240  # rows of a log where nothing is lost
 MACHINE = MachineSpecification(

@@ -20,8 +20,8 @@ from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.messages.raw_log import TargetPoses
 from pipeline.logs.trajectories import load_logs
 from tests.dynamics import reference
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session
+from tests.logs.samples import foreign_bags as foreign
 from tests.reaching.test_logged_trials import chisel, tip
 from tests.stages.command import run_stage
 

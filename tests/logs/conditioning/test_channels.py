@@ -18,8 +18,8 @@ from pipeline.logs.trajectories import make_trajectories
 from pipeline.logs.tuples import read_tuples, validation_part
 from pipeline.machine.log_sources import ChannelSource, ClockChoice
 from pipeline.reporting.pages.quality import quality_page
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
+from tests.logs.samples import foreign_bags as foreign
 
 SECOND = 1_000_000_000
 

@@ -12,8 +12,8 @@ from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.trajectories import make_trajectories
 from pipeline.machine.log_sources import ClockChoice, CommandSource, CommandSourceKind, JointStateSource
 from pipeline.machine.specification import MachineSpecification
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session, make_session
+from tests.logs.samples import foreign_bags as foreign
 
 SECOND = 1_000_000_000
 

@@ -16,8 +16,8 @@ from pipeline.logs.messages.columns import MemoryStore
 from pipeline.logs.messages.raw_log import ChannelSamples, RawLog
 from pipeline.logs.trajectories import make_trajectories
 from pipeline.machine.specification import ChannelSource
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
+from tests.logs.samples import foreign_bags as foreign
 
 SECOND = 1_000_000_000
 GAP = SECOND // 2

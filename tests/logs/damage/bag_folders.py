@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from tests.logs import foreign_bags as foreign
 from tests.logs.damage.case import Damaged, case, refused
-from tests.logs.whole_logs import (
+from tests.logs.samples import foreign_bags as foreign
+from tests.logs.samples.whole_logs import (
     SQLITE,
     WholeLog,
     entries_of,

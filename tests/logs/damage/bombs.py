@@ -9,7 +9,7 @@ import lz4.block
 import polars
 
 from tests.logs.damage.case import Damaged, Where, all_but, case
-from tests.logs.whole_logs import (
+from tests.logs.samples.whole_logs import (
     MCAP,
     WholeLog,
 )

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.logs.whole_logs import (
+from tests.logs.samples.whole_logs import (
     BAGS,
     CAN,
     SELF_DESCRIBING,

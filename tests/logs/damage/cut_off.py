@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from tests.logs import foreign_bags as foreign
 from tests.logs.damage.case import EVERY_KIND, Damaged, at_byte, case, refused
-from tests.logs.whole_logs import (
+from tests.logs.samples import foreign_bags as foreign
+from tests.logs.samples.whole_logs import (
     MCAP,
     MCAP_CHUNKED,
     MCAP_UNCHECKED,

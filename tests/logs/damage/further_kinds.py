@@ -7,7 +7,7 @@ from pathlib import Path
 import polars
 
 from tests.logs.damage.case import Damaged, Where, case, flipped, refused
-from tests.logs.whole_logs import (
+from tests.logs.samples.whole_logs import (
     BLF_HEADER_BYTES,
     CAN,
     CAN_BLF,

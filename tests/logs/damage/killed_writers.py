@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from tests.logs.damage.case import Damaged, case
-from tests.logs.whole_logs import (
+from tests.logs.samples.whole_logs import (
     SQLITE,
     WholeLog,
 )

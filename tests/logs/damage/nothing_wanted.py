@@ -4,9 +4,9 @@ from pathlib import Path
 
 import polars
 
-from tests.logs import foreign_bags as foreign
 from tests.logs.damage.case import Damaged, case, refused
-from tests.logs.whole_logs import (
+from tests.logs.samples import foreign_bags as foreign
+from tests.logs.samples.whole_logs import (
     MCAP,
     ROS1,
     SQLITE,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tests.logs.damage.bag_folders import split_bag
 from tests.logs.damage.case import REFUSED, Damaged, Where, case, refused
-from tests.logs.whole_logs import (
+from tests.logs.samples.whole_logs import (
     MCAP_CHUNKED,
     SQLITE,
     TABLES,

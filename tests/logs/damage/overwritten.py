@@ -5,7 +5,7 @@ import struct
 from pathlib import Path
 
 from tests.logs.damage.case import SQLITE_PAGE, Damaged, all_but, at_byte, case, flipped, refused
-from tests.logs.whole_logs import (
+from tests.logs.samples.whole_logs import (
     MCAP,
     MCAP_CHUNKED,
     MCAP_UNCHECKED,

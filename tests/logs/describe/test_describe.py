@@ -22,9 +22,9 @@ from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.machine.log_sources import CommandSourceKind
 from pipeline.machine.specification import MachineSpecification
-from tests.logs import can_logs, self_describing_bags, whole_logs
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
+from tests.logs.samples import can_logs, self_describing_bags, whole_logs
+from tests.logs.samples import foreign_bags as foreign
 from tests.stages.command import run_stage
 
 

@@ -25,8 +25,8 @@ from pipeline.logs.messages.message_blocks import ReadingLedger
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.trajectories import make_trajectories
 from pipeline.machine.log_sources import CanSource, ChannelSource
-from tests.logs import can_logs
 from tests.logs.conftest import make_session
+from tests.logs.samples import can_logs
 
 DELAYS_NS = (0, 1_000_000, 2_000_000, 7_000_000)
 SUFFIXES = sorted(can_logs.WRITERS)

@@ -23,11 +23,10 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.raw_log import NoteKind
-from tests.logs import can_logs
 from tests.logs.conftest import REPOSITORY
 from tests.logs.damage import CASES
 from tests.logs.damage.case import EVERY_KIND, REFUSED, Where
-from tests.logs.damage_outcome import (
+from tests.logs.damage.outcome import (
     DEADLINE_S,
     FULL_DISK_FILE_BYTES,
     deadline,
@@ -35,7 +34,8 @@ from tests.logs.damage_outcome import (
     outcome_of,
     outcomes,
 )
-from tests.logs.whole_logs import (
+from tests.logs.samples import can_logs
+from tests.logs.samples.whole_logs import (
     BAGS,
     LEROBOT,
     MCAP_CHUNKED,

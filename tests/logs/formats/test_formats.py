@@ -9,8 +9,8 @@ from rosbags.rosbag2 import StoragePlugin
 from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discovery.discover import find_logs
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import load_machine, make_session, shared_folder
+from tests.logs.samples import foreign_bags as foreign
 
 
 @pytest.fixture(scope="module")

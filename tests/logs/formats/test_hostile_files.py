@@ -15,10 +15,10 @@ from pipeline.errors import InputError
 from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.formats.sqlite3.connection import read_only
-from tests.logs import foreign_bags as foreign
 from tests.logs.damage.case import DamageCase, Damaged, Where
-from tests.logs.damage_outcome import Outcome, outcomes
-from tests.logs.whole_logs import entries_of, whole_log
+from tests.logs.damage.outcome import Outcome, outcomes
+from tests.logs.samples import foreign_bags as foreign
+from tests.logs.samples.whole_logs import entries_of, whole_log
 
 MAXIMUM_PROCESSOR_S = 10.0
 MAXIMUM_GROWTH_BYTES = 512 << 20

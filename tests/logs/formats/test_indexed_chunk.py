@@ -15,8 +15,8 @@ from pipeline.logs.formats.mcap import file as mcap_file
 from pipeline.logs.formats.rosbag1 import file as rosbag1_file
 from pipeline.logs.messages.message_blocks import ReadingLedger
 from pipeline.logs.messages.raw_log import NoteKind
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session, with_targets
+from tests.logs.samples import foreign_bags as foreign
 
 MESSAGE_INDEX = 7
 READERS = {"a.mcap": mcap_file, "a.bag": rosbag1_file}

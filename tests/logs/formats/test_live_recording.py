@@ -19,7 +19,7 @@ from tests.ros_graph import DEBIAN_PYTHON, ROSBAG, ROSBAG_RECORD, RosGraph, requ
 
 pytestmark = [pytest.mark.long, requires_debian()]
 
-HERE = Path(__file__).parents[1]
+HERE = Path(__file__).parents[1] / "samples"
 TOPICS = ("/joint_states", "/joint_commands", "/target_pose", "/joy")
 SHARED_TOPICS = ("/shared/joint_states", "/shared/joint_commands")  # two nodes publish them
 CHUNK, LARGE_CHUNK = "--chunksize=8", "--chunksize=65536"  # kB; the recorder's own default is 768

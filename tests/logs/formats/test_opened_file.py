@@ -14,7 +14,7 @@ from pipeline.logs.formats.mcap.file import read_mcap
 from pipeline.logs.formats.rosbag1.file import read_rosbag1
 from pipeline.logs.formats.sqlite3.file import read_sqlite3
 from pipeline.logs.messages.message_blocks import ReadingLedger
-from tests.logs import foreign_bags as foreign
+from tests.logs.samples import foreign_bags as foreign
 
 READERS = {".mcap": read_mcap, ".bag": read_rosbag1, ".db3": read_sqlite3}
 

@@ -13,9 +13,9 @@ from pipeline.logs.formats.compression import bounded_decompression
 from pipeline.logs.formats.compression.bounded_decompression import DecompressionError, decompress
 from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.trajectories import make_trajectories
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
-from tests.logs.whole_logs import ROS1, whole_log
+from tests.logs.samples import foreign_bags as foreign
+from tests.logs.samples.whole_logs import ROS1, whole_log
 
 JOINTS, COMMANDS = "/joint_states", "/joint_commands"
 

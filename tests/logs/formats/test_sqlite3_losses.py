@@ -13,9 +13,9 @@ from pipeline.logs.formats.sqlite3.file import read_sqlite3
 from pipeline.logs.ingest import ingest
 from pipeline.logs.messages.message_blocks import ReadingLedger
 from pipeline.logs.messages.raw_log import NoteKind
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
-from tests.logs.whole_logs import SQLITE, whole_log
+from tests.logs.samples import foreign_bags as foreign
+from tests.logs.samples.whole_logs import SQLITE, whole_log
 
 SECTOR = 512
 WANTED = ("/joint_states", "/joint_commands")

@@ -12,8 +12,8 @@ from pipeline.logs.formats.sqlite3 import file as sqlite3_file
 from pipeline.logs.formats.sqlite3.file import read_sqlite3
 from pipeline.logs.formats.sqlite3.pages import LEAST_CELL_BYTES, UnusualError
 from pipeline.logs.messages.message_blocks import ReadingLedger
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
+from tests.logs.samples import foreign_bags as foreign
 
 TOPICS = ("/one", "/two", "/camera")
 WANTED = {"/one", "/two"}

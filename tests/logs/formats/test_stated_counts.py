@@ -13,7 +13,7 @@ from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.raw_log import NoteKind, RawLog
 from tests.logs.damage.case import flipped
-from tests.logs.whole_logs import (
+from tests.logs.samples.whole_logs import (
     MCAP,
     MCAP_CHUNKED,
     MCAP_UNCHUNKED,

@@ -14,7 +14,7 @@ from pipeline.logs.formats.bags import read_log
 from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.ingest import ingest
 from pipeline.machine.log_sources import ChannelSource, CommandSource
-from tests.logs.whole_logs import write_table
+from tests.logs.samples.whole_logs import write_table
 
 UTC = datetime.UTC
 

@@ -10,8 +10,8 @@ from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.conversion import discretise
 from pipeline.machine.log_sources import CommandSource, CommandSourceKind
 from pipeline.machine.specification import CommandKind
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import load_machine, make_session
+from tests.logs.samples import foreign_bags as foreign
 
 STICKS = "float32 left\nfloat32 right\nfloat64[] pedals\n"
 foreign.ROS2.register(get_types_from_msg(STICKS, "vendor/msg/Sticks"))

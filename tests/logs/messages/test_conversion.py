@@ -12,8 +12,8 @@ from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.conversion import Conversion, discretise
 from pipeline.machine.log_sources import CommandSource, CommandSourceKind, JointStateSource
 from pipeline.machine.specification import CommandKind, MachineSpecification
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session, make_session
+from tests.logs.samples import foreign_bags as foreign
 
 OFFSET = [0.1, -0.2, 0.3, 0.0]  # rad
 VOLTS = [10.0, 5.0, -12.0, 24.0]

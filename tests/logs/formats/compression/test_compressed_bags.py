@@ -21,9 +21,9 @@ from pipeline.logs.formats.compression import compressed_file
 from pipeline.logs.formats.compression.bounded_decompression import DecompressionError, decompress
 from pipeline.logs.formats.discovery.discover import find_logs
 from pipeline.logs.messages.raw_log import NoteKind
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
 from tests.logs.formats.test_formats import assert_holds
+from tests.logs.samples import foreign_bags as foreign
 
 STORAGES = [StoragePlugin.SQLITE3, StoragePlugin.MCAP]
 MODES = [CompressionMode.FILE, CompressionMode.MESSAGE]

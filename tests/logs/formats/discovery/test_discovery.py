@@ -16,8 +16,8 @@ from pipeline.logs.formats.discovery.rosbag2_metadata import BagMetadata, read_m
 from pipeline.logs.ingest import ingest
 from pipeline.logs.messages.raw_log import NoteKind
 from pipeline.logs.tuples import read_tuples
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
+from tests.logs.samples import foreign_bags as foreign
 
 SECONDS = 4
 

@@ -15,9 +15,9 @@ from pipeline.logs.messages.decoding.definitions import (
 )
 from pipeline.logs.messages.decoding.layout import decode_block
 from pipeline.logs.messages.message_blocks import ReadingLedger
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import make_session
 from tests.logs.formats.test_formats import assert_holds
+from tests.logs.samples import foreign_bags as foreign
 
 # As `rosidl_adapter` writes them from the .msg files.
 TIME = """// generated from rosidl_adapter/resource/msg.idl.em

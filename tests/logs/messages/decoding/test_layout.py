@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from pipeline.logs.messages.decoding.definitions import DefinitionError, parse_definition
 from pipeline.logs.messages.decoding.layout import LayoutError, decode_block, layout_of
 from pipeline.logs.messages.message_blocks import LoggedTopic, MessageBlock
-from tests.logs.foreign_bags import ROS1, ROS2, joint_state
+from tests.logs.samples.foreign_bags import ROS1, ROS2, joint_state
 
 PROBE = """# alignment of every kind
 bool flag

@@ -31,8 +31,8 @@ from pipeline.logs.messages.mismatch import MismatchError
 from pipeline.logs.messages.topic_columns import TopicColumns
 from pipeline.logs.trajectories import load_trajectories
 from pipeline.machine.log_sources import ChannelSource, CommandSource, CommandSourceKind, JointStateSource
-from tests.logs import self_describing_bags as bags
 from tests.logs.conftest import make_session
+from tests.logs.samples import self_describing_bags as bags
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """What comes of a damaged log: the whole ingest is run on it, in this process or in one that the case needs.
 
-`python -m tests.logs.damage_outcome` is such a process: it takes log, output, and whether to read only, as JSON lines,
+`python -m tests.logs.damage.outcome` is such a process: it takes log, output, and whether to read only, as JSON lines,
 and answers each with an outcome.
 """
 
@@ -149,7 +149,7 @@ def _outcomes_elsewhere(where: Where, tasks: list[tuple[Path, Path, bool]]) -> l
     while len(found) < len(tasks):
         waiting = [[str(path), str(output), only_read] for path, output, only_read in tasks[len(found) :]]
         result = subprocess.run(
-            [sys.executable, "-m", "tests.logs.damage_outcome"],
+            [sys.executable, "-m", "tests.logs.damage.outcome"],
             input="".join(json.dumps(task) + "\n" for task in waiting),
             capture_output=True,
             text=True,

@@ -25,9 +25,9 @@ from rosbags.rosbag2 import StoragePlugin
 from pipeline.configuration.load import load_machine
 from pipeline.logs.export.lerobot import write_lerobot
 from pipeline.logs.tuples import Trajectory
-from tests.logs import can_logs, self_describing_bags
-from tests.logs import foreign_bags as foreign
 from tests.logs.conftest import Session, make_session
+from tests.logs.samples import can_logs, self_describing_bags
+from tests.logs.samples import foreign_bags as foreign
 
 ROS1 = ("ROS 1", "ROS 1, bz2", "ROS 1, lz4")
 MCAP_CHUNKED = ("MCAP", "MCAP, lz4", "MCAP, zstd")

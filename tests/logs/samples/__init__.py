@@ -1,0 +1,1 @@
+"""Logs of every kind to read, written here or by ROS itself."""
