@@ -120,6 +120,10 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
         ["model=this_machine"],
         "error: close_loop: measured=new: 4 s are too short ",
     ),
+    "too short to judge a model on": (
+        ["measured=null", "model=this_machine"],
+        "error: close_loop: nominal=logs: 4 s are too short ",
+    ),
     "neither newer logs nor a model": (
         ["measured=null"],
         "error: close_loop: measured is not named: name logs of the machine as it is, or model=PATH ",
