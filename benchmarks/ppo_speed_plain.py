@@ -14,8 +14,8 @@ import jax.numpy as jnp
 from brax.envs.base import Env, State
 
 from pipeline.dynamics.model.network import apply
-from pipeline.machine.poses import PoseTable, workspace_of
-from pipeline.machine.workspace import contains
+from pipeline.machine.poses import PoseTable
+from pipeline.machine.workspace import contains, workspace_of
 from pipeline.reaching.discretise import discretise
 from pipeline.reaching.reward import Deviation, euclidean_norm, geodesic_distance, reward_terms, total_reward
 from pipeline.reaching.task import ReachingTask

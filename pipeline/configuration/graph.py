@@ -2,13 +2,13 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import TypeVar
 
 from omegaconf import MISSING
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
-from pipeline.configuration.paths import InputModel
+from pipeline.configuration.paths import InputModel, InputPath
 from pipeline.configuration.reaching import ReachingKeys
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.variant import RewardVariant
@@ -39,6 +39,10 @@ class GraphKeys(ControllerKeys):
     driver: Driver = Driver.simulated
     plant_seed: int = MISSING
     operator_seed: int = MISSING
+    plan: InputPath | None = None
+    effects: list[str] = field(default_factory=list)
+    effects_seed: int = MISSING
+    effect_size: float = MISSING
     live_port: int | None = None
     can: CanBusConfig = MISSING
 
@@ -76,4 +80,4 @@ def node_commands(
 
 
 def _names(kind: type) -> set[str]:
-    return {field.name for field in fields(kind)}
+    return {one.name for one in fields(kind)}

@@ -6,6 +6,7 @@ from pipeline.files.path_checks import Input, Output, refuse_overlap, refuse_unu
 
 InputPath = Annotated[str, Input()]
 InputLogs = Annotated[str, Input(is_of_logs=True)]  # a folder that is searched for logs
+InputLogFolders = Annotated[Any, Input(is_of_logs=True)]  # one such folder, or a list of them
 InputModel = Annotated[str, Input(is_whole=True)]  # a folder that holds one thing: a model, a policy
 OutputFolder = Annotated[str, Output()]
 OutputFile = Annotated[str, Output(is_file=True)]

@@ -1,6 +1,7 @@
 """The nodes of the ROS 1 graph, and the settings that they share."""
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
@@ -42,6 +43,8 @@ class NodeSettings(GraphSettings):
         plant_seed: Of the plant's process variation and its encoders' noise.
         operator_seed: Of the scripted joystick.
         live_port: Of a live view; None: nobody watches.
+        plan: File of an experiment that the scripted operator plays; None: none.
+        effects: What has changed in the plant, drawn with `effects_seed` and `effect_size` as `record_changed` does.
     """
 
     targets: int
@@ -50,3 +53,7 @@ class NodeSettings(GraphSettings):
     operator_seed: int
     can: CanBusConfig
     live_port: int | None = None
+    plan: str | None = None
+    effects: Sequence[str] = ()
+    effects_seed: int = 0
+    effect_size: float = 1.0

@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.workspace import EnvelopeConfig
 
 
 def _check_positive(section: object, place: str, *names: str) -> None:
@@ -48,33 +49,6 @@ class TerminationConfig:
 
 
 @dataclass
-class EnvelopeConfig:
-    """The region in which experiments are planned: W+, unless the operator widens it.
-
-    Attributes:
-        wider_m: by which the bounds of radius and height lie further out than those of W+.
-        wider_rad: the same of the yaw.
-        joints: lowest and highest angle of a joint by its name, rad (m), beside the region of the tip.
-    """
-
-    wider_m: float
-    wider_rad: float
-    joints: dict[str, list[float]]
-
-    def __post_init__(self) -> None:
-        for name, bounds in self.joints.items():
-            if len(bounds) != 2 or not bounds[0] < bounds[1]:
-                raise InputError(
-                    f"deployment.supervisor.envelope.joints.{name} is {bounds}; give the lowest and the highest angle"
-                )
-        for name in ("wider_m", "wider_rad"):
-            if not getattr(self, name) >= 0:
-                raise InputError(
-                    f"deployment.supervisor.envelope.{name} is {getattr(self, name)}; it must not be negative"
-                )
-
-
-@dataclass
 class SupervisorConfig:
     """Limits of the supervisor's rules; `rules` names the active ones.
 
@@ -104,6 +78,7 @@ class SupervisorConfig:
         floor: file of `measure_floor` for the model that the graph is given; without it `model_residual` is off.
         false_stop_hours: least mean time between false stops by `model_residual`, while all joints move.
         envelope: region of the rule `envelope`.
+        envelope_prediction_s: prediction horizon of that rule at the present velocity.
     """
 
     rules: list[str]
@@ -129,6 +104,7 @@ class SupervisorConfig:
     floor: str | None
     false_stop_hours: float
     envelope: EnvelopeConfig
+    envelope_prediction_s: float
 
     def __post_init__(self) -> None:
         if others := [name for name in self.warnings if name not in self.rules]:
@@ -157,6 +133,7 @@ class SupervisorConfig:
             "limit_prediction_s",
             "prediction_s",
             "clearance_m",
+            "envelope_prediction_s",
         ):
             if not getattr(self, name) >= 0:
                 raise InputError(

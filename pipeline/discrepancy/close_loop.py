@@ -1,8 +1,8 @@
 """Closing the loop: from logs measured on the machine to the effect that its model lacks.
 
 Each step is a function from the records of the steps before to a record of its own, which nothing changes later:
-prepare, diagnose, select, accept, correct. Their records together are the verdict. Only `accept` and what follows sees
-the confirmation rows.
+prepare, diagnose, select, accept, correct, plan the next experiment. Their records together are the verdict. Only
+`accept` and what follows sees the confirmation rows.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,6 +13,7 @@ from pipeline.discrepancy.correction.correct import correct
 from pipeline.discrepancy.diagnosis.diagnose import diagnose
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour
 from pipeline.discrepancy.diagnosis.prepare import prepare
+from pipeline.discrepancy.experiment.plan_experiment import plan_experiment
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.accept_by_posterior import accept_by_posterior
 from pipeline.discrepancy.posterior.select_by_posterior import select_by_posterior
@@ -73,7 +74,7 @@ def close_loop(
     own = diagnosis.nominal.diagnosis
     frozen, parameters = model or (own.model, own.parameters)
     correction = correct(frozen, parameters, diagnosis, selection, acceptance, journal)
-    verdict = Verdict(diagnosis, selection, acceptance, correction)
-    return ClosedLoop(
-        document_of(verdict), frozen, parameters, correction.active, report_data_of(verdict, journal)
-    )
+    plan = plan_experiment(diagnosis, correction, journal)
+    verdict = Verdict(diagnosis, selection, acceptance, correction, plan)
+    evidence = report_data_of(verdict, journal)
+    return ClosedLoop(document_of(verdict), frozen, parameters, correction.active, evidence, plan)

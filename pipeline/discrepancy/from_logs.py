@@ -1,7 +1,7 @@
 """Closing the loop on folders of logs: read them, take or identify the model, close the loop, write what it gives."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +29,8 @@ class LoopInputs:
 
     Attributes:
         nominal: Folder of logs of the machine that the model describes.
-        measured: Folder of logs of the machine as it is; None: what the model lacks of the nominal logs is sought.
+        measured: Folder, or folders, of logs of the machine as it is; None: what the model lacks of the nominal logs is
+            sought.
         model: Folder of the model; None: it is identified from the nominal logs.
         kind: What is identified then, `nfir_dqdot` for example.
         learned: File that keeps what is learned of the nominal logs alone; None: it is not kept.
@@ -37,7 +38,7 @@ class LoopInputs:
     """
 
     nominal: str
-    measured: str | None
+    measured: str | Sequence[str] | None
     model: str | None
     kind: str
     learned: str | None
@@ -46,7 +47,16 @@ class LoopInputs:
     @property
     def folders(self) -> list[str]:
         """Of logs, each once."""
-        return [self.nominal] if self.measured is None else [self.nominal, self.measured]
+        return [self.nominal, *self.of_measured]
+
+    @property
+    def of_measured(self) -> list[str]:
+        """Folders of measured logs."""
+        return [self.measured] if isinstance(self.measured, str) else list(self.measured or ())
+
+    def named(self, which: str) -> str:
+        """What an argument was given, for messages: `nominal` or `measured`."""
+        return self.nominal if which == "nominal" else ", ".join(self.of_measured)
 
 
 def close_loop_on_logs(
@@ -82,10 +92,15 @@ def close_loop_on_logs(
         raise InputError(
             "measured is not named: name logs of the machine as it is, or model=PATH to judge that model"
         )
-    if inputs.measured is not None and inputs.allow_empty and is_empty_folder(Path(inputs.measured)):
-        log(write_note(output, machine, given, inputs.nominal, inputs.measured))
+    of_measured = inputs.of_measured
+    if of_measured and inputs.allow_empty and all(is_empty_folder(Path(folder)) for folder in of_measured):
+        log(write_note(output, machine, given, inputs.nominal, inputs.named("measured")))
         return None
-    logs = [load_logs(Path(folder), machine, ingest, loop_tracker) for folder in inputs.folders]
+    logs = [
+        [one for folder in folders for one in load_logs(Path(folder), machine, ingest, loop_tracker)]
+        for folders in ([inputs.nominal], of_measured)
+        if folders
+    ]
     for caution in cautions(itertools.chain(*logs)):
         log(caution)
     nominal, *others = ([rows for one in read for rows in one.trajectories] for read in logs)
@@ -93,8 +108,8 @@ def close_loop_on_logs(
     again = None if measured is None else seen_again(nominal, measured)
     if again is not None:
         log(
-            f"caution: trajectory {again.name} of measured={inputs.measured} is among nominal={inputs.nominal}, too; "
-            "in what is the same nothing can be found"
+            f"caution: trajectory {again.name} of measured={inputs.named('measured')} is among "
+            f"nominal={inputs.nominal}, too; in what is the same nothing can be found"
         )
     model = nominal_model(given, inputs.kind, nominal, machine, settings, identify)
     counts = f"{len(nominal)} nominal"
@@ -107,8 +122,9 @@ def close_loop_on_logs(
         result = close_loop(nominal, measured, machine, model, settings, identify, log, kept=kept)
     except UnusableLogs as error:
         which = error.which if others else "nominal"
-        raise InputError(f"{which}={getattr(inputs, which)}: {error.why}") from None
-    report = LoopReport(machine.name, inputs.nominal, inputs.folders[-1], result.evidence)
+        raise InputError(f"{which}={inputs.named(which)}: {error.why}") from None
+    shown = inputs.named("measured" if others else "nominal")
+    report = LoopReport(machine.name, inputs.nominal, shown, result.evidence)
     write_closed_loop(output, result, nominal, report)
     log(f"verdict {result.document['verdict']}")
     return result, nominal

@@ -10,6 +10,8 @@ from pipeline.discrepancy.families.uncorrectable import refuse_unknown
 from pipeline.discrepancy.posterior.posterior_config import PosteriorConfig
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
 from pipeline.dynamics.settings import TrainingConfig
+from pipeline.errors import InputError
+from pipeline.machine.workspace import EnvelopeConfig
 
 
 class Engine(enum.StrEnum):
@@ -17,6 +19,29 @@ class Engine(enum.StrEnum):
 
     rules = "rules"  # forward selection, `selection/search.py`
     posterior = "posterior"  # `posterior/explanations.py`
+
+
+@dataclass
+class ExperimentConfig:
+    """What an experiment may take.
+
+    Attributes:
+        motion_s: Seconds of motion, at most.
+        rounds: How often it is played: rows to fit, to select and to confirm on should each see it.
+        reaction_s: From a joint state to the command that a supervisor gives because of it, at the longest.
+        envelope: Region that it stays in.
+    """
+
+    motion_s: float
+    rounds: int
+    reaction_s: float
+    envelope: EnvelopeConfig
+
+    def __post_init__(self) -> None:
+        if not (self.motion_s > 0 and self.reaction_s >= 0) or self.rounds < 1:
+            raise InputError(
+                "close_loop.experiment: motion_s must be positive, reaction_s not negative, rounds at least 1"
+            )
 
 
 @dataclass
@@ -30,6 +55,7 @@ class CloseLoopConfig:
         search: Thresholds of the search.
         gate: Thresholds of the gate.
         posterior: When the posterior tells an effect.
+        experiment: What the next experiment may take.
         baselines: Whether other corrections are tried on the same rows, to compare with.
         baselines_budget: Of those that are trained.
         exclude: Families that are not tried.
@@ -42,6 +68,7 @@ class CloseLoopConfig:
     search: EffectSearchConfig
     gate: GateConfig
     posterior: PosteriorConfig
+    experiment: ExperimentConfig
     baselines: bool
     baselines_budget: BaselinesConfig
     exclude: list[str] = field(default_factory=list)

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import Arm, Pose
-from pipeline.machine.specification import MachineSpecification, WorkspaceSpecification
-from pipeline.machine.workspace import contains
+from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.workspace import contains, workspace_of
 
 _CANDIDATES_PER_ROUND = 8192  # a round costs milliseconds
 _MINIMUM_ROUNDS = 64  # before a search is given up
@@ -42,19 +42,6 @@ class PoseConditions:
             raise InputError(f"pitch_max_rad is {self.pitch_max_rad}; it must be in (0, pi]")
         if self.z_min_m is not None and self.z_max_m is not None and not self.z_min_m < self.z_max_m:
             raise InputError(f"z_min_m {self.z_min_m} is not below z_max_m {self.z_max_m}")
-
-
-def workspace_of(machine: MachineSpecification) -> WorkspaceSpecification:
-    """The machine's `workspace` section.
-
-    Raises:
-        InputError: the specification has no such section.
-    """
-    if machine.workspace is None:
-        raise InputError(
-            f"conf/machine/{machine.name}.yaml: no section workspace; the reaching task needs one"
-        )
-    return machine.workspace
 
 
 def satisfies(machine: MachineSpecification, arm: Arm, conditions: PoseConditions, q: jax.Array) -> jax.Array:

@@ -13,9 +13,9 @@ from PIL import Image
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import Pose
 from pipeline.machine.offscreen import create_context
-from pipeline.machine.poses import workspace_of
 from pipeline.machine.scene import Colour, build_scene
 from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.workspace import workspace_of
 
 TARGET_COLOUR: Colour = (0.05, 0.65, 0.35, 0.60)
 AXIS_COLOURS: tuple[Colour, ...] = ((0.85, 0.2, 0.2, 1.0), (0.2, 0.7, 0.2, 1.0), (0.2, 0.35, 0.9, 1.0))

@@ -12,9 +12,9 @@ import numpy as np
 
 from pipeline.machine.chain import urdf_path
 from pipeline.machine.description import compile_urdf, read_urdf
-from pipeline.machine.poses import workspace_of
 from pipeline.machine.sector import sector_edges, sector_surface
 from pipeline.machine.specification import MachineSpecification, WorkspaceSpecification
+from pipeline.machine.workspace import workspace_of
 
 Colour = tuple[float, float, float, float]  # red, green, blue, opacity in [0, 1]
 

@@ -17,9 +17,8 @@ from pipeline.logs.messages.raw_log import TargetPoses
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.kinematics import Arm
 from pipeline.machine.orientation import yaw_pitch
-from pipeline.machine.poses import workspace_of
 from pipeline.machine.specification import MachineSpecification
-from pipeline.machine.workspace import below_lower_plane, contains
+from pipeline.machine.workspace import below_lower_plane, contains, workspace_of
 from pipeline.reaching.metrics import (
     PITCH_THRESHOLDS_RAD,
     POSITION_THRESHOLDS_M,

@@ -13,9 +13,8 @@ from pipeline.dynamics.model.dynamics import Dynamics, H, MeasuredHistory, P
 from pipeline.dynamics.model.specify import check_machine
 from pipeline.dynamics.model.stops import Stops
 from pipeline.machine.kinematics import Arm, Pose
-from pipeline.machine.poses import workspace_of
 from pipeline.machine.specification import MachineSpecification
-from pipeline.machine.workspace import below_lower_plane, contains
+from pipeline.machine.workspace import below_lower_plane, contains, workspace_of
 from pipeline.reaching.discretise import command_from_proto_action
 from pipeline.reaching.reward import (
     Deviation,

@@ -11,8 +11,8 @@ from pipeline.errors import InputError
 from pipeline.files.atomic import write_json
 from pipeline.machine.kinematics import Arm, load_arm
 from pipeline.machine.offscreen import RenderingUnavailableError
-from pipeline.machine.poses import workspace_of
 from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.workspace import workspace_of
 from pipeline.reaching.episodes import load_episodes
 from pipeline.reaching.metrics import PITCH_THRESHOLDS_RAD, POSITION_THRESHOLDS_M, load_traces
 from pipeline.reporting.chapters.deployment import deployment_figures

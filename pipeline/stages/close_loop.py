@@ -9,7 +9,7 @@ from omegaconf import MISSING
 
 from pipeline.configuration.load import ControlConfiguration
 from pipeline.configuration.pages import write_page
-from pipeline.configuration.paths import InputLogs, InputModel, OutputFile
+from pipeline.configuration.paths import InputLogFolders, InputLogs, InputModel, OutputFile
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.discrepancy.from_logs import LoopInputs, close_loop_on_logs
 from pipeline.discrepancy.settings import CloseLoopConfig
@@ -31,7 +31,7 @@ class CloseLoopStage(PipelineConfiguration):
     identify: IdentifyConfig = MISSING
     close_loop: CloseLoopConfig = MISSING
     nominal: InputLogs = MISSING
-    measured: InputLogs | None = None
+    measured: InputLogFolders | None = None
     output: Annotated[str, Output(replaced=("model_before", "model_after"))] = MISSING
     model: InputModel | None = None
     learned: OutputFile | None = None
@@ -51,7 +51,7 @@ def main(configuration: CloseLoopStage, run: StageRun) -> None:
         run.inputs(*inputs.folders)
         publish_closed_loop(run, output, *closed, machine.name)
     if configuration.page:
-        write_page("closed_loop", output)
+        write_page("closed_loop", output, machine)
         say(f"see {output / 'report.html'}")
     run.artifact(output)
 

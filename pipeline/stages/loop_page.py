@@ -21,10 +21,10 @@ class LoopPageStage(PipelineConfiguration):
 
 @stage(LoopPageStage)
 def main(configuration: LoopPageStage, run: StageRun) -> None:
-    """Write `report.html`."""
+    """Write `report.html`, and the page of an experiment where one is planned."""
     folder = Path(configuration.folder)
     run.inputs(folder / DOCUMENT, folder / REPORT_DATA)
-    closed_loop.write(folder)
+    closed_loop.write(folder, configuration.machine)
     run.artifact(folder / closed_loop.NAME)
 
 

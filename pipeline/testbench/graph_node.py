@@ -2,6 +2,7 @@
 
 import gc
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -10,7 +11,7 @@ import numpy as np
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.controllers import at_rest
-from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
+from pipeline.deployment.components.scripted_joystick import ScriptedJoystick, Teleoperator
 from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.components.velocity_estimator import VelocityEstimator
@@ -21,15 +22,17 @@ from pipeline.deployment.drivers.can_frames import CanFrames
 from pipeline.deployment.drivers.emcb_200u_driver import CanDriver
 from pipeline.deployment.drivers.machine import LearnedMachine, LearnedStep
 from pipeline.deployment.nodes import AUTONOMOUS, JOYSTICK, Driver, NodeSettings
+from pipeline.deployment.settings import DeploymentConfig
 from pipeline.deployment.transports.ros1.can_bus import open_bus
 from pipeline.deployment.transports.ros1.goal_errors import goal_errors
 from pipeline.deployment.transports.ros1.node import Node
 from pipeline.deployment.transports.ros1.observed_plc import ObservedPlc
+from pipeline.discrepancy.experiment.plan import read_plan
+from pipeline.discrepancy.experiment.player import PlanPlayer
 from pipeline.effects.store import load_dynamics
-from pipeline.plant.machines.simulated import simulated_machine
 from pipeline.plant.recording.operator import ScriptedOperator as Painter
 from pipeline.plant.recording.operator import draw_style
-from pipeline.testbench.plant_machine import PlantMachine
+from pipeline.testbench.plant_machine import ChangedPlant, PlantMachine
 
 
 def freeze_loaded() -> float:
@@ -56,15 +59,13 @@ def component(settings: NodeSettings, name: str) -> Component:
     """What a node runs, of all but the server that takes goals."""
     machine, deployment = settings.machine, settings.deployment
     if name == "control_interface":
-        return ControlInterface(machine, deployment.interface)
+        return ControlInterface(machine, _supervised(settings).interface)
     if name == "control_supervisor":
-        return supervise(machine, deployment, settings.machine_directory, settings.model)
+        return supervise(machine, _supervised(settings), settings.machine_directory, settings.model)
     if name == "teleoperation_server":
         return TeleoperationServer(machine, deployment.teleoperation)
     if name == JOYSTICK:
-        style_seed, seed = np.random.SeedSequence(settings.operator_seed).generate_state(2).tolist()
-        painter = Painter(machine, draw_style(style_seed), seed)
-        return ScriptedJoystick(machine, deployment.teleoperation, painter)
+        return ScriptedJoystick(machine, deployment.teleoperation, _operator(settings))
     if name == "emcb_200u_driver":
         return CanDriver(open_bus(settings.can), deployment.driver)
     if name == "bobcat_e10_driver":
@@ -76,11 +77,51 @@ def component(settings: NodeSettings, name: str) -> Component:
     return _learned_machine(settings, name)
 
 
-def plant(settings: NodeSettings) -> tuple[PlantMachine, VelocityEstimator]:
-    """The plant at the start of the first target, compiled, and what estimates its velocities."""
+def _operator(settings: NodeSettings) -> Teleoperator:
+    """Who moves the scripted sticks."""
     machine = settings.machine
-    parameters = simulated_machine(machine.name)
-    start = settings.reaching.fixed_episodes(settings.targets).starts[0].astype(float)
+    if settings.plan is not None:
+        return PlanPlayer(machine, read_plan(Path(settings.plan), machine))
+    style_seed, seed = np.random.SeedSequence(settings.operator_seed).generate_state(2).tolist()
+    return Painter(machine, draw_style(style_seed), seed)
+
+
+def _supervised(settings: NodeSettings) -> DeploymentConfig:
+    """Section `deployment`; where a plan is played the supervisor holds the plan's envelope, whatever else it does."""
+    deployment, supervisor = settings.deployment, settings.deployment.supervisor
+    if settings.plan is None:
+        return deployment
+    plan = read_plan(Path(settings.plan), settings.machine)
+    held = replace(
+        supervisor,
+        rules=list(dict.fromkeys([*supervisor.rules, "envelope"])),
+        warnings=[name for name in supervisor.warnings if name != "envelope"],
+        envelope=plan.envelope,
+        envelope_prediction_s=plan.stopping_s,
+    )
+    return replace(deployment, supervisor=held, interface=replace(deployment.interface, supervised=True))
+
+
+def _start(settings: NodeSettings) -> np.ndarray:
+    """Where the machine stands at the beginning, (n_joint,): as the plan wants it, or at the first target's start."""
+    if settings.plan is None:
+        return settings.reaching.fixed_episodes(settings.targets).starts[0]
+    at = read_plan(Path(settings.plan), settings.machine).start
+    return np.array([at[name] for name in settings.machine.joint_names], np.float32)
+
+
+def plant(settings: NodeSettings) -> tuple[PlantMachine, VelocityEstimator]:
+    """The plant, compiled, and what estimates its velocities."""
+    machine = settings.machine
+    changed = ChangedPlant(
+        start_time="",  # whenever the graph is started
+        plant_seed=settings.plant_seed,
+        effects=list(settings.effects),
+        effects_seed=settings.effects_seed,
+        effect_size=settings.effect_size,
+    )
+    parameters = changed.parameters(machine.name)
+    start = _start(settings).astype(float)
     PlantMachine(parameters, settings.plant_seed, start).advance(np.zeros(machine.n_joint))
     estimator = VelocityEstimator(nanoseconds(machine.dt_s), settings.loop_tracker)
     return PlantMachine(parameters, settings.plant_seed, start), estimator
@@ -90,7 +131,7 @@ def _learned_machine(settings: NodeSettings, name: str) -> Component:
     """The learned model, behind the simulation's driver or behind the PLC."""
     machine, deployment = settings.machine, settings.deployment
     step = LearnedStep(settings.reaching.task(*load_dynamics(Path(settings.model)), settings.reward))
-    start = settings.reaching.fixed_episodes(settings.targets).starts[0]
+    start = _start(settings)
     LearnedMachine(step, start).advance(np.zeros(machine.n_joint))
     learned = LearnedMachine(step, start)
     if name == "bobcat_e10_sim_driver":

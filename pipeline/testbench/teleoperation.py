@@ -98,14 +98,14 @@ def kept(
             yield
     finally:
         for stop in recorder.stops:
-            print(f"teleoperate: control_supervisor stopped the machine by {stop.rule}: {stop.detail}")
+            print(f"control_supervisor stopped the machine by {stop.rule}: {stop.detail}")
         is_log = bool(recorder.states and recorder.commands)
         if is_log:
             begun_s = recorder.states[0][0] // NANOSECONDS
             bag = output / "logs" / datetime.fromtimestamp(begun_s, UTC).strftime(SESSION_NAME)
             recorder.write(bag, machine)
             said = f"{len(recorder.states)} joint states, {moving(recorder)} commands that move a joint"
-            print(f"teleoperate: {bag}: {said}", flush=True)
+            print(f"recorded {bag}: {said}", flush=True)
         if so_far is not None:
             so_far.unlink(missing_ok=True)
     if not is_log:

@@ -8,8 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from pipeline.control.apg.config import ObjectiveConfig
-from pipeline.machine.poses import workspace_of
-from pipeline.machine.workspace import depths
+from pipeline.machine.workspace import depths, workspace_of
 from pipeline.reaching.reward import euclidean_norm
 from pipeline.reaching.task import Goal, ReachingTask
 

@@ -10,9 +10,8 @@ from pipeline.deployment.messages import GoalOutcome
 from pipeline.deployment.settings import TerminationConfig
 from pipeline.machine.kinematics import Arm
 from pipeline.machine.orientation import yaw_pitch
-from pipeline.machine.poses import workspace_of
 from pipeline.machine.specification import MachineSpecification
-from pipeline.machine.workspace import contains
+from pipeline.machine.workspace import contains, workspace_of
 
 
 class OscillationWatch:

@@ -23,9 +23,9 @@ from pipeline.deployment.viewing.joint_transforms import JointTransforms, joint_
 from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.raw_log import RawLog
 from pipeline.machine.chain import urdf_path
-from pipeline.machine.poses import workspace_of
 from pipeline.machine.sector import sector_edges
 from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.workspace import workspace_of
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TOPICS = {

@@ -73,7 +73,7 @@ class Simulation:
         self.setting = setting
         self.sequences = sequences
         self._types = {effect.card.family: effect for effect in effects}
-        self._model = model
+        self.model = model
         rows = (sequences.command, sequences.q, sequences.time_s)
         self._rows = [jnp.asarray(np.moveaxis(array, 1, 0), jnp.float32) for array in rows]  # time in front
         self._rows.append(jnp.zeros(len(sequences.q)))  # (B,)
@@ -178,7 +178,7 @@ class Simulation:
     def _call(self, function: Callable, chain: Chain, axes: tuple, *arguments: Any) -> Any:
         key = (function, tuple(chain.effects), axes)
         if key not in self._compiled:
-            self._compiled[key] = jax.jit(jax.vmap(partial(function, self._model, chain), in_axes=axes))
+            self._compiled[key] = jax.jit(jax.vmap(partial(function, self.model, chain), in_axes=axes))
         return self._compiled[key](*arguments)
 
 

@@ -77,9 +77,9 @@ def document_of(verdict: Verdict) -> dict[str, Any]:
             "n_steps": int(sum(rows.sum() for rows in held_out)),
             "trajectories": [t.name for t, rows in zip(logs.measured, held_out, strict=True) if rows.any()],
         },
-        "next_experiment": next_experiment(
-            word, families, first["joints"][0] if first and first["joints"] else None, idle
-        ),
+        "next_experiment": verdict.plan.sentence
+        if verdict.plan is not None
+        else next_experiment(word, families, first["joints"][0] if first and first["joints"] else None, idle),
         "trace": trace_of(verdict),
     }
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pipeline.discrepancy.experiment.plan import FILE as PLAN
 from pipeline.discrepancy.verdict.report_data import ReportData
 from pipeline.discrepancy.verdict.result import ClosedLoop
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
@@ -45,7 +46,7 @@ def write_closed_loop(
     trajectories: Sequence[Trajectory],
     report: LoopReport,
 ) -> None:
-    """Write `closed_loop.json`, `report_data.npz`, `model_before`, and `model_after` with the effects.
+    """Write `closed_loop.json`, `report_data.npz`, `model_before`, `model_after` with the effects, and the plan.
 
     Args:
         folder: Where to.
@@ -59,6 +60,9 @@ def write_closed_loop(
     lineage = {"machine": report.machine, "trajectories": [trajectory.name for trajectory in trajectories]}
     _write_models(folder, result.model, result.parameters, lineage, result.effects)
     save_record(folder / REPORT_DATA, report)
+    (folder / PLAN).unlink(missing_ok=True)
+    if result.plan is not None:
+        result.plan.write(folder / PLAN)
     _write_document(folder, result.document)
 
 

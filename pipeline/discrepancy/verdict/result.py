@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from pipeline.discrepancy.experiment.plan import Plan
 from pipeline.discrepancy.verdict.report_data import ReportData
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
@@ -19,6 +20,7 @@ class ClosedLoop:
         parameters: Its parameters.
         effects: What `model_after` has around the frozen model; None: nothing.
         evidence: For the report.
+        plan: The next experiment; None: none is planned.
     """
 
     document: dict[str, Any]
@@ -26,3 +28,4 @@ class ClosedLoop:
     parameters: Parameters
     effects: ActiveEffects | None
     evidence: ReportData
+    plan: Plan | None = None

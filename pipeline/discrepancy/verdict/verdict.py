@@ -6,6 +6,7 @@ from pipeline.discrepancy.acceptance.accept import Acceptance
 from pipeline.discrepancy.correction.correct import Correction
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
+from pipeline.discrepancy.experiment.plan import Plan
 from pipeline.discrepancy.selection.select import Selection
 
 
@@ -17,6 +18,7 @@ class Verdict:
     selection: Selection
     acceptance: Acceptance
     correction: Correction
+    plan: Plan | None = None
 
     @property
     def logs(self) -> PreparedLogs:

@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.commands import is_command
-from pipeline.deployment.components.supervision.envelope_rule import Envelope, StaysInEnvelope
+from pipeline.deployment.components.supervision.envelope_rule import StaysInEnvelope
 from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel
 from pipeline.deployment.components.supervision.model_floor import ModelFloor, read_floor
 from pipeline.deployment.components.supervision.residual_rule import FollowsModel
@@ -26,6 +26,7 @@ from pipeline.effects.store import dynamics_fingerprint, load_dynamics
 from pipeline.errors import InputError
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
+from pipeline.machine.workspace import Envelope
 
 
 class CommandFrequency(Rule):
@@ -334,7 +335,7 @@ RULES: dict[str, Callable[[RuleParts], Rule]] = {
     "frozen_encoder": lambda parts: FrozenEncoder(parts.machine, parts.config),
     "joint_limits": lambda parts: JointLimits(parts.machine, parts.config),
     "self_collision": lambda parts: LinkClearance(parts.shapes, parts.config),
-    "envelope": lambda parts: StaysInEnvelope(parts.envelope),
+    "envelope": lambda parts: StaysInEnvelope(parts.envelope, parts.config.envelope_prediction_s),
     "model_residual": lambda parts: FollowsModel(
         parts.machine, *parts.followed, parts.config.false_stop_hours
     ),

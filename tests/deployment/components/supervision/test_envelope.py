@@ -10,12 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.deployment.components.supervision.envelope_rule import Envelope, StaysInEnvelope
+from pipeline.deployment.components.supervision.envelope_rule import StaysInEnvelope
 from pipeline.deployment.messages import JointState
-from pipeline.deployment.settings import EnvelopeConfig
 from pipeline.errors import InputError
-from pipeline.machine.poses import workspace_of
-from pipeline.machine.workspace import depths
+from pipeline.machine.workspace import Envelope, EnvelopeConfig, depths, workspace_of
 from tests.deployment.machines import MIDDLE, arm, bobcat, paper
 
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4)
@@ -125,3 +123,13 @@ def test_an_arm_that_left_is_told_with_its_place_until_it_is_back() -> None:
         said.append(rule.on_tick(0))
     place = np.round(bobcat().lower, 3).tolist()
     assert said == [None, *[f"the arm leaves the envelope at {place}"] * 2, None]
+
+
+def test_an_arm_is_stopped_before_it_leaves() -> None:
+    moving = JointState(0, np.asarray(MIDDLE, float), (bobcat().lower - MIDDLE) / 0.15)
+    for prediction_s, objects in ((0.0, False), (0.15, True)):
+        rule = StaysInEnvelope(region(), prediction_s)
+        for at in (state(MIDDLE), moving):
+            rule.on_state(at, 0)
+            said = rule.on_tick(0)
+        assert (said is not None) == objects

@@ -1,0 +1,1 @@
+"""The next experiment: what to record so that the explanations which remain can be told apart."""
