@@ -6,6 +6,7 @@ from functools import partial
 from omegaconf import MISSING
 
 from pipeline.configuration.load import ControlConfiguration
+from pipeline.configuration.pages import write_page
 from pipeline.configuration.paths import InputLogs, InputModel, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.discrepancy.settings import CloseLoopConfig
@@ -39,13 +40,14 @@ class WatchStage(PipelineConfiguration):
 
 @stage(WatchStage)
 def main(configuration: WatchStage, run: StageRun) -> None:
-    """Write `watch.json`, and per change a folder as of `close_loop`."""
+    """Write `watch.json`, its page, and per change a folder as of `close_loop`."""
     told = configuration
     inputs = WatchInputs.told(told.nominal, told.sessions, told.state, told.output, told.model, told.baseline)
     sections = told.ingest, told.control.loop_tracker, told.identify, told.close_loop, told.watch
     document = look(inputs, WatchSettings(told.machine, *sections), say)
     for step, session in enumerate(document["sessions"]):
         run.metrics(metrics_of(session), step)
+    write_page("watch", inputs.output, inputs.output / "watch.html")
     run.artifact(inputs.output / "watch.json")
     say(f"{document['state']}, evidence {document['e_value']:.3g} of {document['alarm_at']:g}")
 
