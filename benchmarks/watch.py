@@ -10,6 +10,7 @@ ramp is the step's mean change in growing shares, on top of a sound session.
 """
 
 import argparse
+import sys
 import tempfile
 from collections.abc import Iterator
 from datetime import timedelta
@@ -86,7 +87,7 @@ def record(folder: Path, simulator: str, number: int) -> None:
 
 
 def resample(path: Path) -> None:
-    """Print a machine's figures."""
+    """Print a machine's figures as a row of Markdown, by family on standard error."""
     with np.load(path) as file:
         statistics, label = file["statistics"], file["label"]
     config, random = load_section("watch", WatchConfig, PROFILE), np.random.default_rng(0)
@@ -98,20 +99,15 @@ def resample(path: Path) -> None:
     alarms = sum(
         bool(follow(drawn(N_NOMINAL), drawn(N_SESSION), [], config).changes) for _ in range(N_MACHINE)
     )
-    print(f"{path.stem}: {alarms} of {N_MACHINE} sound machines told as changed in {N_SESSION} sessions")
     delays: dict[str, list[list[float]]] = {"step": [], "ramp": []}
     for kind in kinds.SETS_IN:
         changed = statistics[label == kind]
-        if not len(changed):
-            continue
         for course, of in delays.items():
             of.append([_delay(drawn, changed, sound, course, random, config) for _ in range(REPEATS)])
-            print(
-                f"  {kind}, {course}: told after {np.median(of[-1]):g} sessions, 90 % by {_ninth(of[-1]):g}"
-            )
-    for course, every in delays.items():
-        flat = np.concatenate(every)
-        print(f"{path.stem}, {course}: median {np.median(flat):g} sessions, 90 % by {_ninth(flat):g}")
+            told = f"told after {np.median(of[-1]):g} sessions, 90 % by {_ninth(of[-1]):g}"
+            print(f"{path.stem}, {kind}, {course}: {told}", file=sys.stderr)
+    told_late = [f"{np.median(of):g} | {_ninth(of):g}" for of in map(np.concatenate, delays.values())]
+    print(f"| {path.stem} | {alarms} of {N_MACHINE} | {' | '.join(told_late)} |")
 
 
 def _delay(drawn, changed, sound, course, random, config) -> float:  # type: ignore[no-untyped-def]
@@ -141,6 +137,10 @@ def main() -> None:
     if arguments.what == "record":
         record(arguments.folder, arguments.simulator, arguments.number)
         return
+    print(
+        "| machine | sound, but told as changed | step: sessions until told, median | 90 % | ramp: median | 90 % |"
+    )
+    print("|---|---|---|---|---|---|")
     for path in sorted(arguments.folder.glob("*.npz")):
         resample(path)
 

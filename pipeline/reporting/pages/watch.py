@@ -37,7 +37,7 @@ def fleet_page(documents: Mapping[str, dict[str, Any]]) -> str:
     verdict = f"Changed: {', '.join(changed)}." if changed else "No machine shows a change."
     figures = [KeyFigure(str(states.count(state)), words) for state, words in STATES.items()]
     rows = [_row(name, documents[name]) for name in names]
-    columns = ["machine", "state", "evidence", "sessions", "latest", "what changed"]
+    columns = ["machine", "state", "what changed", "latest session", "sessions", "evidence"]
     overview = Table("Machines", columns, rows)
     sections = [Section("All machines", "State after the latest session.", tables=[overview])]
     sections += [_section(name, documents[name]) for name in names]
@@ -56,7 +56,7 @@ def _row(name: str, document: dict[str, Any]) -> list[str]:
     open_ones = [of for of in findings if of["until"] is None]
     what = _told(open_ones[-1]) if open_ones else ""
     evidence = f"{document['e_value']:.2g} of {document['alarm_at']:g}"
-    return [name, STATES[document["state"]], evidence, str(len(sessions)), latest, what]
+    return [name, STATES[document["state"]], what, latest, str(len(sessions)), evidence]
 
 
 def _told(finding: dict[str, Any]) -> str:
