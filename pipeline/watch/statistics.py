@@ -33,9 +33,9 @@ class Statistic(NamedTuple):
     limit: float | None
 
 
-# Changes of speed below 3 % are not worth a name: half of what `search.smallest_share` asks of the squares. A recording's
-# phase is half a step, 25 ms, and is misjudged now and then. Columns that are there for a part of the rows ask for as
-# much of the speed there. All set by hand, `spread` and `lateness` with sound sessions of two simulated machines in view.
+# Changes of speed below 3 % are not worth a name: half of what `search.smallest_share` asks of the squares. The phase
+# of a recording is half a step, 25 ms, and is misjudged now and then. Columns that are there for a part of the rows ask
+# for as much of the speed there. All set by hand, `spread` and `lateness` with two simulated machines in view.
 STATISTICS = (
     Statistic("speed_forward", "1", 0.03, 0.3),
     Statistic("speed_backward", "1", 0.03, 0.3),
