@@ -7,46 +7,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.discrepancy.posterior.columns import Columns, Term
-from pipeline.discrepancy.posterior.noise import Noise, has_past, learn_noise
-from pipeline.discrepancy.posterior.products import NO_COEFFICIENTS, Prior, Products, beside_nuisance
-from pipeline.discrepancy.posterior.repeatability import Basis, basis_of, learn_sizes
-from pipeline.discrepancy.posterior.robust_evidence import Block, Fit, fit
-from pipeline.discrepancy.posterior.rows import RowFacts
-from pipeline.discrepancy.posterior.speed_in_time import (
-    USUAL_DEVIATION,
-    USUAL_TIME_S,
-    cosines,
-    deviations,
+from pipeline.discrepancy.posterior.columns import Term
+from pipeline.discrepancy.posterior.noise import has_past
+from pipeline.discrepancy.posterior.nominal_joint import (
+    LEAST_SHARES,
+    Rows,
+    learn_joint,
+    raw_columns,
+    share_of_squares,
 )
+from pipeline.discrepancy.posterior.products import NO_COEFFICIENTS, Prior, Products, beside_nuisance
+from pipeline.discrepancy.posterior.robust_evidence import Block, Fit, fit
+from pipeline.discrepancy.posterior.speed_in_time import cosines, deviations
 from pipeline.discrepancy.posterior.term_evidence import term_evidence
 
-LEAST_SHARES = (0.05, 0.15, 0.5, 1.5)  # of the floor's squares
-PART_ROWS = 3600  # of a nominal part: six minutes
+CARD_ERRORS = (0.03, 0.1, 0.3)  # of what an effect adds: how far its card may be off; by factors of three
 SESSION_EDGE_S, ONSET_STEP_S = 20.0, 10.0
 MOST_MOMENTS = 120  # over all logs: of longer ones the moments are further apart
 CERTAIN, UNKNOWN = 1e12, 1e-6  # precision of what is known; share of the prior's where nothing is
 Group = tuple[str, int | None, bool]  # family, source, and whether it sets in
-
-
-class Rows(NamedTuple):
-    """Columns on one set of logs, with what is known of their rows.
-
-    Attributes:
-        columns: Of all joints.
-        facts: Of the rows.
-        velocity: (N, n_joint) predicted without effects.
-        weight: (N, n_joint) 0 where a joint does not count.
-    """
-
-    columns: Columns
-    facts: RowFacts
-    velocity: np.ndarray
-    weight: np.ndarray
-
-    def speed(self, joint: int) -> np.ndarray:
-        """(N,) velocity where the joint counts, 0 elsewhere."""
-        return np.asarray(self.weight[:, joint] * self.velocity[:, joint])
 
 
 class Found(NamedTuple):
@@ -61,59 +40,16 @@ class Found(NamedTuple):
     best: int
 
 
-class NominalJoint(NamedTuple):
-    """What nominal logs say of one joint's residual.
+class Scatter(NamedTuple):
+    """How large the nuisance is.
 
     Attributes:
-        noise: Of its rows.
-        basis: What varies from session to session.
-        variance: (K,) of the coefficients of `basis`.
-        floor: Mean square of the residual on rows that count.
+        least: τ.
+        of_cards: Mean square of what the cards of effects may leave over, whitened.
     """
 
-    noise: Noise
-    basis: Basis
-    variance: np.ndarray
-    floor: float
-
-
-def learn_joint(
-    joint: int, nominal: Rows, terms: Sequence[Term], length_s: float, present: Collection[str]
-) -> NominalJoint:
-    """Learn noise and repeatability.
-
-    Args:
-        joint: Index.
-        nominal: Rows that the members of the model did not see.
-        terms: Of the joint.
-        length_s: Mean length of the measured sessions.
-        present: Families of effects that nominal logs show themselves.
-    """
-    residual, state = nominal.columns.residual[:, joint], nominal.facts.state[:, joint]
-    counts = nominal.weight[:, joint] > 0.0
-    velocity = nominal.speed(joint)
-    noise = learn_noise(residual, state, nominal.facts.run, counts, velocity)
-    part = _parts(nominal.facts.session)
-    raw, _ = raw_columns(joint, nominal, part)
-    matrix = noise.whiten(raw.astype(np.float32), state, nominal.facts.run, velocity)
-    speed = np.arange(nominal.columns.matrices[joint].shape[1], matrix.shape[1] - 1)
-    basis = basis_of(terms, speed, deviations(length_s, USUAL_TIME_S, USUAL_DEVIATION))
-    scaled = np.column_stack([matrix[:, basis.columns] * basis.scale, matrix[:, -1]])
-    of_part = [scaled[part == number] for number in np.unique(part)]
-    sizes = learn_sizes([rows.T @ rows for rows in of_part], [len(rows) for rows in of_part], basis.families)
-    # What nominal logs show themselves is no scatter: it is what the model lacks.
-    of_scatter = {family: 0.0 if family in present else size for family, size in sizes.items()}
-    variance = np.array([of_scatter[family] for family in basis.families]) * basis.scale**2
-    floor = max(float(np.mean(residual[counts] ** 2)) if counts.any() else 0.0, 1e-18)
-    return NominalJoint(noise, basis, variance, floor)
-
-
-def raw_columns(joint: int, rows: Rows, part: np.ndarray) -> tuple[np.ndarray, float]:
-    """(N, M + 1) columns, slow variations of speed over each part, and the residual; and a part's mean length, s."""
-    over_time, length_s = cosines(rows.facts.stamp_ns, part)
-    speed = rows.speed(joint)[:, None]
-    both = [rows.columns.matrices[joint], speed * over_time, rows.columns.residual[:, joint, None]]
-    return np.column_stack(both), length_s
+    least: float
+    of_cards: float = 0.0
 
 
 class JointEvidence:
@@ -148,10 +84,12 @@ class JointEvidence:
         raw, self.length_s = raw_columns(self.joint, measured, self._session)
         n_column = measured.columns.matrices[self.joint].shape[1]
         self.speed = np.arange(n_column, raw.shape[1] - 1)
-        is_counted = measured.weight[:, self.joint] > 0.0
-        self._of_floor = self._share_of_floor(raw[is_counted][:, self.nominal.basis.columns])
-        self._is_told = has_past(measured.facts.run) & is_counted
+        self._is_told = has_past(measured.facts.run) & (measured.weight[:, self.joint] > 0.0)
         self.matrix = self._whiten(raw)
+        self._misfit = self.matrix[:, self.nominal.basis.columns] @ self.nominal.misfit.astype(np.float32)
+        self.matrix[:, -1] -= self._misfit
+        basis = self.nominal.basis
+        self._of_one = share_of_squares(self.matrix[self._is_told][:, basis.columns], basis.families, 1.0)
         self._extend(self._setting_in)
 
     def _whiten(self, values: np.ndarray) -> np.ndarray:
@@ -167,18 +105,7 @@ class JointEvidence:
             self.matrix = np.column_stack([self.matrix[:, :-1], self._whiten(added), self.matrix[:, -1]])
         self._groups: dict[tuple[int, ...], tuple[dict[Group, Found], np.ndarray]] = {}
         self._points: dict[tuple, dict[tuple, Found]] = {}
-        self._fits: dict[tuple, tuple[float, Fit]] = {}
-
-    def _share_of_floor(self, columns: np.ndarray) -> np.ndarray:
-        """(K,) variances with which the nuisance of all families makes up the squares of the nominal residual.
-
-        Args:
-            columns: (N, K) of the nuisance on measured rows that count.
-        """
-        floor, families = self.nominal.floor, list(self.nominal.basis.families)
-        squares = np.sum(columns**2, axis=0, dtype=float) / max(len(columns), 1)
-        members = np.array([families.count(family) for family in families])
-        return np.asarray(floor / (np.maximum(squares, 1e-6 * floor) * members * len(set(families))))
+        self._fits: dict[tuple, tuple[Scatter, Fit]] = {}
 
     def _sessions(self) -> list[np.ndarray]:
         """Per session the rows that tell, (N,) bool."""
@@ -248,25 +175,25 @@ class JointEvidence:
             self._points[key] = {point: _mean(evidence, of, len(of)) for point, of in members.items()}
         return self._points[key]
 
-    def products_beside(self, terms: Sequence[int], least: float | None = None) -> Products:
+    def products_beside(self, terms: Sequence[int], scatter: Scatter | None = None) -> Products:
         """Of all columns beside given terms. The noise is normal here, with the weights of rows that they leave.
 
         Args:
             terms: By index.
-            least: τ; None: that of greatest evidence.
+            scatter: None: that of greatest evidence.
         """
-        most_probable, fitted = self._least(tuple(sorted(terms)))
-        least = most_probable if least is None else least
+        most_probable, fitted = self._fitted(tuple(sorted(terms)))
         weighted = [
             self.matrix[session] * np.sqrt(weight)[:, None].astype(np.float32)
             for session, weight in zip(self._sessions(), fitted.weights, strict=True)
         ]
-        products = beside_nuisance(weighted, self.nominal.basis.columns, self._variance(least))
-        return products.beside(self.prior(terms))
+        variance = self._variance(scatter or most_probable)
+        return beside_nuisance(weighted, self.nominal.basis.columns, variance).beside(self.prior(terms))
 
-    def _variance(self, least: float) -> np.ndarray:
+    def _variance(self, scatter: Scatter) -> np.ndarray:
         """(K,) of the nuisance's coefficients."""
-        return self.nominal.variance + least * self._of_floor
+        of_machine = self.nominal.variance + scatter.least * self.nominal.of_floor
+        return of_machine + scatter.of_cards * self._of_one
 
     def n_alternatives(self, index: int) -> int:
         """How many terms stand for the cause of a term, each as probable before any row is seen.
@@ -305,16 +232,16 @@ class JointEvidence:
         return [other for other, term in enumerate(self.terms) if (term.family, term.source) == key]
 
     def blocks(
-        self, terms: Sequence[int], least: float, speed: tuple[float, float] | None = None
+        self, terms: Sequence[int], scatter: Scatter, speed: tuple[float, float] | None = None
     ) -> list[Block]:
         """Rows per session, with the columns of terms.
 
         Args:
             terms: Indices, whose `prior` the columns are in the order of.
-            least: τ.
+            scatter: Of the nuisance.
             speed: Correlation time, s, and deviation of slow variations of speed beside those of nominal logs.
         """
-        variance = self._variance(least)
+        variance = self._variance(scatter)
         if speed is not None:
             variance[-len(self.speed) :] += deviations(self.length_s, *speed) ** 2
         columns = self.prior(terms).columns
@@ -334,20 +261,20 @@ class JointEvidence:
         return [self.matrix[session][:, self.speed] for session in self._sessions()]
 
     def fit(self, terms: Sequence[int], speed: tuple[float, float] | None = None) -> Fit:
-        """Terms together, with heavy-tailed noise, at the τ of greatest evidence."""
-        return self._least(tuple(sorted(terms)), speed)[1]
+        """Terms together, with heavy-tailed noise, at the scatter of greatest evidence."""
+        return self._fitted(tuple(sorted(terms)), speed)[1]
 
     def evidence_of_nothing(self, least: float) -> float:
         """Log evidence without any effect, at a given τ."""
-        return fit(self.blocks((), least), NO_COEFFICIENTS).evidence
+        return self._at((), Scatter(least), NO_COEFFICIENTS).evidence
 
     def likelihood_of(self, terms: Sequence[int], fitted: "JointEvidence") -> float:
         """Log likelihood of terms with all that was fitted to them on other rows."""
         key = tuple(sorted(terms))
-        least, known = fitted._least(key)
+        scatter, known = fitted._fitted(key)
         prior = self.prior(key)
         exactly = prior._replace(mean=known.coefficients, precision=np.full(len(prior.mean), CERTAIN))
-        return fit(self.blocks(key, least), exactly, known.noisier).likelihood
+        return fit(self.blocks(key, scatter), exactly, known.noisier).likelihood
 
     def likelihood_of_residual(
         self, residual: np.ndarray, terms: Sequence[int], fitted: "JointEvidence"
@@ -359,11 +286,11 @@ class JointEvidence:
             terms: That stand for them.
             fitted: The joint on the rows that they were fitted on.
         """
-        least, known = fitted._least(tuple(sorted(terms)))
-        whitened = self._whiten(residual[:, None])[:, 0]
+        scatter, known = fitted._fitted(tuple(sorted(terms)))
+        whitened = self._whiten(residual[:, None])[:, 0] - self._misfit
         blocks = [
             block._replace(residual=whitened[session])
-            for block, session in zip(self.blocks((), least), self._sessions(), strict=True)
+            for block, session in zip(self.blocks((), scatter), self._sessions(), strict=True)
         ]
         return fit(blocks, NO_COEFFICIENTS, known.noisier).likelihood
 
@@ -372,24 +299,54 @@ class JointEvidence:
         key = tuple(sorted(terms))
         prior = self.prior(key)
         free = prior._replace(precision=UNKNOWN * prior.precision)
-        return max(fit(self.blocks(key, least), free).likelihood for least in LEAST_SHARES)
+        squares = self._squares(key, self.fit(key).coefficients)
+        return max(self._at(key, scatter, free).likelihood for scatter in _scatters(LEAST_SHARES, squares))
 
     def least(self) -> float:
         """The τ of greatest evidence without any effect."""
-        return self._least(())[0]
+        return self._fitted(())[0].least
 
-    def _least(self, terms: tuple[int, ...], speed: tuple[float, float] | None = None) -> tuple[float, Fit]:
+    def _fitted(
+        self, terms: tuple[int, ...], speed: tuple[float, float] | None = None
+    ) -> tuple[Scatter, Fit]:
+        """Terms with the scatter of greatest evidence.
+
+        What their cards leave over is a share of what they add, and how much they add is known by a first fit.
+        """
         key = terms, speed
         if key not in self._fits:
             prior = self.prior(terms)
             # Beside variations of speed little else varies in time.
-            sizes: Sequence[float] = LEAST_SHARES if speed is None else [self.least()]
-            for least in sizes:  # upwards, as far as the evidence rises
-                fitted = fit(self.blocks(terms, least, speed), prior)
-                if key in self._fits and fitted.evidence <= self._fits[key][1].evidence:
-                    break
-                self._fits[key] = least, fitted
+            shares: Sequence[float] = LEAST_SHARES if speed is None else [self.least()]
+            found = [(scatter, self._at(terms, scatter, prior, speed)) for scatter in _scatters(shares, 0.0)]
+            if terms:
+                squares = self._squares(terms, max(found, key=_evidence)[1].coefficients)
+                others = _scatters(shares, squares)
+                found += [(scatter, self._at(terms, scatter, prior, speed)) for scatter in others]
+            self._fits[key] = max(found, key=_evidence)
         return self._fits[key]
+
+    def _at(
+        self, terms: Sequence[int], scatter: Scatter, prior: Prior, speed: tuple[float, float] | None = None
+    ) -> Fit:
+        """Terms at one scatter; how well nominal logs bear its τ out counts, too."""
+        fitted, known = fit(self.blocks(terms, scatter, speed), prior), self.nominal.evidence[scatter.least]
+        return fitted._replace(evidence=fitted.evidence + known, likelihood=fitted.likelihood + known)
+
+    def _squares(self, terms: tuple[int, ...], coefficients: np.ndarray) -> float:
+        """Mean square of what terms add, whitened."""
+        added = self.matrix[self._is_told][:, self.prior(terms).columns] @ coefficients
+        return float(np.sum(added**2) / max(len(added), 1))
+
+
+def _scatters(shares: Sequence[float], squares: float) -> list[Scatter]:
+    """Every τ with every error of the cards; none of these where effects add nothing."""
+    of_cards = [share**2 * squares for share in CARD_ERRORS] if squares > 0.0 else [0.0]
+    return [Scatter(least, of) for of in of_cards for least in shares]
+
+
+def _evidence(found: tuple[Scatter, Fit]) -> float:
+    return found[1].evidence
 
 
 def _mean(evidence: np.ndarray, indices: Sequence[int], n: int) -> Found:
@@ -397,15 +354,3 @@ def _mean(evidence: np.ndarray, indices: Sequence[int], n: int) -> Found:
     best = indices[int(np.argmax(evidence[indices]))]
     of_all = evidence[best] + np.log(np.sum(np.exp(evidence[indices] - evidence[best])))
     return Found(float(of_all - np.log(n)), best)
-
-
-def _parts(session: np.ndarray) -> np.ndarray:
-    """(N,) numbers of parts of about six minutes, of one session each."""
-    part, n = np.zeros(len(session), int), 0
-    for number in np.unique(session):
-        for rows in np.array_split(
-            np.flatnonzero(session == number), max(1, round(np.sum(session == number) / PART_ROWS))
-        ):
-            part[rows] = n
-            n += 1
-    return part

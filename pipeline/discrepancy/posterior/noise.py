@@ -2,7 +2,8 @@
 
     r_t = s_{state(t)} z_t + u_t c_{motion(t)},     z_t = Σ_k φ_k z_{t-k} + e_t,     c ~ N(0, σ²)
 
-e_t has Student's t of ν degrees of freedom. A motion lasts as long as the predicted velocity u keeps its sign; its
+e_t has Student's t of ν degrees of freedom. σ is that of most motions: a few that hardly resemble their prediction,
+such as creeping ones, count as outliers. A motion lasts as long as the predicted velocity u keeps its sign; its
 speed is off by c. All is learned from nominal rows, which the members of the model did not see. Source: generalised
 least squares with autoregressive errors, Hamilton (1994), Time Series Analysis, chapter 8; random effects: Laird and
 Ware (1982), Random-effects models for longitudinal data; heavy tails: Lange, Little and Taylor (1989), Robust
@@ -20,6 +21,9 @@ LAGS = 3  # scored rows, 0.3 s: what an ensemble that predicts from commands alo
 DEGREES = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)
 SCALES = np.geomspace(0.3, 1.2, 12)
 OF_MOTIONS = (0.0, *np.geomspace(0.005, 0.5, 14).tolist())  # σ that are tried: a factor of 1.4 apart
+# Of Student's t when σ is fitted, as Lange, Little and Taylor advise; of this scale it is fitted best by normal values
+# of standard deviation one.
+DEGREES_OF_MOTIONS, SCALE_OF_MOTIONS = 4.0, 0.831
 FEWEST_ROWS = 10  # of a state, or its size is that of all
 LEAST_OF_ALL = 0.01  # of the size of all rows: encoders resolve no less
 
@@ -134,11 +138,13 @@ def _of_motions(
 ) -> float:
     """The σ of greatest likelihood; arguments as of `learn_noise`."""
     both = noise._replace(of_motions=0.0).whiten(np.column_stack([residual, velocity]), state, run, velocity)
-    motion = motions(velocity, run)
-    product, square = _sums(both * both[:, 1:], motion).T
+    product, square = _sums(both * both[:, 1:], motions(velocity, run)).T
+    told = square > 0.0
+    score, square = product[told] / np.sqrt(square[told]), square[told]
+    scales = [SCALE_OF_MOTIONS * np.sqrt(1.0 + sigma**2 * square) for sigma in OF_MOTIONS]
     of = [
-        float(np.sum(sigma**2 * product**2 / (1.0 + sigma**2 * square) - np.log1p(sigma**2 * square)))
-        for sigma in OF_MOTIONS
+        float(np.sum(students_t.logpdf(score / scale, DEGREES_OF_MOTIONS) - np.log(scale)))
+        for scale in scales
     ]
     return OF_MOTIONS[int(np.argmax(of))]
 

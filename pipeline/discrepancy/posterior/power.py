@@ -16,7 +16,8 @@ from scipy.stats import norm
 
 from pipeline.discrepancy.posterior.columns import Term
 from pipeline.discrepancy.posterior.explanations import LOG_MORE
-from pipeline.discrepancy.posterior.joint_evidence import LEAST_SHARES, JointEvidence
+from pipeline.discrepancy.posterior.joint_evidence import JointEvidence, Scatter
+from pipeline.discrepancy.posterior.nominal_joint import LEAST_SHARES
 from pipeline.discrepancy.posterior.probabilities import OF_ANY
 from pipeline.discrepancy.posterior.products import Products
 from pipeline.effects.catalogue import KNOWN
@@ -41,7 +42,7 @@ class Visible(NamedTuple):
     unit: str
 
 
-class Scatter(NamedTuple):
+class Priced(NamedTuple):
     """One size τ of the nuisance.
 
     Attributes:
@@ -66,7 +67,7 @@ def visible_sizes(
     """
     evidence = np.array([joint.evidence_of_nothing(least) for least in LEAST_SHARES])
     scatters = [
-        Scatter(joint.products_beside((), least), float(evidence.max() - of))
+        Priced(joint.products_beside((), Scatter(least)), float(evidence.max() - of))
         for least, of in zip(LEAST_SHARES, evidence, strict=True)
     ]
     result = []
@@ -81,7 +82,7 @@ def visible_sizes(
     return result
 
 
-def _visible(term: Term, scatters: Sequence[Scatter], needed: float, parameter: Parameter) -> float:
+def _visible(term: Term, scatters: Sequence[Priced], needed: float, parameter: Parameter) -> float:
     """Smallest size of a term that is found; all its coefficients are alike."""
     columns, n = np.array([term.columns]), len(term.columns)
     information = np.array([of.products.of_terms(columns)[0].sum() for of in scatters])

@@ -1,10 +1,11 @@
 """The machine never repeats itself exactly: how much of every column varies from session to session without a cause.
 
-    r_s = B b_s + noise,     b_s ~ N(0, diag(a_f² w² + τ u²))   anew in every session
+    r_s = B (m + b_s) + noise,     b_s ~ N(0, diag(a_f² w² + τ u²))   anew in every session
 
-B holds columns of every family, of usual size w, and slow variations of speed. The size a_f of each family is that of
-greatest likelihood on parts of the nominal logs as long as a session. With u all families together make up the squares
-of the nominal residual. τ is the share of these that is not worth a name, however surely it is there.
+B holds columns of every family, of usual size w, and slow variations of speed. What the model misses in every session
+alike, m, is no scatter: it is fitted to all nominal logs. The size a_f of each family is that of greatest likelihood on
+parts of the nominal logs as long as a session, each with an m of the other parts. With u all families together make up
+the squares of the nominal residual. τ is the share of these that is not worth a name, however surely it is there.
 
 Source: variance components by type-II likelihood with fixed-point updates, MacKay (1992), Bayesian interpolation; as
 model discrepancy: Kennedy and O'Hagan (2001).
@@ -128,3 +129,22 @@ def learn_sizes(
         )  # half a step, as it oscillates otherwise
         noise = max(left / max(sum(n_rows) - known_in_all, 1.0), SMALLEST_NOISE)
     return dict(zip(names, square.tolist(), strict=True))
+
+
+def common_misfit(gram: np.ndarray, squared_sizes: np.ndarray) -> np.ndarray:
+    """(K,) most probable coefficients of what all parts have in common, in units of the scaled columns.
+
+    Args:
+        gram: (K + 1, K + 1) of all parts together, as of `learn_sizes`.
+        squared_sizes: (K,).
+    """
+    k, root = len(squared_sizes), np.sqrt(squared_sizes)
+    precision = np.eye(k) + root[:, None] * gram[:k, :k] * root
+    return np.asarray(root * np.linalg.solve(precision, root * gram[:k, k]))
+
+
+def less_misfit(gram: np.ndarray, misfit: np.ndarray) -> np.ndarray:
+    """(K + 1, K + 1) products of a part when a misfit (K,) is taken out of its residual."""
+    change = np.eye(len(gram))
+    change[:-1, -1] = -misfit
+    return np.asarray(change.T @ gram @ change)

@@ -14,7 +14,8 @@ from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.columns import columns_of
 from pipeline.discrepancy.posterior.explanations import Cause, Explanation, Posterior
 from pipeline.discrepancy.posterior.findings import Finding, findings_of, rivals_of
-from pipeline.discrepancy.posterior.joint_evidence import ONSET_STEP_S, JointEvidence, Rows
+from pipeline.discrepancy.posterior.joint_evidence import ONSET_STEP_S, JointEvidence
+from pipeline.discrepancy.posterior.nominal_joint import Rows
 from pipeline.discrepancy.posterior.rows import facts_of
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.comparison import Comparison

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.discrepancy.posterior.joint_evidence import JointEvidence
+from pipeline.discrepancy.posterior.joint_evidence import JointEvidence, Scatter
 from pipeline.discrepancy.posterior.products import Prior
 from pipeline.discrepancy.posterior.robust_evidence import Block, fit
 from pipeline.discrepancy.posterior.speed_in_time import DEVIATIONS, N_COSINE, TIMES_S, deviations
@@ -32,7 +32,9 @@ def _with_common_speed(joint: JointEvidence) -> list[Block]:
     """A joint's sessions, with slow variations of speed as effects that joints have in common."""
     of_session = joint.speed_columns()
     blocks = []
-    for number, (block, speed) in enumerate(zip(joint.blocks((), joint.least()), of_session, strict=True)):
+    for number, (block, speed) in enumerate(
+        zip(joint.blocks((), Scatter(joint.least())), of_session, strict=True)
+    ):
         effects = np.zeros((len(speed), len(of_session) * N_COSINE))
         effects[:, number * N_COSINE : (number + 1) * N_COSINE] = speed
         blocks.append(block._replace(effects=effects))

@@ -7,7 +7,8 @@ import pytest
 
 from pipeline.discrepancy.posterior.columns import Columns, Term
 from pipeline.discrepancy.posterior.explanations import COURSE, SUPPLY, Explanation, Posterior
-from pipeline.discrepancy.posterior.joint_evidence import JointEvidence, Rows
+from pipeline.discrepancy.posterior.joint_evidence import JointEvidence
+from pipeline.discrepancy.posterior.nominal_joint import Rows
 from pipeline.discrepancy.posterior.rows import MOVING, RowFacts
 
 N_JOINT, N_ROW, N_SESSION = 2, 2400, 2
@@ -102,3 +103,24 @@ def test_slow_variations_are_told_unless_they_are_excluded() -> None:
 
     assert told([]) == {SUPPLY, COURSE}
     assert told([SUPPLY]) == {COURSE}
+
+
+def test_what_every_session_shows_is_no_effect() -> None:
+    """The model misses the same in nominal sessions: it hides no effect beside it either."""
+    misfit = {(0, 4): 0.3}
+    nominal = rows(1, misfit)
+
+    def best(true: Mapping[tuple[int, int], float]) -> set[tuple]:
+        joints = [JointEvidence(joint, nominal, rows(2, true)) for joint in range(N_JOINT)]
+        (first, *_) = Posterior(joints, FAMILIES).explanations()
+        return {(cause.family, cause.joints) for cause in first.causes}
+
+    assert best(misfit) == set()
+    assert best({(0, 4): 0.9}) == {("other:velocity", (0,))}
+
+
+@pytest.mark.parametrize(("beside", "families"), [(0.05, {"gain"}), (0.6, {"gain", "other:velocity"})])
+def test_what_a_card_lacks_is_no_second_effect(beside: float, families: set[str]) -> None:
+    """A tenth of an effect is within what its card may be off, though beside the noise it is certain."""
+    explanations = explained({(0, 0): -0.7, (0, 4): beside, (0, 5): beside})
+    assert {cause.family for cause in explanations[0].causes} == families

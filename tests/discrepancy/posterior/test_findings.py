@@ -11,8 +11,9 @@ from pipeline.discrepancy.posterior.findings import (
     probability_of_none,
     rivals_of,
 )
-from pipeline.discrepancy.posterior.joint_evidence import JointEvidence, Rows
+from pipeline.discrepancy.posterior.joint_evidence import JointEvidence
 from pipeline.discrepancy.posterior.new_rows import on_all_rows
+from pipeline.discrepancy.posterior.nominal_joint import Rows
 from pipeline.discrepancy.posterior.power import visible_sizes
 from tests.discrepancy.posterior.test_explanations import FAMILIES, N_JOINT, rows
 
