@@ -82,13 +82,17 @@ class JointEvidence:
     def _prepare(self, measured: Rows) -> None:
         self._measured, self._session = measured, measured.facts.session
         raw, self.length_s = raw_columns(self.joint, measured, self._session)
-        n_column = measured.columns.matrices[self.joint].shape[1]
-        self.speed = np.arange(n_column, raw.shape[1] - 1)
+        n_column, n_members = measured.columns.matrices[self.joint].shape[1], measured.spread.shape[2]
+        members = np.arange(n_column, n_column + n_members)
+        # Were the machine one more member, its deviation from all would be theirs times coefficients of this variance.
+        self._of_members = np.full(n_members, (1.0 + 1.0 / n_members) / (n_members - 1.0))
+        self.speed = np.arange(n_column + n_members, raw.shape[1] - 1)
         self._is_told = has_past(measured.facts.run) & (measured.weight[:, self.joint] > 0.0)
         self.matrix = self._whiten(raw)
         self._misfit = self.matrix[:, self.nominal.basis.columns] @ self.nominal.misfit.astype(np.float32)
         self.matrix[:, -1] -= self._misfit
         basis = self.nominal.basis
+        self._nuisance = np.concatenate([members, basis.columns])
         self._of_one = share_of_squares(self.matrix[self._is_told][:, basis.columns], basis.families, 1.0)
         self._extend(self._setting_in)
 
@@ -188,12 +192,12 @@ class JointEvidence:
             for session, weight in zip(self._sessions(), fitted.weights, strict=True)
         ]
         variance = self._variance(scatter or most_probable)
-        return beside_nuisance(weighted, self.nominal.basis.columns, variance).beside(self.prior(terms))
+        return beside_nuisance(weighted, self._nuisance, variance).beside(self.prior(terms))
 
     def _variance(self, scatter: Scatter) -> np.ndarray:
         """(K,) of the nuisance's coefficients."""
         of_machine = self.nominal.variance + scatter.least * self.nominal.of_floor
-        return of_machine + scatter.of_cards * self._of_one
+        return np.concatenate([self._of_members, of_machine + scatter.of_cards * self._of_one])
 
     def n_alternatives(self, index: int) -> int:
         """How many terms stand for the cause of a term, each as probable before any row is seen.
@@ -248,7 +252,7 @@ class JointEvidence:
         return [
             Block(
                 self.matrix[session][:, columns],
-                self.matrix[session][:, self.nominal.basis.columns] * np.sqrt(variance).astype(np.float32),
+                self.matrix[session][:, self._nuisance] * np.sqrt(variance).astype(np.float32),
                 self.matrix[session][:, -1],
                 self.nominal.noise.degrees,
                 self.nominal.noise.scale,

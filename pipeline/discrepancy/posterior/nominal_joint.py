@@ -36,12 +36,15 @@ class Rows(NamedTuple):
         facts: Of the rows.
         velocity: (N, n_joint) predicted without effects.
         weight: (N, n_joint) 0 where a joint does not count.
+        spread: (N, n_joint, n_members) how far each member of the model is from the model; 0 on nominal rows, which
+            some members were trained on.
     """
 
     columns: Columns
     facts: RowFacts
     velocity: np.ndarray
     weight: np.ndarray
+    spread: np.ndarray
 
     def speed(self, joint: int) -> np.ndarray:
         """(N,) velocity where the joint counts, 0 elsewhere."""
@@ -87,7 +90,7 @@ def learn_joint(
     part = _parts(facts.session)
     raw, _ = raw_columns(joint, nominal, part)
     matrix = noise.whiten(raw.astype(np.float32), state, facts.run, velocity)
-    speed = np.arange(nominal.columns.matrices[joint].shape[1], matrix.shape[1] - 1)
+    speed = np.arange(nominal.columns.matrices[joint].shape[1] + nominal.spread.shape[2], matrix.shape[1] - 1)
     basis = basis_of(terms, speed, deviations(length_s, USUAL_TIME_S, USUAL_DEVIATION))
     scaled = np.column_stack([matrix[:, basis.columns] * basis.scale, matrix[:, -1]])
     told = has_past(facts.run) & counts
@@ -112,7 +115,12 @@ def raw_columns(joint: int, rows: Rows, part: np.ndarray) -> tuple[np.ndarray, f
     """(N, M + 1) columns, slow variations of speed over each part, and the residual; and a part's mean length, s."""
     over_time, length_s = cosines(rows.facts.stamp_ns, part)
     speed = rows.speed(joint)[:, None]
-    both = [rows.columns.matrices[joint], speed * over_time, rows.columns.residual[:, joint, None]]
+    both = [
+        rows.columns.matrices[joint],
+        rows.spread[:, joint],
+        speed * over_time,
+        rows.columns.residual[:, joint, None],
+    ]
     return np.column_stack(both), length_s
 
 

@@ -98,7 +98,14 @@ def rows_with_columns(
     scale = diagnosis.nominal.setting.speed_scale
     facts = facts_of(simulation.sequences, rows, velocity, scale, purpose)
     columns = columns_of(simulation, rows, diagnosis.logs.config.exclude)
-    return Rows(columns, facts, velocity, rows.weight)
+    # Nominal rows are predicted by the members that did not see them, one each.
+    is_nominal = simulation is diagnosis.nominal.simulation
+    members = [] if is_nominal else range(simulation.n_members)
+    spread = np.zeros((*velocity.shape, simulation.n_members))
+    for member in members:
+        by_member = rows.averaged(simulation.by_member(member).velocities([NOMINAL])[0])
+        spread[..., member] = rows.weight * (by_member - velocity)
+    return Rows(columns, facts, velocity, rows.weight, spread)
 
 
 def _candidates(

@@ -11,7 +11,7 @@ from pipeline.discrepancy.posterior.joint_evidence import JointEvidence
 from pipeline.discrepancy.posterior.nominal_joint import Rows
 from pipeline.discrepancy.posterior.rows import MOVING, RowFacts
 
-N_JOINT, N_ROW, N_SESSION = 2, 2400, 2
+N_JOINT, N_ROW, N_SESSION, N_MEMBER = 2, 2400, 2, 4
 FREED = ((("ratio_positive", None),),)
 SESSION = np.repeat(np.arange(N_SESSION), N_ROW // N_SESSION)
 STAMP_NS = 1_750_000_000_000_000_000 + (np.arange(N_ROW) * 100_000_000 + SESSION * 3_600_000_000_000)
@@ -49,7 +49,8 @@ def rows(seed: int, true: Mapping[tuple[int, int], float], since: int = 0) -> Ro
     state = np.full((N_ROW, N_JOINT), MOVING)
     facts = RowFacts(SESSION, SESSION, STAMP_NS, state)
     velocity = np.full((N_ROW, N_JOINT), 0.2)
-    return Rows(Columns(residual, matrices, terms()), facts, velocity, np.ones((N_ROW, N_JOINT)))
+    none = np.zeros((N_ROW, N_JOINT, N_MEMBER))
+    return Rows(Columns(residual, matrices, terms()), facts, velocity, np.ones((N_ROW, N_JOINT)), none)
 
 
 def explained(true: Mapping[tuple[int, int], float], since: int = 0) -> list[Explanation]:
@@ -117,6 +118,21 @@ def test_what_every_session_shows_is_no_effect() -> None:
 
     assert best(misfit) == set()
     assert best({(0, 4): 0.9}) == {("other:velocity", (0,))}
+
+
+def test_where_members_of_the_model_differ_it_may_be_as_far_off() -> None:
+    """The machine is one more member: what it differs by looks like an effect beside the noise alone."""
+    nominal, measured = rows(1, {}), rows(2, {(0, 0): -0.3})
+    off = measured.columns.matrices[0][:, 0]
+    spread = np.zeros((N_ROW, N_JOINT, N_MEMBER))
+    spread[:, 0] = off[:, None] * np.array([0.4, -0.2, 0.1, -0.3])
+
+    def best(of: np.ndarray) -> list[str]:
+        joints = [JointEvidence(joint, nominal, measured._replace(spread=of)) for joint in range(N_JOINT)]
+        return [cause.family for cause in Posterior(joints, FAMILIES).explanations()[0].causes]
+
+    assert best(0.0 * spread) == ["gain"]
+    assert best(spread) == []
 
 
 @pytest.mark.parametrize(("beside", "families"), [(0.05, {"gain"}), (0.6, {"gain", "other:velocity"})])

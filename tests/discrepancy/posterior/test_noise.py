@@ -65,7 +65,7 @@ def test_a_few_motions_that_creep_are_no_measure_of_all() -> None:
     random = np.random.default_rng(6)
     velocity = np.repeat(random.uniform(0.1, 0.5, N // 40) * np.tile([1.0, -1.0], N // 80), 40)
     own = random.normal(0.0, 0.05, N // 40)
-    own[:: 10] -= 0.8
+    own[::10] -= 0.8
     residual = np.repeat(own, 40) * velocity + random.normal(0.0, 0.01, N)
     noise = learn_noise(residual, np.full(N, MOVING), np.arange(N) // 1000, np.ones(N, bool), velocity)
     assert 0.04 <= noise.of_motions <= 0.1
