@@ -3,6 +3,10 @@
 Before any row is seen a set of n causes has probability 2^{-n-1}; every family is as probable as any other, and so are
 its joints, sources, grid points and moments. The best sets are found by adding causes one at a time to all of the best
 sets so far (beam search), with normal noise. These are scored again with heavy-tailed noise.
+
+What the card of one effect lacks is part of the nuisance, in the form of all families together. In the form of one of
+them it feigns a second effect on the same joint. So that one has to be worth more than `CARD_ERROR` of the first one's
+evidence.
 """
 
 from collections import defaultdict
@@ -27,6 +31,7 @@ LOG_MORE = np.log(0.5)  # one more cause
 MOST_CAUSES = 3
 BEAM = 12
 RESCORED, RESCORED_SINGLE = 12, 8
+CARD_ERROR = 0.1
 
 
 class Cause(NamedTuple):
@@ -201,6 +206,9 @@ class Posterior:
         for number, joint in enumerate(self.joints):
             of_joint = terms.get(number, ())
             evidence += joint.fit(of_joint).evidence
+            if len(of_joint) > 1:
+                first = max(joint.fit((term,)).evidence for term in of_joint) - joint.fit(()).evidence
+                evidence -= CARD_ERROR * max(first, 0.0) * (len(of_joint) - 1)
         prior = sum(cause.log_prior + LOG_MORE for cause in causes)
         for cause in causes:  # a grid point and a moment are chosen once, not on each joint
             members = [(self.joints[j], index) for j, index in cause.terms.items()]

@@ -85,7 +85,7 @@ class JointEvidence:
         n_column, n_members = measured.columns.matrices[self.joint].shape[1], measured.spread.shape[2]
         members = np.arange(n_column, n_column + n_members)
         # Were the machine one more member, its deviation from all would be theirs times coefficients of this variance.
-        self._of_members = np.full(n_members, (1.0 + 1.0 / n_members) / (n_members - 1.0))
+        self._of_members = np.full(n_members, (1.0 + 1.0 / n_members) / max(n_members - 1.0, 1.0))
         self.speed = np.arange(n_column + n_members, raw.shape[1] - 1)
         self._is_told = has_past(measured.facts.run) & (measured.weight[:, self.joint] > 0.0)
         self.matrix = self._whiten(raw)

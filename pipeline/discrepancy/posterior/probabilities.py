@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 # Estimated from solved cases, benchmarks.closed_loop.calibrate.
 OF_ANY = 0.15
-OF_NAMES = 0.3
+OF_NAMES = 0.26
 
 
 def log_probabilities(
