@@ -2,6 +2,9 @@
 
 It follows from the statistics and their order alone; nothing is carried from one look to the next. So a session that
 arrives late stands where it was recorded, and none counts twice.
+
+The probability of a false alarm is that until the first change. After each repair or maintenance the evidence begins
+anew, and so does this probability.
 """
 
 from collections.abc import Sequence
