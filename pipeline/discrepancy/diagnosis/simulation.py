@@ -98,7 +98,7 @@ class Simulation:
     @property
     def n_members(self) -> int:
         """Of the diagnosis model."""
-        return self._model.n_members
+        return self.model.n_members
 
     def nominal_velocities(self, hypotheses: Sequence[Hypothesis]) -> jax.Array:
         """Velocities of the nominal machine under the commands that reach it, (n_hypotheses, T, B, n_joint)."""
