@@ -13,9 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.discrepancy.posterior.evidence.joint_evidence import JointEvidence
 from pipeline.discrepancy.posterior.explanations import Explanation, acts_on_several, are_alike, terms_of
 from pipeline.discrepancy.posterior.findings import Finding
-from pipeline.discrepancy.posterior.joint_evidence import JointEvidence
 from pipeline.discrepancy.posterior.new_rows import log_predictive
 from pipeline.discrepancy.selection.grouping import told_as
 

@@ -19,9 +19,9 @@ from scipy.special import logsumexp
 from pipeline.discrepancy.families.plausibility import DELAY, LOAD, TIMING
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
-from pipeline.discrepancy.posterior.joint_evidence import Found, JointEvidence
+from pipeline.discrepancy.posterior.evidence.joint_evidence import Found, JointEvidence
+from pipeline.discrepancy.posterior.evidence.slow_variations import evidence_of_processes
 from pipeline.discrepancy.posterior.probabilities import log_probabilities
-from pipeline.discrepancy.posterior.slow_variations import evidence_of_processes
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import OnCommand
 from pipeline.effects.effect import Scope

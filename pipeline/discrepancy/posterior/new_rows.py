@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.special import logsumexp
 
+from pipeline.discrepancy.posterior.evidence.joint_evidence import JointEvidence
+from pipeline.discrepancy.posterior.evidence.slow_variations import evidence_of_processes
 from pipeline.discrepancy.posterior.explanations import Cause, Explanation, terms_of, with_probabilities
-from pipeline.discrepancy.posterior.joint_evidence import JointEvidence
-from pipeline.discrepancy.posterior.slow_variations import evidence_of_processes
 
 NEGLIGIBLE = -5.0  # log weight of a moment that adds less than 1 % to what is told
 

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
-from pipeline.discrepancy.posterior.columns import Term
+from pipeline.discrepancy.posterior.evidence.joint_evidence import JointEvidence, Scatter
+from pipeline.discrepancy.posterior.evidence.nominal_joint import LEAST_SHARES
+from pipeline.discrepancy.posterior.evidence.products import Products
 from pipeline.discrepancy.posterior.explanations import LOG_MORE
-from pipeline.discrepancy.posterior.joint_evidence import JointEvidence, Scatter
-from pipeline.discrepancy.posterior.nominal_joint import LEAST_SHARES
 from pipeline.discrepancy.posterior.probabilities import OF_ANY
-from pipeline.discrepancy.posterior.products import Products
+from pipeline.discrepancy.posterior.residual.columns import Term
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Parameter
 

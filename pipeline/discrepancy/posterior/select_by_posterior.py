@@ -11,12 +11,12 @@ from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.families.plausibility import DELAY, TIMING
 from pipeline.discrepancy.families.uncorrectable import has_wrapper, screen_without_wrapper
 from pipeline.discrepancy.journal import Journal
-from pipeline.discrepancy.posterior.columns import columns_of
+from pipeline.discrepancy.posterior.evidence.joint_evidence import ONSET_STEP_S, JointEvidence
+from pipeline.discrepancy.posterior.evidence.nominal_joint import Rows
 from pipeline.discrepancy.posterior.explanations import Cause, Explanation, Posterior
 from pipeline.discrepancy.posterior.findings import Finding, findings_of, rivals_of
-from pipeline.discrepancy.posterior.joint_evidence import ONSET_STEP_S, JointEvidence
-from pipeline.discrepancy.posterior.nominal_joint import Rows
-from pipeline.discrepancy.posterior.rows import facts_of
+from pipeline.discrepancy.posterior.residual.columns import columns_of
+from pipeline.discrepancy.posterior.residual.rows import facts_of
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.comparison import Comparison
 from pipeline.discrepancy.selection.refine import completed, refine

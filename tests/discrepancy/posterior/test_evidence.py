@@ -5,10 +5,10 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from pipeline.discrepancy.posterior.columns import Term
-from pipeline.discrepancy.posterior.products import Prior, Products, beside_nuisance
-from pipeline.discrepancy.posterior.robust_evidence import Block, fit
-from pipeline.discrepancy.posterior.term_evidence import SIZES, term_evidence
+from pipeline.discrepancy.posterior.evidence.products import Prior, Products, beside_nuisance
+from pipeline.discrepancy.posterior.evidence.robust_evidence import Block, fit
+from pipeline.discrepancy.posterior.evidence.term_evidence import SIZES, term_evidence
+from pipeline.discrepancy.posterior.residual.columns import Term
 
 N, NUISANCE = 60, (0, 1, 2)
 WIDE = 1e3

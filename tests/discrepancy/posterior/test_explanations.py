@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.posterior.columns import Columns, Term
+from pipeline.discrepancy.posterior.evidence.joint_evidence import JointEvidence
+from pipeline.discrepancy.posterior.evidence.nominal_joint import Rows
 from pipeline.discrepancy.posterior.explanations import COURSE, SUPPLY, Explanation, Posterior
-from pipeline.discrepancy.posterior.joint_evidence import JointEvidence
-from pipeline.discrepancy.posterior.nominal_joint import Rows
-from pipeline.discrepancy.posterior.rows import MOVING, RowFacts
+from pipeline.discrepancy.posterior.residual.columns import Columns, Term
+from pipeline.discrepancy.posterior.residual.rows import MOVING, RowFacts
 
 N_JOINT, N_ROW, N_SESSION, N_MEMBER = 2, 2400, 2, 4
 FREED = ((("ratio_positive", None),),)

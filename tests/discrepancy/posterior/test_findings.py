@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.posterior.e_values import log_e_value
+from pipeline.discrepancy.posterior.evidence.joint_evidence import JointEvidence
+from pipeline.discrepancy.posterior.evidence.nominal_joint import Rows
 from pipeline.discrepancy.posterior.explanations import Cause, Explanation, Posterior
 from pipeline.discrepancy.posterior.findings import (
     findings_of,
@@ -11,9 +13,7 @@ from pipeline.discrepancy.posterior.findings import (
     probability_of_none,
     rivals_of,
 )
-from pipeline.discrepancy.posterior.joint_evidence import JointEvidence
 from pipeline.discrepancy.posterior.new_rows import on_all_rows
-from pipeline.discrepancy.posterior.nominal_joint import Rows
 from pipeline.discrepancy.posterior.power import visible_sizes
 from tests.discrepancy.posterior.test_explanations import FAMILIES, N_JOINT, rows
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.posterior.noise import has_past, learn_noise
-from pipeline.discrepancy.posterior.rows import AT_REST, CHANGING, MOVING
+from pipeline.discrepancy.posterior.residual.noise import has_past, learn_noise
+from pipeline.discrepancy.posterior.residual.rows import AT_REST, CHANGING, MOVING
 
 N = 20_000
 PHI = 0.6

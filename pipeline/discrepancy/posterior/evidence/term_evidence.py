@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import logsumexp
 
-from pipeline.discrepancy.posterior.columns import Term
-from pipeline.discrepancy.posterior.products import Products
+from pipeline.discrepancy.posterior.evidence.products import Products
+from pipeline.discrepancy.posterior.residual.columns import Term
 
 SIZES = (1.0 / 3.0, 1.0, 3.0)  # times the usual one
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from pipeline.discrepancy.posterior.products import Prior
+from pipeline.discrepancy.posterior.evidence.products import Prior
 
 ITERATIONS = 5  # from the prior's mean on; further ones change the evidence by less than 0.1
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as students_t
 
-from pipeline.discrepancy.posterior.rows import N_STATE
+from pipeline.discrepancy.posterior.residual.rows import N_STATE
 
 LAGS = 3  # scored rows, 0.3 s: what an ensemble that predicts from commands alone leaves of a start
 DEGREES = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.discrepancy.families.plausibility import TIMING
-from pipeline.discrepancy.posterior.columns import Term
+from pipeline.discrepancy.posterior.residual.columns import Term
 from pipeline.effects.catalogue import KNOWN
 
 FAMILY_OF_SPEED = "speed in time"

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.discrepancy.posterior.joint_evidence import JointEvidence, Scatter
-from pipeline.discrepancy.posterior.products import Prior
-from pipeline.discrepancy.posterior.robust_evidence import Block, fit
-from pipeline.discrepancy.posterior.speed_in_time import DEVIATIONS, N_COSINE, TIMES_S, deviations
+from pipeline.discrepancy.posterior.evidence.joint_evidence import JointEvidence, Scatter
+from pipeline.discrepancy.posterior.evidence.products import Prior
+from pipeline.discrepancy.posterior.evidence.robust_evidence import Block, fit
+from pipeline.discrepancy.posterior.residual.speed_in_time import DEVIATIONS, N_COSINE, TIMES_S, deviations
 
 PROCESSES = tuple((time_s, deviation) for time_s in TIMES_S for deviation in DEVIATIONS)
 

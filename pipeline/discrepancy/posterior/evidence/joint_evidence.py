@@ -7,19 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.discrepancy.posterior.columns import Term
-from pipeline.discrepancy.posterior.noise import has_past
-from pipeline.discrepancy.posterior.nominal_joint import (
+from pipeline.discrepancy.posterior.evidence.nominal_joint import (
     LEAST_SHARES,
     Rows,
     learn_joint,
     raw_columns,
     share_of_squares,
 )
-from pipeline.discrepancy.posterior.products import NO_COEFFICIENTS, Prior, Products, beside_nuisance
-from pipeline.discrepancy.posterior.robust_evidence import Block, Fit, fit
-from pipeline.discrepancy.posterior.speed_in_time import cosines, deviations
-from pipeline.discrepancy.posterior.term_evidence import term_evidence
+from pipeline.discrepancy.posterior.evidence.products import NO_COEFFICIENTS, Prior, Products, beside_nuisance
+from pipeline.discrepancy.posterior.evidence.robust_evidence import Block, Fit, fit
+from pipeline.discrepancy.posterior.evidence.term_evidence import term_evidence
+from pipeline.discrepancy.posterior.residual.columns import Term
+from pipeline.discrepancy.posterior.residual.noise import has_past
+from pipeline.discrepancy.posterior.residual.speed_in_time import cosines, deviations
 
 CARD_ERRORS = (0.03, 0.1, 0.3)  # of what an effect adds: how far its card may be off; by factors of three
 SESSION_EDGE_S, ONSET_STEP_S = 20.0, 10.0

@@ -5,19 +5,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.discrepancy.posterior.columns import Columns, Term
-from pipeline.discrepancy.posterior.noise import Noise, has_past, learn_noise
-from pipeline.discrepancy.posterior.products import NO_COEFFICIENTS
-from pipeline.discrepancy.posterior.repeatability import (
+from pipeline.discrepancy.posterior.evidence.products import NO_COEFFICIENTS
+from pipeline.discrepancy.posterior.evidence.robust_evidence import Block, fit
+from pipeline.discrepancy.posterior.residual.columns import Columns, Term
+from pipeline.discrepancy.posterior.residual.noise import Noise, has_past, learn_noise
+from pipeline.discrepancy.posterior.residual.repeatability import (
     Basis,
     basis_of,
     common_misfit,
     learn_sizes,
     less_misfit,
 )
-from pipeline.discrepancy.posterior.robust_evidence import Block, fit
-from pipeline.discrepancy.posterior.rows import RowFacts
-from pipeline.discrepancy.posterior.speed_in_time import (
+from pipeline.discrepancy.posterior.residual.rows import RowFacts
+from pipeline.discrepancy.posterior.residual.speed_in_time import (
     USUAL_DEVIATION,
     USUAL_TIME_S,
     cosines,

@@ -1,0 +1,1 @@
+"""The evidence of terms and of whole explanations on one joint."""

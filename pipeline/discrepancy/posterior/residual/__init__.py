@@ -1,0 +1,1 @@
+"""The model of a joint's residual: columns of effects, noise, and what varies without a cause."""
