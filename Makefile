@@ -31,7 +31,7 @@ hooks: env ## check style, types and layers before each commit (pre-commit)
 	$(BIN)/pre-commit install
 
 .PHONY: repro
-repro: env ## run the whole pipeline on the profile in params.yaml (default: 25 minutes on two cores)
+repro: env ## run the whole pipeline on the profile in params.yaml (default: 15 minutes on two idle cores)
 	$(BIN)/python -m pipeline.stages.processes.dvc_lock
 	PATH="$(CURDIR)/$(BIN):$$PATH" python -m pipeline.stages.processes.side_by_side
 
