@@ -61,7 +61,7 @@ def take_turns(
         The bags' folders, in the policies' order.
 
     Raises:
-        InputError: A number of targets is below 1.
+        InputError: A number of targets is below 1, or above that of the evaluation.
     """
     n_targets, block = turns.targets, turns.block
     for name, value in {"targets": n_targets, "block": block}.items():
@@ -69,6 +69,8 @@ def take_turns(
             raise InputError(f"{name} is {value}; it must be at least 1")
     dispatch_synchronously()
     episodes = settings.reaching.fixed_episodes(n_targets)
+    if n_targets > (known := len(episodes.targets)):
+        raise InputError(f"targets is {n_targets}; the evaluation has {known} (episodes.evaluation_episodes)")
     parts = {name: graph_parts(settings, policy) for name, policy in policies.items()}
     delays = controller_delays(settings)
     parameters, start = turns.parameters(settings.machine.name), turns.start()

@@ -166,6 +166,8 @@ def test_both_policies_take_turns_on_the_machine_and_logs_of_it_say_the_same(
     done = run_stage("prove", *common, *logs, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out/repair.json").read_text() == write_back
+    done = run_stage("prove", *common, delays, "targets=17", folder=tmp_path)
+    assert done.returncode == 2 and "targets is 17; the evaluation has 16" in done.stderr
     done = run_stage("prove", *common, logs[0], folder=tmp_path)
     assert done.returncode == 2 and "name both folders, or none" in done.stderr
 
