@@ -8,6 +8,7 @@ from typing import TypeVar
 from omegaconf import MISSING
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
+from pipeline.configuration.overrides import of_this_job, replaced
 from pipeline.configuration.paths import InputModel, InputPath
 from pipeline.configuration.reaching import ReachingKeys
 from pipeline.control.icem.config import IcemConfig
@@ -50,6 +51,13 @@ class GraphKeys(ControllerKeys):
         if isinstance(self.targets, int) and self.targets < 1:
             raise InputError(f"targets is {self.targets}; it must be at least 1")
 
+    def check_model(self) -> None:
+        """Raise `InputError` where a model has to stand in the machine's place and none is named."""
+        if self.driver is not Driver.plant and not self.model:
+            raise InputError(
+                f"`model` is missing; driver={self.driver} takes model=FOLDER that identify wrote"
+            )
+
 
 def settings_of(kind: type[S], configuration: ControllerKeys) -> S:
     """The library's settings from a stage's keys of the same names."""
@@ -77,6 +85,12 @@ def node_commands(
     passed = [word for word in overrides if word.lstrip("+~").split("=")[0].split(".")[0] in known]
     command = [sys.executable, "-m", "pipeline.stages.graph_node", *passed]
     return {name: [*command, f"node={name}"] for name in (*DRIVERS[driver], *NODES, *commanding)}
+
+
+def commanded_by(configuration: GraphKeys, commanding: Sequence[str]) -> dict[str, list[str]]:
+    """The commands of all nodes for this job, of a stage that has another driver and model by default than a node."""
+    own = {"driver": configuration.driver, "model": configuration.model}
+    return node_commands(configuration.driver, replaced(of_this_job(configuration), own), commanding)
 
 
 def _names(kind: type) -> set[str]:

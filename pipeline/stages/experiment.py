@@ -5,11 +5,9 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration.graph import GraphKeys, node_commands, settings_of
-from pipeline.configuration.overrides import of_this_job, replaced
+from pipeline.configuration.graph import GraphKeys, commanded_by, settings_of
 from pipeline.configuration.own_process import for_this_job
 from pipeline.configuration.stage import stage
-from pipeline.deployment.nodes import Driver
 from pipeline.discrepancy.experiment.plan import Plan, read_plan
 from pipeline.errors import InputError
 from pipeline.testbench.teleoperation import GraphKind, Sticks, TeleoperationSettings, record_teleoperation
@@ -34,9 +32,7 @@ def main(configuration: ExperimentStage, run: StageRun) -> None:
     if settings.graph is GraphKind.simulated_time:
         counts = record_teleoperation(settings, {}, output)
     else:
-        own = {"driver": configuration.driver, "model": configuration.model}
-        overrides = replaced(of_this_job(configuration), own)
-        commands = node_commands(configuration.driver, overrides, settings.commanding)
+        commands = commanded_by(configuration, settings.commanding)
         counts = for_this_job(record_teleoperation, settings, commands, output)
     run.metrics(counts)
 
@@ -44,10 +40,7 @@ def main(configuration: ExperimentStage, run: StageRun) -> None:
 def _plan(configuration: ExperimentStage) -> Plan:
     if configuration.plan is None:
         raise InputError("`plan` is missing; name the experiment.json that close_loop wrote")
-    if configuration.driver is not Driver.plant and not configuration.model:
-        raise InputError(
-            f"`model` is missing; driver={configuration.driver} takes model=FOLDER that identify wrote"
-        )
+    configuration.check_model()
     return read_plan(Path(configuration.plan), configuration.machine)
 
 

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from omegaconf import MISSING
 
-from pipeline.configuration.graph import GraphKeys, node_commands, settings_of
-from pipeline.configuration.overrides import of_this_job, replaced
+from pipeline.configuration.graph import GraphKeys, commanded_by, settings_of
 from pipeline.configuration.own_process import for_this_job
 from pipeline.configuration.stage import stage
 from pipeline.deployment.nodes import Driver
@@ -28,10 +27,7 @@ class TeleoperateStage(GraphKeys):
         super().__post_init__()
         if not self.seconds > 0:
             raise InputError(f"seconds={self.seconds}: it must be positive")
-        if self.driver is not Driver.plant and not self.model:
-            raise InputError(
-                f"`model` is missing; driver={self.driver} takes model=FOLDER that identify wrote"
-            )
+        self.check_model()
         of_real_time = self.driver is Driver.can or self.joystick is Sticks.device
         if self.graph is GraphKind.simulated_time and of_real_time:
             raise InputError(
@@ -48,10 +44,7 @@ def main(configuration: TeleoperateStage, run: StageRun) -> None:
     if settings.graph is GraphKind.simulated_time:
         counts = record_teleoperation(settings, {}, output)
     else:
-        # what this stage has other than a node by default
-        own = {"driver": configuration.driver, "model": configuration.model}
-        overrides = replaced(of_this_job(configuration), own)
-        commands = node_commands(configuration.driver, overrides, settings.commanding)
+        commands = commanded_by(configuration, settings.commanding)
         counts = for_this_job(record_teleoperation, settings, commands, output)
     run.metrics(counts)
 

@@ -32,7 +32,7 @@ from pipeline.discrepancy.experiment.player import PlanPlayer
 from pipeline.effects.store import load_dynamics
 from pipeline.plant.recording.operator import ScriptedOperator as Painter
 from pipeline.plant.recording.operator import draw_style
-from pipeline.testbench.plant_machine import ChangedPlant, PlantMachine
+from pipeline.testbench.plant_machine import PlantMachine, changed_parameters
 
 
 def freeze_loaded() -> float:
@@ -113,14 +113,8 @@ def _start(settings: NodeSettings) -> np.ndarray:
 def plant(settings: NodeSettings) -> tuple[PlantMachine, VelocityEstimator]:
     """The plant, compiled, and what estimates its velocities."""
     machine = settings.machine
-    changed = ChangedPlant(
-        start_time="",  # whenever the graph is started
-        plant_seed=settings.plant_seed,
-        effects=list(settings.effects),
-        effects_seed=settings.effects_seed,
-        effect_size=settings.effect_size,
-    )
-    parameters = changed.parameters(machine.name)
+    draw = settings.effects, settings.effects_seed, settings.effect_size
+    parameters = changed_parameters(machine.name, *draw)
     start = _start(settings).astype(float)
     PlantMachine(parameters, settings.plant_seed, start).advance(np.zeros(machine.n_joint))
     estimator = VelocityEstimator(nanoseconds(machine.dt_s), settings.loop_tracker)

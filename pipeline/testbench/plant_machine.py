@@ -42,9 +42,21 @@ class PlantMachine:
         return [Sample(int(age), q, None) for age, q in zip(ages_ns, states.position_rad, strict=True)]
 
 
+def changed_parameters(machine: str, effects: Sequence[str], seed: int, size: float) -> Parameters:
+    """Of the plant with effects that have all set in, drawn as `record_changed` draws them.
+
+    Raises:
+        InputError: There is no plant of this machine, or no such effect.
+    """
+    parameters = simulated_machine(machine)
+    for effect in draw_effects(effects, seed, parameters, size, math.inf):
+        parameters = effect.apply(parameters)
+    return parameters
+
+
 @dataclass(kw_only=True)
 class ChangedPlant:
-    """The plant with effects that have all set in, drawn as `record_changed` draws them, at a moment.
+    """The plant of `changed_parameters`, at a moment.
 
     Attributes:
         start_time: Of the first bag, with zone.
@@ -65,12 +77,5 @@ class ChangedPlant:
         return read_moment("start_time", self.start_time)
 
     def parameters(self, machine: str) -> Parameters:
-        """Those of the machine of this name, with the effects.
-
-        Raises:
-            InputError: There is no plant of this machine, or no such effect.
-        """
-        parameters = simulated_machine(machine)
-        for effect in draw_effects(self.effects, self.effects_seed, parameters, self.effect_size, math.inf):
-            parameters = effect.apply(parameters)
-        return parameters
+        """Those of the machine of this name, with the effects; raises as `changed_parameters`."""
+        return changed_parameters(machine, self.effects, self.effects_seed, self.effect_size)

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as students_t
 
-DEGREES = 5
+from pipeline.watch.evidence import DEGREES
+
 COVERAGE = 0.95
 FEWEST_OF_A_TREND = 5  # sessions since the change
 

@@ -116,7 +116,8 @@ def _follow_stretch(
         if not len(judged):
             return
         stretch = sessions[begin:end][:, judged]
-        values = _evidence(known[:, judged], stretch).mean(axis=2)
+        found = _evidence(known[:, judged], stretch)
+        values = found.mean(axis=2)
         whole = values.mean(axis=1)
         course.e_value[begin:end, judged] = values
         course.machine_e_value[begin:end] = whole
@@ -126,7 +127,7 @@ def _follow_stretch(
         if not len(over):
             return
         alarm = int(over[0])
-        leading = _leading(known, sessions[begin : begin + alarm + 1], judged)
+        leading = _leading(known, found[alarm], judged)
         series = sessions[begin:end, leading.joint, leading.statistic]
         onset = onset_of(series[: alarm + 1], leading.mean, leading.deviation)
         repaired = _repaired(series, onset.first, alarm, leading, len(known))
@@ -161,8 +162,8 @@ def _changed_joints(values: np.ndarray, false_alarms: float) -> np.ndarray:
     return order[:n_changed]
 
 
-def _leading(known: np.ndarray, sessions: np.ndarray, judged: np.ndarray) -> Leading:
-    found = _evidence(known[:, judged], sessions[:, judged])[-1]
+def _leading(known: np.ndarray, found: np.ndarray, judged: np.ndarray) -> Leading:
+    """Of e-values (n_judged, n_statistic) at the alarm."""
     joint, statistic = np.unravel_index(int(np.argmax(found)), found.shape)
     before = known[:, judged[joint], statistic]
     deviation = max(float(np.nanstd(before, ddof=1)), TIGHTEST * LEAST[statistic])
@@ -172,9 +173,7 @@ def _leading(known: np.ndarray, sessions: np.ndarray, judged: np.ndarray) -> Lea
 def _repaired(series: np.ndarray, onset: int, alarm: int, leading: Leading, n_known: int) -> int | None:
     """Index of the first of two sessions in a row that are as before the change; None: there are none."""
     during = [value for value in series[onset : alarm + 1] if np.isfinite(value)]
-    run: list[
-        tuple[int, float, float]
-    ] = []  # sessions in a row that are rather as before: index, value, log ratio
+    run: list[tuple[int, float, float]] = []  # sessions rather as before: index, value, log ratio
     for index in range(alarm + 1, len(series)):
         value = float(series[index])
         if not np.isfinite(value):

@@ -13,7 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel, train_diagnosis_model
+from pipeline.discrepancy.diagnosis.diagnosis_model import (
+    DiagnosisModel,
+    train_diagnosis_model,
+    training_of_diagnosis,
+)
 from pipeline.discrepancy.diagnosis.nominal.nominal_cache import Learned, identity, load_learned, save_learned
 from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
 from pipeline.discrepancy.diagnosis.sequences import Sequences, side_by_side
@@ -165,7 +169,7 @@ def learn_nominal(
     key = "watch " + settings.key(trajectories)
     learned = load_learned(folder / MODEL, key)
     machine = settings.machine
-    lags = settings.identify.training_of("nfir_dqdot").lags
+    lags = training_of_diagnosis(settings.identify).lags
     every = side_by_side(trajectories, machine.dt_s, lags + 1)
     if learned is None:
         log(f"training the model on {len(sessions)} nominal sessions")

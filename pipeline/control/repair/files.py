@@ -77,10 +77,12 @@ def read_repair(folder: Path) -> dict[str, Any]:
         InputError: There is none, it is damaged, or a policy is another one.
     """
     path = folder / DOCUMENT
-    if (note := note_in(folder)) is not None:
-        raise InputError(f"{path}: there is no repair: {note}; repair on a model with effects")
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
+        if "note" in document:
+            raise InputError(
+                f"{path}: there is no repair: {document['note']}; repair on a model with effects"
+            )
         policies = document["policies"]
         changed = [name for name in (FORMER, NEW) if policies[name] != _digest(folder / name)]
     except FileNotFoundError as error:

@@ -171,9 +171,9 @@ class Simulation:
         first = 0
         for chunk, values, chain in self._chunks(complete, RESPONDING_AT_ONCE):
             still = jax.tree.map(np.zeros_like, chain.neutral())
-            along = [_completed(still, direction) for direction in directions[first : first + chunk]]
+            along = [completed(still, direction) for direction in directions[first : first + chunk]]
             along += along[-1:] * (len(jax.tree.leaves(values)[0]) - chunk)
-            found = self._call(_tangent, chain, (0, 0, None, None), values, _stacked(along), u, self._rows)
+            found = self._call(_tangent, chain, (0, 0, None, None), values, stacked(along), u, self._rows)
             first += chunk
             yield from np.moveaxis(np.asarray(found)[:chunk], 1, 2).astype(np.float64)
 
@@ -184,9 +184,9 @@ class Simulation:
         chain = Chain([self._types[family] for family in families], self.setting)
         for first in range(0, len(hypotheses), at_once):
             chunk = hypotheses[first : first + at_once]
-            filled = [_completed(chain.neutral(), hypothesis.values) for hypothesis in chunk]
+            filled = [completed(chain.neutral(), hypothesis.values) for hypothesis in chunk]
             width = next(width for width in WIDTHS if width >= len(chunk))
-            yield len(chunk), _stacked(filled + filled[-1:] * (width - len(chunk))), chain
+            yield len(chunk), stacked(filled + filled[-1:] * (width - len(chunk))), chain
 
     def _call(self, function: Callable, chain: Chain, axes: tuple, *arguments: Any) -> Any:
         key = (function, tuple(chain.effects), axes)
@@ -195,7 +195,7 @@ class Simulation:
         return self._compiled[key](*arguments)
 
 
-def _completed(default: Values, given: Values) -> dict[str, dict[str, np.ndarray]]:
+def completed(default: Values, given: Values) -> dict[str, dict[str, np.ndarray]]:
     """The values given, and the default for all others that it names."""
     return {
         family: {
@@ -205,7 +205,8 @@ def _completed(default: Values, given: Values) -> dict[str, dict[str, np.ndarray
     }
 
 
-def _stacked(trees: Sequence) -> Any:
+def stacked(trees: Sequence) -> Any:
+    """Trees of the same structure as one, with their index in front."""
     return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *trees)
 
 

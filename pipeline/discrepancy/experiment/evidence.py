@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour
-from pipeline.discrepancy.diagnosis.scored_rows import ROWS_AVERAGED
+from pipeline.discrepancy.diagnosis.scored_rows import ROWS_AVERAGED, averaged
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL
 from pipeline.dynamics.model.shown_motion import STANDING_SHARE
 
@@ -133,8 +133,8 @@ def pair_sums(
 
 
 def _averaged(values: np.ndarray) -> np.ndarray:
-    n = len(values) // ROWS_AVERAGED
-    return values[: n * ROWS_AVERAGED].reshape(n, ROWS_AVERAGED, -1).mean(axis=1)
+    """(T, n_joint) of a manoeuvre, all of whose rows count."""
+    return averaged(values[None], np.ones((1, len(values)), bool))
 
 
 def log_error_bound(sums: Sequence[PairSums]) -> float:

@@ -21,9 +21,7 @@ from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MACHINE_DIRECTORY, MachineSpecification
 from pipeline.machine.workspace import Envelope, EnvelopeConfig
 
-SURE = (
-    3.0  # standard deviations of the model's error over 4 s: hardly a manoeuvre moves a joint longer one way
-)
+SURE = 3.0  # standard deviations of the error over 4 s: hardly a manoeuvre moves a joint longer one way
 STEP = 0.25  # of a value's deviation, by which it is moved for its derivative
 LENGTH_QUANTUM = 100  # rows: manoeuvres of similar length share one compilation
 AT_ONCE = 1024  # sequences

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
+from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation, completed, stacked
 from pipeline.discrepancy.experiment.player import PlanPlayer
 from pipeline.effects.augmented_model import AugmentedHistory, AugmentedModel, AugmentedParameters
 from pipeline.effects.chain import Chain, ChainValues
@@ -69,17 +69,7 @@ class Rollouts:
 
     def _values(self, hypotheses: Sequence[Hypothesis]) -> ChainValues:
         """Of each hypothesis, (H, ...)."""
-        completed = [
-            {
-                family: {
-                    name: np.asarray(of.values.get(family, {}).get(name, neutral), np.float32)
-                    for name, neutral in parameters.items()
-                }
-                for family, parameters in self._chain.neutral().items()
-            }
-            for of in hypotheses
-        ]
-        return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *completed)
+        return stacked([completed(self._chain.neutral(), of.values) for of in hypotheses])
 
     def _begin(self, values: ChainValues, q: jax.Array) -> AugmentedHistory:
         values = jax.tree.map(lambda of: jnp.broadcast_to(of, (*q.shape[:-2], *of.shape)), values)

@@ -1,7 +1,7 @@
 """The index page's chapter on the closed loop: verdict, errors before and after, repair, and the seal's truth."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,16 +61,13 @@ def _figures(machine: MachineSpecification, result: ClosedLoopResult) -> list[Fi
     if panel is None:
         return []
     rows = {}
-    for joint, unit in zip(machine.joint_names, machine.units, strict=True):
-        factor, name = readable_unit(unit)
-        before, after = (
-            factor * held_out_error(result.document, when, joint) for when in ("before", "after")
-        )
+    for joint, factor, name, errors in _held_out_errors(machine, result.document):
+        before, after = (factor * error for error in errors)
         rows[f"{joint} [{name}]"] = before, after
-    errors = BeforeAfter("4 s error of the model", ("before", "with what was found"), rows)
+    panels = [BeforeAfter("4 s error of the model", ("before", "with what was found"), rows), panel]
     title = "From the error to the policy"
     caption = "Errors on measured rows that no fit saw. Both policies pursue the same targets in turns."
-    return [Figure(title, caption, before_after_figure([errors, panel]), SVG)]
+    return [Figure(title, caption, before_after_figure(panels), SVG)]
 
 
 def closed_loop_table(machine: MachineSpecification, result: ClosedLoopResult) -> Table | None:
@@ -82,10 +79,8 @@ def closed_loop_table(machine: MachineSpecification, result: ClosedLoopResult) -
     shown = {name: label for name, (label, _) in BASELINES.items() if name in baselines}
     affected = affected_joints(document)
     rows = []
-    for joint, unit in zip(machine.joint_names, machine.units, strict=True):
-        factor, name = readable_unit(unit)
-        values = [held_out_error(document, when, joint) for when in ("before", "after")]
-        values += [_error(baselines[baseline], joint) for baseline in (*shown, "nominal_floor")]
+    for joint, factor, name, errors in _held_out_errors(machine, document):
+        values = errors + [_error(baselines[baseline], joint) for baseline in (*shown, "nominal_floor")]
         label = f"{joint}, affected" if joint in affected else joint
         rows.append([f"{label} [{name}]", *(significant(factor * value) for value in values)])
     n_steps = document["held_out"]["n_steps"]
@@ -101,6 +96,15 @@ def closed_loop_table(machine: MachineSpecification, result: ClosedLoopResult) -
         rows,
         ["On nominal logs: the uncorrected model on validation rows of the machine as it was."],
     )
+
+
+def _held_out_errors(
+    machine: MachineSpecification, document: Mapping[str, Any]
+) -> Iterator[tuple[str, float, str, list[float]]]:
+    """Per joint its name, factor and name of a readable unit, and the errors before and after."""
+    for joint, unit in zip(machine.joint_names, machine.units, strict=True):
+        factor, name = readable_unit(unit)
+        yield joint, factor, name, [held_out_error(document, when, joint) for when in ("before", "after")]
 
 
 def seal_sentence(judgement: Mapping[str, Any]) -> str:

@@ -45,9 +45,7 @@ class ClosedLoopResult:
     document: dict[str, Any]  # contract, section 4; or a `note` if measured logs are missing
     judgement: dict[str, Any]  # of the stage unseal; or a `note` without a seal
     page: Path  # the loop's report
-    repair: dict[str, Any] | None = (
-        None  # repair.json, contract, section 3; or a `note` where nothing was repaired
-    )
+    repair: dict[str, Any] | None = None  # contract, section 3; or a `note` where nothing was repaired
 
 
 @dataclass(frozen=True)
