@@ -38,6 +38,8 @@ def folder(tmp_path_factory) -> Path:
             break  # else actionlib's client, which is not ours, lost a result: once more
     printed = "".join(f"\n--- {log.name}\n{log.read_text()[-1500:]}" for log in folder.glob("*.log"))
     assert done.returncode == 0, done.stderr[-3000:] + printed
+    unsaved = [name for name in NODES if not (folder / f"{name}.json").exists()]
+    assert not unsaved, f"ended without a word of what was measured: {unsaved}" + printed
     return folder
 
 

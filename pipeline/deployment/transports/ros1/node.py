@@ -103,7 +103,7 @@ class Node:
         if self._component.period_ns is None:
             self._rospy.spin()
         else:
-            self._tick(self._component.period_ns)
+            self._guard(self._tick, self._component.period_ns)
         if self._failure is not None:
             raise self._failure
 
@@ -142,12 +142,17 @@ class Node:
         threading.Thread(target=self._guard, args=(function, *arguments), daemon=True).start()
 
     def _guard(self, function: Callable[..., None], *arguments: Any) -> None:
-        """Call and store exceptions; rospy would log them and go on."""
+        """Call and store exceptions; rospy would log them and go on.
+
+        A shutdown closes rospy's topics at any moment, in the midst of a message that is being sent. What fails
+        after it is no failure of the component.
+        """
         try:
             function(*arguments)
         except Exception as failure:
-            self._failure = failure
-            self._rospy.signal_shutdown(repr(failure))
+            if not self._rospy.is_shutdown():
+                self._failure = failure
+                self._rospy.signal_shutdown(repr(failure))
 
     def _hear(self, ros_message: Any, topic: Topic) -> None:
         self._guard(self._receive, ros_message, topic)
