@@ -144,13 +144,13 @@ class Node:
     def _guard(self, function: Callable[..., None], *arguments: Any) -> None:
         """Call and store exceptions; rospy would log them and go on.
 
-        A shutdown closes rospy's topics at any moment, in the midst of a message that is being sent. What fails
-        after it is no failure of the component.
+        A shutdown closes rospy's topics first and is told by `is_shutdown` last, in the midst of whatever is being
+        sent. What fails once it was asked for is no failure of the component.
         """
         try:
             function(*arguments)
         except Exception as failure:
-            if not self._rospy.is_shutdown():
+            if not self._rospy.core.is_shutdown_requested():
                 self._failure = failure
                 self._rospy.signal_shutdown(repr(failure))
 
