@@ -15,7 +15,7 @@ from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.variant import RewardVariant
 from pipeline.deployment.compose import GraphSettings
 from pipeline.deployment.nodes import AUTONOMOUS, DRIVERS, NODES, Driver
-from pipeline.deployment.settings import DeploymentConfig
+from pipeline.deployment.settings import CoverageConfig, DeploymentConfig
 from pipeline.deployment.transports.ros1.can_bus import CanBusConfig
 from pipeline.errors import InputError
 
@@ -44,6 +44,7 @@ class GraphKeys(ControllerKeys):
     effects: list[str] = field(default_factory=list)
     effects_seed: int = MISSING
     effect_size: float = MISSING
+    coverage: CoverageConfig = MISSING
     live_port: int | None = None
     can: CanBusConfig = MISSING
 

@@ -49,6 +49,7 @@ class PipelineConfiguration:
     ingest: Any = MISSING
     identify: Any = MISSING
     episodes: Any = MISSING
+    coverage: Any = MISSING
     reward: Any = MISSING
     ppo: Any = MISSING
     warm_start: Any = MISSING

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
 from pipeline.deployment.compose import GraphSettings
+from pipeline.deployment.settings import CoverageConfig
 from pipeline.deployment.transports.ros1.can_bus import CanBusConfig
 
 NODES = ("control_interface", "control_supervisor")
@@ -42,6 +43,7 @@ class NodeSettings(GraphSettings):
         targets: How many of the evaluation's targets are pursued.
         plant_seed: Of the plant's process variation and its encoders' noise.
         operator_seed: Of the scripted joystick.
+        coverage: Cells of W+ in a live view.
         live_port: Of a live view; None: nobody watches.
         plan: File of an experiment that the scripted operator plays; None: none.
         effects: What has changed in the plant, drawn with `effects_seed` and `effect_size` as `record_changed` does.
@@ -52,6 +54,7 @@ class NodeSettings(GraphSettings):
     plant_seed: int
     operator_seed: int
     can: CanBusConfig
+    coverage: CoverageConfig
     live_port: int | None = None
     plan: str | None = None
     effects: Sequence[str] = ()

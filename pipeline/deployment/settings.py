@@ -1,4 +1,4 @@
-"""Section `deployment` of a profile."""
+"""Sections `deployment` and `coverage` of a profile."""
 
 from dataclasses import dataclass
 
@@ -252,3 +252,25 @@ class DeploymentConfig:
             raise InputError(
                 f"deployment.unmeasured_planning_s is {self.unmeasured_planning_s}; it must not be negative"
             )
+
+
+@dataclass
+class CoverageConfig:
+    """Section `coverage` of a profile.
+
+    Attributes:
+        cell_m: longest edge of a cell.
+        pitch_bin_rad: widest bin of pitch.
+        pitch_max_rad: largest absolute pitch that counts.
+        samples_per_cell: sampled configurations per cell and bin, by which is found what the machine can reach.
+    """
+
+    cell_m: float
+    pitch_bin_rad: float
+    pitch_max_rad: float
+    samples_per_cell: int
+
+    def __post_init__(self) -> None:
+        for name in ("cell_m", "pitch_bin_rad", "pitch_max_rad", "samples_per_cell"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"coverage.{name} is {getattr(self, name)}; it must be positive")

@@ -63,7 +63,7 @@ def operate(
     """
     machine = settings.machine
     goals = reach_goals(settings)
-    with live_view(machine, settings.machine_directory, settings.live_port) as taps:
+    with live_view(machine, settings.machine_directory, settings.coverage, settings.live_port) as taps:
         operator = Operator(machine, [*taps, UnfinishedBag(unfinished(output / LOGS / BAG), machine)])
         operator.wait_for_server(START_TIMEOUT_S, require_running)
         time.sleep(SETTLE_S)

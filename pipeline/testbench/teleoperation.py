@@ -66,7 +66,8 @@ def record_teleoperation(
     settings: TeleoperationSettings, nodes: Mapping[str, Sequence[str]], output: Path
 ) -> dict[str, int]:
     """Run the graph, as ROS nodes by their commands or in simulated time, and write one more bag; its counts."""
-    with live_view(settings.machine, settings.machine_directory, settings.live_port) as taps:
+    folder, port = settings.machine_directory, settings.live_port
+    with live_view(settings.machine, folder, settings.coverage, port) as taps:
         if settings.graph is GraphKind.simulated_time:
             recorder = _simulate(settings, output, taps)
         else:

@@ -4,22 +4,30 @@ All are standard ROS 2 types that Foxglove and Rerun support: transforms with a 
 states (which can be plotted by joint), log messages, diagnostics.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Msg
 
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.components.recording import BASE_FRAME
 from pipeline.deployment.graph_logs.diagnostic_arrays import DIAGNOSTIC_ARRAY, diagnostic_array
 from pipeline.deployment.graph_logs.graph_topics import GraphRecord
 from pipeline.deployment.transports.mcap_file import RecordedTopic
 from pipeline.deployment.viewing.joint_transforms import JointTransforms, joint_transforms
+from pipeline.deployment.viewing.ros_messages import (
+    STORE,
+    cloud,
+    header,
+    quaternion_message,
+    stamp,
+    text_message,
+    typed,
+    vector,
+)
 from pipeline.logs.messages.columns import as_array
 from pipeline.logs.messages.raw_log import RawLog
 from pipeline.machine.chain import urdf_path
@@ -27,7 +35,6 @@ from pipeline.machine.sector import sector_edges
 from pipeline.machine.specification import MachineSpecification
 from pipeline.machine.workspace import workspace_of
 
-STORE = get_typestore(Stores.ROS2_HUMBLE)
 TOPICS = {
     "/robot_description": "std_msgs/msg/String",
     "/tf_static": "tf2_msgs/msg/TFMessage",
@@ -42,8 +49,6 @@ TOPICS = {
 POINT_SPACING_M = 0.01
 TARGET_ARM_M = 0.1  # half the length of the cross that marks a target; the chisel's side is longer
 TARGET_CHISEL_M = 0.3
-FLOAT32 = 7  # of sensor_msgs/PointField
-POINT_BYTES = 12
 LEVEL_INFORMATION, LEVEL_ERROR = 20, 40  # of rcl_interfaces/Log
 
 
@@ -84,9 +89,9 @@ def constant_topics(machine: MachineSpecification, directory: Path, time_ns: int
     fixed = [joint for joint in joint_transforms(urdf, moved) if len(joint.position) == 1]
     outline = _polylines(sector_edges(workspace_of(machine)))
     return [
-        _topic("/robot_description", [(time_ns, _text(urdf.read_text()))]),
+        _topic("/robot_description", [(time_ns, text_message(urdf.read_text()))]),
         _topic("/tf_static", [(time_ns, _frames(fixed, 0, time_ns))]),
-        _topic("/workspace", [(time_ns, _cloud(outline, time_ns))]),
+        _topic("/workspace", [(time_ns, cloud(outline, time_ns))]),
     ]
 
 
@@ -120,24 +125,25 @@ def _targets(log: RawLog) -> list[RecordedTopic]:
     )
     poses, marks = [], []
     for t, p, w in zip(time_ns.tolist(), position, quaternion, strict=True):
-        pose = _type("geometry_msgs/msg/Pose")(position=_vector("Point", p), orientation=_quaternion(w))
-        poses.append((t, _type("geometry_msgs/msg/PoseStamped")(header=_header(t), pose=pose)))
-        marks.append((t, _cloud(p + _rotated(w, target_mark()), t)))
+        pose = typed("geometry_msgs/msg/Pose")(position=vector("Point", p), orientation=quaternion_message(w))
+        poses.append((t, typed("geometry_msgs/msg/PoseStamped")(header=header(t), pose=pose)))
+        marks.append((t, cloud(pose_mark(p, w), t)))
     return [_topic("/target", poses), _topic("/target_mark", marks)]
 
 
-def target_mark() -> np.ndarray:
-    """A cross at the target's tip with a line along the chisel, in the target's frame, m, (n, 3)."""
+def pose_mark(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    """A cross at the tip's position (3,) with a line along the chisel, in {B}, m, (n, 3)."""
     line = np.arange(-TARGET_ARM_M, TARGET_ARM_M + POINT_SPACING_M / 2, POINT_SPACING_M)
     chisel = np.arange(0.0, TARGET_CHISEL_M, POINT_SPACING_M)
     zero, none = np.zeros_like(line), np.zeros_like(chisel)
-    return np.concatenate(
+    mark = np.concatenate(
         [
             np.stack([line, zero, zero], axis=1),
             np.stack([zero, line, zero], axis=1),
             np.stack([none, none, chisel], axis=1),  # the chisel points along -z: its body is above the tip
         ]
     )
+    return position + _rotated(quaternion, mark)
 
 
 def _events(log: RawLog, graph: GraphRecord) -> list[tuple[int, "Msg"]]:
@@ -159,9 +165,9 @@ def _events(log: RawLog, graph: GraphRecord) -> list[tuple[int, "Msg"]]:
         lines.append((t, LEVEL_INFORMATION, "operator", "the stop was acknowledged"))
     for t, _ in graph.releases:
         lines.append((t, LEVEL_INFORMATION, "control_supervisor", "the stop was reset"))
-    make = _type("rcl_interfaces/msg/Log")
+    make = typed("rcl_interfaces/msg/Log")
     return [
-        (t, make(stamp=_time(t), level=level, name=name, msg=text, file="", function="", line=0))
+        (t, make(stamp=stamp(t), level=level, name=name, msg=text, file="", function="", line=0))
         for t, level, name, text in sorted(lines, key=lambda line: line[0])
     ]
 
@@ -175,45 +181,29 @@ def _joints(log: RawLog, names: Sequence[str]) -> list[tuple[int, "Msg"]]:
     in_force[newest >= 0] = command[newest[newest >= 0]]
     step_s = np.maximum(np.diff(time_ns), 1)[:, None] / NANOSECONDS
     velocity = np.concatenate([np.zeros_like(q[:1]), np.diff(q, axis=0) / step_s])
-    make = _type("sensor_msgs/msg/JointState")
+    make = typed("sensor_msgs/msg/JointState")
     # a log's columns may be strided in memory, and a message's array must be contiguous
     values = (np.ascontiguousarray(columns, float) for columns in (q, velocity, in_force))
     return [
-        (t, make(header=_header(t), name=list(names), position=p, velocity=v, effort=a))
+        (t, make(header=header(t), name=list(names), position=p, velocity=v, effort=a))
         for t, p, v, a in zip(time_ns.tolist(), *values, strict=True)
     ]
 
 
 def _frames(joints: Sequence[JointTransforms], row: int, time_ns: int) -> "Msg":
-    transform, stamped = _type("geometry_msgs/msg/Transform"), _type("geometry_msgs/msg/TransformStamped")
-    return _type("tf2_msgs/msg/TFMessage")(
+    transform, stamped = typed("geometry_msgs/msg/Transform"), typed("geometry_msgs/msg/TransformStamped")
+    return typed("tf2_msgs/msg/TFMessage")(
         transforms=[
             stamped(
-                header=_header(time_ns, joint.parent),
+                header=header(time_ns, joint.parent),
                 child_frame_id=joint.child,
                 transform=transform(
-                    translation=_vector("Vector3", joint.position[row]),
-                    rotation=_quaternion(joint.quaternion[row]),
+                    translation=vector("Vector3", joint.position[row]),
+                    rotation=quaternion_message(joint.quaternion[row]),
                 ),
             )
             for joint in joints
         ]
-    )
-
-
-def _cloud(points: np.ndarray, time_ns: int) -> "Msg":
-    """Points in {B}, m, (n, 3)."""
-    field = _type("sensor_msgs/msg/PointField")
-    return _type("sensor_msgs/msg/PointCloud2")(
-        header=_header(time_ns),
-        height=1,
-        width=len(points),
-        fields=[field(name=axis, offset=4 * i, datatype=FLOAT32, count=1) for i, axis in enumerate("xyz")],
-        is_bigendian=False,
-        point_step=POINT_BYTES,
-        row_step=POINT_BYTES * len(points),
-        data=np.ascontiguousarray(points, "<f4").reshape(-1).view(np.uint8),
-        is_dense=True,
     )
 
 
@@ -233,29 +223,3 @@ def _rotated(quaternion: np.ndarray, points: np.ndarray) -> np.ndarray:
     cross = np.cross(v, points)
     turned: np.ndarray = points + 2.0 * (w * cross + np.cross(v, cross)) / (quaternion @ quaternion)
     return turned
-
-
-def _type(name: str) -> Callable[..., Any]:
-    return STORE.types[name]
-
-
-def _time(time_ns: int) -> Any:
-    return _type("builtin_interfaces/msg/Time")(sec=time_ns // NANOSECONDS, nanosec=time_ns % NANOSECONDS)
-
-
-def _header(time_ns: int, frame: str = BASE_FRAME) -> Any:
-    return _type("std_msgs/msg/Header")(stamp=_time(time_ns), frame_id=frame)
-
-
-def _text(text: str) -> Any:
-    return _type("std_msgs/msg/String")(data=text)
-
-
-def _vector(kind: str, values: np.ndarray) -> Any:
-    x, y, z = map(float, values)
-    return _type(f"geometry_msgs/msg/{kind}")(x=x, y=y, z=z)
-
-
-def _quaternion(values: np.ndarray) -> Any:
-    w, x, y, z = map(float, values)
-    return _type("geometry_msgs/msg/Quaternion")(w=w, x=x, y=y, z=z)

@@ -30,18 +30,20 @@ from pipeline.deployment.messages import (
     TargetPose,
     Topic,
 )
+from pipeline.deployment.settings import CoverageConfig
 from pipeline.deployment.transports.simulated_time.delays import no_delays
 from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
 from pipeline.deployment.transports.simulated_time.pace import run_at_real_time
 from pipeline.deployment.viewing.live_server import PROTOCOL, LiveServer
 from pipeline.deployment.viewing.live_view import LiveView, live_view
-from pipeline.deployment.viewing.visual_topics import STORE
+from pipeline.deployment.viewing.ros_messages import STORE
 from pipeline.errors import InputError
 from tests.deployment.machines import MIDDLE, arm, bobcat
 
 PATIENCE_S = 10.0
 BEGIN_NS = 1_775_000_000_000_000_000
 STEP_NS = nanoseconds(0.02)
+FEW = CoverageConfig(cell_m=0.5, pitch_bin_rad=0.5, pitch_max_rad=1.0, samples_per_cell=1)
 LARGE = STORE.types["std_msgs/msg/String"](data=200_000 * "x")
 
 
@@ -90,7 +92,7 @@ def viewer_at(address: str) -> Iterator[Viewer]:
 @pytest.fixture
 def shown() -> Iterator[tuple[LiveView, str]]:
     """A view, and the address of its server."""
-    with live_view(bobcat(), MACHINE_DIRECTORY, port=0) as (view,):
+    with live_view(bobcat(), MACHINE_DIRECTORY, FEW, port=0) as (view,):
         assert isinstance(view, LiveView)
         yield view, view._server.address
 
@@ -166,9 +168,26 @@ def test_a_stop_and_both_steps_of_its_reset_are_shown(shown: tuple[LiveView, str
         assert said == ["stopped by joint_limits: far", "the stop was acknowledged", "the stop was reset"]
 
 
+def test_what_is_painted_and_where_to_go_next_are_told_once_a_second(shown: tuple[LiveView, str]) -> None:
+    view, address = shown
+    with viewer_at(address) as viewer:
+        viewer.subscribe("/painted_share", "/painting")
+        wait_until(view, is_wanted=True)
+        move(view, 120)  # 2.4 s, over more than one cell
+        seen = [viewer.next() for _ in range(6)]
+    shares = [content.data for topic, _, content in seen if topic == "/painted_share"]
+    texts = [content.data for topic, _, content in seen if topic == "/painting"]
+    assert len(shares) == 3 == len(texts) and 0 < shares[0] < shares[2] < 1
+    for share, text in zip(shares, texts, strict=True):
+        assert f"painted {100 * share:.1f} %" in text and text.count("next: ") == 3
+    times = [time_ns for topic, time_ns, _ in seen if topic == "/painted_share"]
+    late = np.diff(times) - nanoseconds(1.0)
+    assert late.min() >= 0 and late.max() < nanoseconds(0.06)  # with the next picture
+
+
 def test_a_viewer_that_does_not_read_holds_nobody_up() -> None:
     with contextlib.ExitStack() as afterwards:  # it does not read before the server has ended
-        with live_view(bobcat(), MACHINE_DIRECTORY, port=0) as (view,):
+        with live_view(bobcat(), MACHINE_DIRECTORY, FEW, port=0) as (view,):
             assert isinstance(view, LiveView)
             server = view._server
             lazy = afterwards.enter_context(viewer_at(server.address))
@@ -202,7 +221,7 @@ def publish_until_blocked(server: LiveServer) -> None:
 
 
 def test_whoever_says_nothing_does_not_delay_the_end() -> None:
-    with live_view(bobcat(), MACHINE_DIRECTORY, port=0) as (view,):
+    with live_view(bobcat(), MACHINE_DIRECTORY, FEW, port=0) as (view,):
         assert isinstance(view, LiveView)
         silent = socket.create_connection(view._server._server.socket.getsockname())
         time.sleep(0.1)  # until it is accepted
@@ -231,7 +250,7 @@ def test_a_port_that_is_taken_is_told_in_one_line() -> None:
         port = taken.getsockname()[1]
         with pytest.raises(InputError, match=f"live_port={port}.*another port"):
             LiveServer(port, None, [])  # type: ignore[arg-type]
-    with live_view(bobcat(), MACHINE_DIRECTORY, None) as taps:
+    with live_view(bobcat(), MACHINE_DIRECTORY, FEW, None) as taps:
         assert taps == []
 
 

@@ -23,7 +23,8 @@ from pipeline.deployment.messages import (
 )
 from pipeline.deployment.transports.mcap_file import write_mcap_file
 from pipeline.deployment.viewing.joint_transforms import joint_transforms
-from pipeline.deployment.viewing.visual_topics import STORE, visual_topics
+from pipeline.deployment.viewing.ros_messages import STORE
+from pipeline.deployment.viewing.visual_topics import visual_topics
 from pipeline.logs.messages.raw_log import RawLog, TargetPoses
 from pipeline.machine.chain import urdf_path
 from pipeline.machine.kinematics import Pose
