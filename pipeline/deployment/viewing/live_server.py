@@ -1,4 +1,4 @@
-"""A server of the Foxglove WebSocket protocol, v1, for live pictures in Foxglove.
+"""A server of the Foxglove WebSocket protocol, v1, for live pictures in Foxglove, and of a page for browsers.
 
 Protocol: https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md. It serves this computer only.
 """
@@ -10,11 +10,14 @@ import socket
 import struct
 import threading
 from collections.abc import Sequence
+from http import HTTPStatus
 from types import TracebackType
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 from rosbags.typesys.store import Typestore
+from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 from websockets.typing import Subprotocol
 
@@ -80,18 +83,19 @@ class LiveServer:
     Use it as a context manager: it serves from entering to leaving.
     """
 
-    def __init__(self, port: int, store: Typestore, channels: Sequence[Channel]) -> None:
+    def __init__(self, port: int, store: Typestore, channels: Sequence[Channel], page: bytes = b"") -> None:
         """Binds the port.
 
         Args:
             port: port on this computer; 0 for any free port.
             store: typestore of the channels' types.
             channels: all channels.
+            page: HTML, UTF-8, for whoever asks for a page.
 
         Raises:
             InputError: the port is taken.
         """
-        self._store = store
+        self._store, self._page = store, page
         self._channels = {channel.topic: (number, channel) for number, channel in enumerate(channels)}
         self._lock = threading.Lock()
         self._viewers: set[_Viewer] = set()
@@ -102,6 +106,7 @@ class LiveServer:
                 HOST,
                 port,
                 subprotocols=[PROTOCOL],
+                process_request=self._answer_browser,
                 compression=None,
                 open_timeout=HANDSHAKE_S,
                 close_timeout=HANDSHAKE_S,
@@ -111,9 +116,9 @@ class LiveServer:
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
 
     @property
-    def address(self) -> str:
-        """Address for viewers."""
-        return f"ws://{HOST}:{self._server.socket.getsockname()[1]}"
+    def place(self) -> str:
+        """Host and port, behind `ws://` for viewers and behind `http://` for browsers."""
+        return f"{HOST}:{self._server.socket.getsockname()[1]}"
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -144,6 +149,15 @@ class LiveServer:
             self._newest[number] = time_ns, data
             for viewer in self._viewers:
                 viewer.offer(number, time_ns, data)
+
+    def _answer_browser(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The page, or None for a viewer."""
+        if "Upgrade" in request.headers:
+            return None
+        if request.path != "/":
+            return connection.respond(HTTPStatus.NOT_FOUND, f"the page is http://{self.place}/\n")
+        about = {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(self._page))}
+        return Response(HTTPStatus.OK, "OK", Headers(about), self._page)
 
     def _serve(self, connection: ServerConnection) -> None:
         viewer = _Viewer(connection)

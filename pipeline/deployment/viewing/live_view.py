@@ -1,10 +1,11 @@
-"""The running graph in Foxglove: a tap that converts its messages to the topics of stage `view`."""
+"""The running graph in Foxglove and browsers: a tap that converts its messages to the topics of stage `view`."""
 
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from jinja2 import StrictUndefined, Template
 
 from pipeline.deployment.component import nanoseconds
 from pipeline.deployment.components.recording import Recorder
@@ -18,9 +19,11 @@ from pipeline.deployment.viewing.painting import PERIOD_NS as PAINTING_PERIOD_NS
 from pipeline.deployment.viewing.ros_messages import STORE
 from pipeline.deployment.viewing.visual_topics import TOPICS, changing_topics, constant_topics
 from pipeline.logs.messages.raw_log import RawLog
+from pipeline.machine.chain import arm_description
 from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import MachineSpecification
 
+PAGE = Path(__file__).with_name("painting.html.j2")
 PERIOD_NS = nanoseconds(0.05)  # period of pictures; joint states come more often
 PAIR = 2  # joint states of a picture: the newest, and an earlier one for its velocity
 
@@ -87,6 +90,12 @@ class LiveView:
         )
 
 
+def page_of(machine: MachineSpecification) -> bytes:
+    """The page that draws a machine with an arm in a browser, self-contained HTML."""
+    template = Template(PAGE.read_text(encoding="utf-8"), undefined=StrictUndefined)
+    return template.render(end_effector=arm_description(machine).end_effector).encode()
+
+
 @contextlib.contextmanager
 def live_view(
     machine: MachineSpecification, directory: Path, coverage: CoverageConfig, port: int | None
@@ -101,6 +110,10 @@ def live_view(
         return
     painting = Painting(ReachableCells(machine, load_arm(machine, directory), coverage))
     channels = [Channel(name, type_name) for name, type_name in (TOPICS | PAINTED_TOPICS).items()]
-    with LiveServer(port, STORE, channels) as server:
-        print(f"watch it in Foxglove: Open connection, Foxglove WebSocket, {server.address}", flush=True)
+    with LiveServer(port, STORE, channels, page_of(machine)) as server:
+        print(
+            f"watch it in a browser at http://{server.place}/, or in Foxglove: Open connection, Foxglove WebSocket, "
+            f"ws://{server.place}",
+            flush=True,
+        )
         yield [LiveView(server, machine, directory, painting)]

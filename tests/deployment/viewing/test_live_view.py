@@ -94,7 +94,7 @@ def shown() -> Iterator[tuple[LiveView, str]]:
     """A view, and the address of its server."""
     with live_view(bobcat(), MACHINE_DIRECTORY, FEW, port=0) as (view,):
         assert isinstance(view, LiveView)
-        yield view, view._server.address
+        yield view, f"ws://{view._server.place}"
 
 
 def move(view: LiveView, n_states: int, begin: int = 0) -> None:
@@ -190,7 +190,7 @@ def test_a_viewer_that_does_not_read_holds_nobody_up() -> None:
         with live_view(bobcat(), MACHINE_DIRECTORY, FEW, port=0) as (view,):
             assert isinstance(view, LiveView)
             server = view._server
-            lazy = afterwards.enter_context(viewer_at(server.address))
+            lazy = afterwards.enter_context(viewer_at(f"ws://{server.place}"))
             lazy.subscribe("/robot_description")
             wait_until(view, is_wanted=True)
             publish_until_blocked(server)
@@ -200,7 +200,7 @@ def test_a_viewer_that_does_not_read_holds_nobody_up() -> None:
                 server.publish("/robot_description", BEGIN_NS + number, LARGE)
                 durations_s.append(time.monotonic() - begin)
             assert np.median(durations_s) < 0.02 and max(durations_s) < 1.0  # on a busy computer
-            with viewer_at(server.address) as prompt:
+            with viewer_at(f"ws://{server.place}") as prompt:
                 prompt.subscribe("/robot_description")
                 assert prompt.next()[1] == BEGIN_NS + 49
             begin = time.monotonic()
