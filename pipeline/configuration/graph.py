@@ -14,10 +14,14 @@ from pipeline.configuration.reaching import ReachingKeys
 from pipeline.control.icem.config import IcemConfig
 from pipeline.control.icem.variant import RewardVariant
 from pipeline.deployment.compose import GraphSettings
-from pipeline.deployment.nodes import AUTONOMOUS, DRIVERS, NODES, Driver
+from pipeline.deployment.nodes import AUTONOMOUS, DRIVERS, NODES, Driver, watching
 from pipeline.deployment.settings import CoverageConfig, DeploymentConfig
 from pipeline.deployment.transports.ros1.can_bus import CanBusConfig
+from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.watch.settings import WatchConfig
 
 S = TypeVar("S", bound=GraphSettings)
 
@@ -46,6 +50,11 @@ class GraphKeys(ControllerKeys):
     effect_size: float = MISSING
     coverage: CoverageConfig = MISSING
     live_port: int | None = None
+    ingest: IngestConfig = MISSING
+    identify: IdentifyConfig = MISSING
+    close_loop: CloseLoopConfig = MISSING
+    watch: WatchConfig = MISSING
+    watch_state: InputPath | None = None
     can: CanBusConfig = MISSING
 
     def __post_init__(self) -> None:
@@ -73,25 +82,26 @@ def settings_of(kind: type[S], configuration: ControllerKeys) -> S:
 
 
 def node_commands(
-    driver: Driver, overrides: Sequence[str], commanding: Sequence[str] = AUTONOMOUS
+    configuration: GraphKeys, overrides: Sequence[str], commanding: Sequence[str] = AUTONOMOUS
 ) -> dict[str, list[str]]:
     """The commands of all nodes, with those overrides of this command that a node knows.
 
     Args:
-        driver: What stands in the machine's place.
+        configuration: Names what stands in the machine's place, and whether somebody watches.
         overrides: Of this command.
         commanding: Nodes that commands come from.
     """
     known = _names(GraphKeys) - {"tracking"} | {"profile"}
     passed = [word for word in overrides if word.lstrip("+~").split("=")[0].split(".")[0] in known]
     command = [sys.executable, "-m", "pipeline.stages.graph_node", *passed]
-    return {name: [*command, f"node={name}"] for name in (*DRIVERS[driver], *NODES, *commanding)}
+    names = (*DRIVERS[configuration.driver], *NODES, *commanding, *watching(configuration.watch_state))
+    return {name: [*command, f"node={name}"] for name in names}
 
 
 def commanded_by(configuration: GraphKeys, commanding: Sequence[str]) -> dict[str, list[str]]:
     """The commands of all nodes for this job, of a stage that has another driver and model by default than a node."""
     own = {"driver": configuration.driver, "model": configuration.model}
-    return node_commands(configuration.driver, replaced(of_this_job(configuration), own), commanding)
+    return node_commands(configuration, replaced(of_this_job(configuration), own), commanding)
 
 
 def _names(kind: type) -> set[str]:

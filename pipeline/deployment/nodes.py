@@ -4,16 +4,23 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pipeline.deployment.components.machine_watch import MachineWatch
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
 from pipeline.deployment.compose import GraphSettings
 from pipeline.deployment.settings import CoverageConfig
 from pipeline.deployment.transports.ros1.can_bus import CanBusConfig
+from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.logs.ingest_config import IngestConfig
+from pipeline.watch.settings import WatchConfig
+from pipeline.watch.watch_inputs import WatchSettings
 
 NODES = ("control_interface", "control_supervisor")
 AUTONOMOUS = ("autonomous_server",)
 TELEOPERATED = ("teleoperation_server",)
 JOYSTICK = ScriptedJoystick.name
 OPERATOR = "operator"  # gives the targets
+WATCH = MachineWatch.name
 
 
 class Driver(enum.StrEnum):
@@ -31,7 +38,7 @@ DRIVERS = {
 }
 KNOWN_NODES = (
     *(*NODES, *AUTONOMOUS, *TELEOPERATED, JOYSTICK),
-    *(*DRIVERS[Driver.simulated], *DRIVERS[Driver.can], OPERATOR),
+    *(*DRIVERS[Driver.simulated], *DRIVERS[Driver.can], OPERATOR, WATCH),
 )
 
 
@@ -47,8 +54,13 @@ class NodeSettings(GraphSettings):
         live_port: Of a live view; None: nobody watches.
         plan: File of an experiment that the scripted operator plays; None: none.
         effects: What has changed in the plant, drawn with `effects_seed` and `effect_size` as `record_changed` does.
+        watch_state: Folder that `watch` keeps; None: nobody watches.
     """
 
+    ingest: IngestConfig
+    identify: IdentifyConfig
+    close_loop: CloseLoopConfig
+    watch: WatchConfig
     targets: int
     driver: Driver
     plant_seed: int
@@ -60,3 +72,20 @@ class NodeSettings(GraphSettings):
     effects: Sequence[str] = ()
     effects_seed: int = 0
     effect_size: float = 1.0
+    watch_state: str | None = None
+
+    @property
+    def watching(self) -> tuple[str, ...]:
+        """Nodes that only watch."""
+        return watching(self.watch_state)
+
+    @property
+    def watch_settings(self) -> WatchSettings:
+        """As the command `watch` has them."""
+        sections = self.ingest, self.loop_tracker, self.identify, self.close_loop, self.watch
+        return WatchSettings(self.machine, *sections)
+
+
+def watching(watch_state: str | None) -> tuple[str, ...]:
+    """Nodes that only watch, where there is a state to watch by."""
+    return (WATCH,) if watch_state else ()

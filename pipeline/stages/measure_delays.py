@@ -36,7 +36,7 @@ def main(configuration: MeasureDelaysStage, run: StageRun) -> None:
 
     def commands(settings: NodeSettings, output: Path) -> Mapping[str, Sequence[str]]:
         own = {"policy": settings.policy, "variant": settings.variant, "output": str(output)}
-        return node_commands(configuration.driver, [*UNSUPERVISED, *replaced(given, own)])
+        return node_commands(configuration, [*UNSUPERVISED, *replaced(given, own)])
 
     settings, output = settings_of(NodeSettings, configuration), Path(configuration.output)
     print(

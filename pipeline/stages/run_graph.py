@@ -3,15 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from omegaconf import MISSING
-
 from pipeline.configuration.graph import GraphKeys, node_commands, settings_of
 from pipeline.configuration.overrides import of_this_job
 from pipeline.configuration.own_process import for_this_job
 from pipeline.configuration.stage import stage
 from pipeline.deployment.nodes import NodeSettings
 from pipeline.deployment.transports.ros1.agreement import write_agreement
-from pipeline.logs.ingest_config import IngestConfig
 from pipeline.testbench.target_run import (
     LOGS,
     SIMULATED,
@@ -29,15 +26,13 @@ from pipeline.tracking import StageRun
 class RunGraphStage(GraphKeys):
     """Keys of `conf/run_graph.yaml`."""
 
-    ingest: IngestConfig = MISSING
-
 
 @stage(RunGraphStage)
 def main(configuration: RunGraphStage, run: StageRun) -> None:
     """Launch the graph and give it its targets; write how they ended, bags of it and of simulated time, and compare."""
     output, settings = Path(configuration.output), settings_of(NodeSettings, configuration)
     refuse_others_logs(output, (LOGS, SIMULATED))
-    commands = node_commands(configuration.driver, of_this_job(configuration))
+    commands = node_commands(configuration, of_this_job(configuration))
     write_run(output, settings.machine, *for_this_job(run_targets, settings, commands, output))
     write_bag_of(simulate_targets(settings), output / SIMULATED, settings.machine)
     real, simulated = (

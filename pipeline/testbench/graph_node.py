@@ -11,6 +11,7 @@ import numpy as np
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.controllers import at_rest
+from pipeline.deployment.components.machine_watch import MachineWatch
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick, Teleoperator
 from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
@@ -21,7 +22,7 @@ from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.drivers.can_frames import CanFrames
 from pipeline.deployment.drivers.emcb_200u_driver import CanDriver
 from pipeline.deployment.drivers.machine import LearnedMachine, LearnedStep
-from pipeline.deployment.nodes import AUTONOMOUS, JOYSTICK, Driver, NodeSettings
+from pipeline.deployment.nodes import AUTONOMOUS, JOYSTICK, WATCH, Driver, NodeSettings
 from pipeline.deployment.settings import DeploymentConfig
 from pipeline.deployment.transports.ros1.can_bus import open_bus
 from pipeline.deployment.transports.ros1.goal_errors import goal_errors
@@ -66,6 +67,8 @@ def component(settings: NodeSettings, name: str) -> Component:
         return TeleoperationServer(machine, deployment.teleoperation)
     if name == JOYSTICK:
         return ScriptedJoystick(machine, deployment.teleoperation, _operator(settings))
+    if name == WATCH:
+        return MachineWatch(Path(str(settings.watch_state)), settings.watch_settings)
     if name == "emcb_200u_driver":
         return CanDriver(open_bus(settings.can), deployment.driver)
     if name == "bobcat_e10_driver":

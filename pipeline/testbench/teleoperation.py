@@ -147,7 +147,7 @@ def _drive(
 def _simulate(settings: TeleoperationSettings, output: Path, taps: Sequence[Tap]) -> Recorder:
     """The same components in simulated time, at real time where somebody watches."""
     recorder, deployment = Recorder(), settings.deployment
-    names = (*DRIVERS[settings.driver], *NODES, *settings.commanding)
+    names = (*DRIVERS[settings.driver], *NODES, *settings.commanding, *settings.watching)
     components = [component(settings, name) for name in names]
     delays, _ = delays_of(load_delays(Path(deployment.delays)).links, ControllerKind.ppo, None)
     start_ns = time.time_ns()

@@ -2,9 +2,8 @@
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.errors import InputError
@@ -12,16 +11,12 @@ from pipeline.files.atomic import write_json
 from pipeline.logs.formats.discovery.discover import find_logs, is_empty_folder
 from pipeline.logs.formats.discovery.log_entry import LogEntry
 from pipeline.watch.cause import cause_of
-from pipeline.watch.course import State, follow
+from pipeline.watch.course import State
 from pipeline.watch.document import DOCUMENT, document_of
-from pipeline.watch.log_identity import content_of, files_of
-from pipeline.watch.nominal_sessions import (
-    LearningSettings,
-    NominalSessions,
-    learn_nominal,
-    load_nominal,
-)
-from pipeline.watch.session_store import SessionRecord, SessionStore, in_order, listed
+from pipeline.watch.judgement import judge, record_of
+from pipeline.watch.log_identity import files_of
+from pipeline.watch.nominal_sessions import NominalSessions, learn_nominal, load_nominal
+from pipeline.watch.session_store import SessionRecord, SessionStore
 from pipeline.watch.watch_inputs import WatchInputs, WatchSettings, read_session
 
 Log = Callable[[str], None]
@@ -47,14 +42,9 @@ def look(inputs: WatchInputs, settings: WatchSettings, log: Log = lambda _: None
     if inputs.baseline_ns is not None:
         store.begin_baseline(inputs.baseline_ns)
     not_counted = _add_new(store, nominal, inputs, settings, log)
-    records, left_out = _counted(store, nominal)
+    records, course, left_out = judge(store, nominal, settings.watch)
     not_counted += left_out
     machine, config = settings.machine, settings.watch
-    n_joint, n_statistic = nominal.rows.statistics.shape[1:]
-    values = np.array([of.values for of in records]).reshape(len(records), n_joint, n_statistic)
-    begins_ns = np.array([of.begin_ns for of in records], np.int64)
-    baselines = [int(np.searchsorted(begins_ns, stamp)) for stamp in store.baselines()]
-    course = follow(nominal.rows.statistics, values, baselines, config)
     joints = list(machine.joint_names)
     document = document_of(machine.name, joints, records, course, 1.0 / config.false_alarms)
     if document["findings"] and document["state"] == State.changed:
@@ -68,10 +58,10 @@ def look(inputs: WatchInputs, settings: WatchSettings, log: Log = lambda _: None
 
 def _nominal(inputs: WatchInputs, settings: WatchSettings, log: Log) -> NominalSessions:
     entries = find_logs(inputs.nominal)
-    learning = LearningSettings(settings.machine, settings.close_loop, settings.identify)
+    learning = settings.learning
     stated = [line for entry in entries for line in files_of(entry)]
-    files = hashlib.sha256("\n".join([learning.key(), *stated]).encode()).hexdigest()
-    known = load_nominal(inputs.state, files, learning)
+    files = hashlib.sha256("\n".join(stated).encode()).hexdigest()
+    known = load_nominal(inputs.state, learning, files)
     if known is not None:
         return known
     sessions = [read_session(entry, settings).trajectories for entry in entries]
@@ -105,35 +95,6 @@ def _add_new(
 def _judged(entry: LogEntry, nominal: NominalSessions, settings: WatchSettings) -> SessionRecord:
     files = files_of(entry)  # as they are before they are read: what is written meanwhile is read next time
     trajectories = read_session(entry, settings).trajectories
-    begin, end = trajectories[0].stamp_ns[0], trajectories[-1].stamp_ns[-1]
     (values,) = nominal.statistics_of([trajectories])
-    return SessionRecord(
-        content=content_of(trajectories),
-        name=entry.name,
-        path=str(entry.path.absolute()),
-        files=[files],
-        begin_ns=int(begin),
-        end_ns=int(end),
-        known_as=nominal.key,
-        statistics=listed(values),
-    )
-
-
-def _counted(
-    store: SessionStore, nominal: NominalSessions
-) -> tuple[list[SessionRecord], list[tuple[str, str]]]:
-    """Sessions in order, and those that do not count, with the reason."""
-    usable, left_out = [], []
-    for record in store.records.values():
-        if record.content in nominal.rows.contents:
-            left_out.append((record.name, "it is one of the nominal sessions"))
-        elif record.known_as != nominal.key:
-            left_out.append(
-                (record.name, "its log is gone, and the nominal sessions or settings are others now")
-            )
-        else:
-            usable.append(record)
-    ordered, parts = in_order(usable)
-    return ordered, left_out + [
-        (name, f"its times overlap {whole}, which is longer") for name, whole in parts
-    ]
+    record = record_of(trajectories, values, nominal.key, entry.name)
+    return replace(record, path=str(entry.path.absolute()), files=[files])

@@ -56,7 +56,8 @@ class NominalRows:
     """What is kept of the nominal sessions beside the model.
 
     Attributes:
-        files: Key of the files that they were read from, and of the settings.
+        files: Key of the files that they were read from.
+        settings: Key of the settings and the code.
         model: Key of the model.
         contents: What identifies each session.
         statistics: (n, n_joint, n_statistic).
@@ -67,6 +68,7 @@ class NominalRows:
     """
 
     files: str
+    settings: str
     model: str
     contents: list[str]
     statistics: np.ndarray
@@ -89,6 +91,10 @@ class NominalSessions:
         diagnosis: The model.
         rows: Of the nominal sessions.
         settings: As they were learned with.
+
+    Attributes:
+        scale: Of the machine's joints.
+        least_s: Time for which a joint has to move in a session that says something of it.
     """
 
     def __init__(self, diagnosis: DiagnosisModel, rows: NominalRows, settings: LearningSettings) -> None:
@@ -97,7 +103,7 @@ class NominalSessions:
         speed = np.array(diagnosis.model.specification.residual_scale)
         self.scale = Scale(machine.lower, machine.upper, speed, machine.dt_s)
         self._diagnosis, self._machine = diagnosis, machine
-        self._least_s = settings.close_loop.gate.smallest_excitation_s
+        self.least_s = settings.close_loop.gate.smallest_excitation_s
 
     @property
     def key(self) -> str:
@@ -112,15 +118,16 @@ class NominalSessions:
             sessions: Of the machine.
             left_out: (n_members, B, T) which member predicts which row of their stretches; None: f predicts all.
         """
-        stretches = iter(self._stretches(list(itertools.chain(*sessions)), left_out))
+        stretches = iter(self.stretches(list(itertools.chain(*sessions)), left_out))
         return np.stack(
             [
-                session_statistics(list(itertools.islice(stretches, len(session))), self.scale, self._least_s)
+                session_statistics(list(itertools.islice(stretches, len(session))), self.scale, self.least_s)
                 for session in sessions
             ]
         )
 
-    def _stretches(self, trajectories: Sequence[Trajectory], left_out: np.ndarray | None) -> list[Rows]:
+    def stretches(self, trajectories: Sequence[Trajectory], left_out: np.ndarray | None = None) -> list[Rows]:
+        """What statistics are made of, per trajectory; `left_out` as of `statistics_of`."""
         machine = self._machine
         every = side_by_side(trajectories, machine.dt_s, self._diagnosis.model.specification.lags + 1)
         setting = Setting(machine.dt_s, machine.lower, machine.upper, self.scale.speed)
@@ -134,13 +141,22 @@ class NominalSessions:
         return [Rows(*(column[index] for column in columns)) for index in range(len(trajectories))]
 
 
-def load_nominal(folder: Path, files: str, settings: LearningSettings) -> NominalSessions | None:
-    """What was learned before of the same files by the same settings; None: nothing, or it is damaged."""
+def load_nominal(
+    folder: Path, settings: LearningSettings, files: str | None = None
+) -> NominalSessions | None:
+    """What was learned before by the same settings; None: nothing, or it is damaged.
+
+    Args:
+        folder: Of the state.
+        settings: How to learn.
+        files: Key of the files that it has to be learned from; None: of any.
+    """
     try:
         rows = load_record(folder / SESSIONS, NominalRows)
     except InputError:
         return None
-    learned = load_learned(folder / MODEL, rows.model) if rows.files == files else None
+    is_same = rows.settings == settings.key() and files in (None, rows.files)
+    learned = load_learned(folder / MODEL, rows.model) if is_same else None
     return None if learned is None else NominalSessions(learned.diagnosis, rows, settings)
 
 
@@ -180,6 +196,7 @@ def learn_nominal(
         save_learned(folder / MODEL, learned, key)
     rows = NominalRows(
         files,
+        settings.key(),
         key,
         [content_of(session) for session in sessions],
         np.zeros((0, 0, 0)),

@@ -90,17 +90,25 @@ class Scale(NamedTuple):
 def session_statistics(stretches: list[Rows], scale: Scale, least_s: float) -> np.ndarray:
     """(n_joint, n_statistic) as in `STATISTICS`; NaN for a joint that moves for less than `least_s` in the session."""
     found = np.full((len(scale.speed), len(STATISTICS)), np.nan)
-    for joint in range(len(scale.speed)):
-        parts = [_regression(rows, scale, joint) for rows in stretches]
-        if sum(moving for moving, _ in parts) * scale.dt_s >= least_s:
-            found[joint] = _fitted(np.concatenate([part for _, part in parts]))
+    for joint in np.flatnonzero(moved_s(stretches, scale) >= least_s).tolist():
+        found[joint] = _fitted(np.concatenate([_regression(rows, scale, joint) for rows in stretches]))
     return found
 
 
-def _regression(rows: Rows, scale: Scale, joint: int) -> tuple[int, np.ndarray]:
-    """Rows in motion that count; and (N, 2 + n) counts, residual, columns, each averaged over two rows."""
+def moved_s(stretches: list[Rows], scale: Scale) -> np.ndarray:
+    """(n_joint,) time [s] for which the nominal machine would move a joint, of rows that count."""
+    moving = [np.sum(_moves(rows.nominal / scale.speed) & rows.counts, axis=0) for rows in stretches]
+    return np.asarray(np.sum(moving, axis=0) * scale.dt_s)
+
+
+def _moves(share: np.ndarray) -> np.ndarray:
+    """Whether a joint moves, by shares of its usual speed."""
+    return np.abs(share) > STANDING_SHARE
+
+
+def _regression(rows: Rows, scale: Scale, joint: int) -> np.ndarray:
+    """(N, 2 + n) counts, residual, columns, each averaged over two rows."""
     share = rows.nominal / scale.speed
-    moves = np.abs(share[:, joint]) > STANDING_SHARE
     counts = rows.counts[:, joint].astype(float)
     residual = (rows.velocity - rows.nominal)[:, joint] / scale.speed[joint]
     columns = [
@@ -109,13 +117,13 @@ def _regression(rows: Rows, scale: Scale, joint: int) -> tuple[int, np.ndarray]:
         *(column * counts for column in _columns(rows, scale, share, joint)),
     ]
     every = np.ones((1, len(counts)), bool)
-    return int(np.sum(moves & rows.counts[:, joint])), averaged(np.stack(columns, axis=-1)[None], every)
+    return averaged(np.stack(columns, axis=-1)[None], every)
 
 
 def _columns(rows: Rows, scale: Scale, share: np.ndarray, joint: int) -> list[np.ndarray]:
     """What the residual is regressed on, (T,) each, in units of the usual speed."""
     u = share[:, joint]
-    moves = np.abs(u) > STANDING_SHARE
+    moves = _moves(u)
     others = np.abs(np.delete(share, joint, axis=1)).sum(axis=1)
     range_ = scale.upper[joint] - scale.lower[joint]
     place = 2.0 * (rows.q[:, joint] - scale.lower[joint]) / range_ - 1.0

@@ -13,6 +13,7 @@ from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.trajectories import LogTrajectories, make_trajectories
 from pipeline.machine.specification import MachineSpecification
+from pipeline.watch.nominal_sessions import LearningSettings
 from pipeline.watch.settings import WatchConfig
 
 
@@ -60,6 +61,11 @@ class WatchSettings:
     identify: IdentifyConfig
     close_loop: CloseLoopConfig
     watch: WatchConfig
+
+    @property
+    def learning(self) -> LearningSettings:
+        """What the nominal machine is learned with."""
+        return LearningSettings(self.machine, self.close_loop, self.identify)
 
 
 def read_session(entry: LogEntry, settings: WatchSettings) -> LogTrajectories:

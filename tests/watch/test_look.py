@@ -5,81 +5,20 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from pipeline.configuration.load import ControlConfiguration, load_section
-from pipeline.discrepancy.settings import CloseLoopConfig
-from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.errors import InputError
-from pipeline.logs.formats.writer import write_bag
-from pipeline.logs.ingest_config import IngestConfig
-from pipeline.machine.specification import JointSpecification, MachineSpecification
 from pipeline.watch import look as look_module
 from pipeline.watch.look import look
-from pipeline.watch.settings import WatchConfig
-from pipeline.watch.watch_inputs import WatchInputs, WatchSettings, stamp_of
-
-MACHINE = MachineSpecification(
-    name="two_joints",
-    rate_hz=20.0,
-    joints=[JointSpecification("lift", -1.0, 1.0), JointSpecification("turn", -2.0, 2.0)],
-)
-SPEED, DT_S, DAY_S = np.array([0.4, 0.6]), 0.05, 86_400
-FIRST_S = 1_700_000_000
-
-
-def settings(profile: str = "smoke") -> WatchSettings:
-    tracker = load_section("control", ControlConfiguration, profile).loop_tracker
-    return WatchSettings(
-        MACHINE,
-        load_section("ingest", IngestConfig, profile),
-        tracker,
-        load_section("identify", IdentifyConfig, profile),
-        load_section("close_loop", CloseLoopConfig, profile),
-        load_section("watch", WatchConfig, profile),
-    )
-
-
-def write_session(folder: Path, day: int, slower: float = 1.0, minutes: float = 2.0) -> Path:
-    """A bag of random holds; `turn` has this share of its speed on the way down."""
-    random, n = np.random.default_rng(day), round(minutes * 60.0 / DT_S)
-    command, q, v = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(2)
-    held, left = np.zeros(2), np.zeros(2)
-    for row in range(1, n):
-        for joint in range(2):
-            left[joint] -= 1
-            if left[joint] <= 0:
-                held[joint], left[joint] = random.choice([-1.0, 0.0, 1.0]), random.integers(6, 40)
-            if abs(q[row - 1, joint]) > 0.8 * (1.0, 2.0)[joint]:
-                held[joint] = -np.sign(q[row - 1, joint])
-        command[row] = held
-        target = SPEED * held * np.where(held < 0.0, [1.0, slower], 1.0)
-        v = v + 0.2 * (target - v)
-        q[row] = q[row - 1] + DT_S * v
-    stamps = (FIRST_S + day * DAY_S) * 10**9 + np.arange(n, dtype=np.int64) * round(1e9 * DT_S)
-    path = folder / f"day_{day:03d}"
-    write_bag(
-        path,
-        MACHINE,
-        joint_state_header_stamp_ns=stamps,
-        joint_state_log_time_ns=stamps + 1_000_000,
-        joint_names=list(MACHINE.joint_names),
-        positions=q + 3e-4 * random.standard_normal(q.shape),
-        command_log_time_ns=stamps,
-        commands=command.astype(np.int8),
-    )
-    return path
+from pipeline.watch.watch_inputs import stamp_of
+from tests.watch.two_joints import DAY_S, FIRST_S, learn, paths, settings, write_session
 
 
 @pytest.fixture(scope="module")
 def learned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with ten nominal sessions, and what a first look learned of them."""
     root = tmp_path_factory.mktemp("watch")
-    for day in range(10):
-        write_session(root / "nominal", day)
-    (root / "sessions").mkdir()
-    document = look(paths(root), settings())
+    document = learn(root)
     assert (document["state"], document["sessions"]) == ("not_enough", [])
     return root
 
@@ -91,10 +30,6 @@ def root(learned: Path, tmp_path: Path) -> Path:
     (tmp_path / "nominal").symlink_to(learned / "nominal")
     (tmp_path / "sessions").mkdir()
     return tmp_path
-
-
-def paths(root: Path) -> WatchInputs:
-    return WatchInputs((root / "nominal").resolve(), root / "sessions", root / "state", root / "output")
 
 
 def said(root: Path) -> dict[str, object]:
