@@ -96,6 +96,7 @@ class Recorder:
             joint_state_log_time_ns=np.array([time_ns for time_ns, _ in self.states], np.int64),
             joint_names=machine.joint_names,
             positions=np.array([state.position for _, state in self.states], np.float64),
+            velocities=np.array([state.velocity for _, state in self.states], np.float64),
             command_log_time_ns=np.array([time_ns for time_ns, _ in self.commands], np.int64),
             commands=np.array([command.values for _, command in self.commands], np.float64),
             target_poses=self.target_poses() if self.targets else None,

@@ -82,9 +82,11 @@ def _of_logs(
 
     if isinstance(message, JointState):
         empty, name = np.array([], float), "sensor_msgs/msg/JointState"
-        q = position_conversion(machine).recorded(np.asarray(message.position, float)[None])[0]
+        conversion = position_conversion(machine)
+        q = conversion.recorded(np.asarray(message.position, float)[None])[0]
+        qd = conversion.recorded_rates(np.asarray(message.velocity, float)[None])[0]
         ros = types[name](
-            header=header(""), name=list(machine.joint_names), position=q, velocity=empty, effort=empty
+            header=header(""), name=list(machine.joint_names), position=q, velocity=qd, effort=empty
         )
         return machine.joint_states.topic, name, ros
     name, (x, y, z), (w, *v) = "geometry_msgs/msg/PoseStamped", message.position, message.quaternion

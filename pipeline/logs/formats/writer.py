@@ -5,7 +5,7 @@ written into copies of it. The same input gives the same bytes.
 """
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,6 +53,7 @@ def write_bag(
     positions: np.ndarray,
     command_log_time_ns: np.ndarray,
     commands: np.ndarray,
+    velocities: np.ndarray | None = None,
     target_poses: TargetPoses | None = None,
     channels: Mapping[str, ChannelSamples] | None = None,
     compression: str = "zstd",
@@ -70,6 +71,7 @@ def write_bag(
             the machine's scale and offset have it.
         command_log_time_ns: When each command was recorded, shape (M,), int64.
         commands: Commands in the machine's joint order, shape (M, n_joint).
+        velocities: Of the positions, rad/s or m/s, like them; None: the messages have none.
         target_poses: Target poses, if any were given.
         channels: Samples of the machine's channels by name, written as `std_msgs/Float64`; others are left out.
         compression: Of the chunks: `none`, `lz4` or `zstd`.
@@ -84,15 +86,12 @@ def write_bag(
             f"{path}: compression `{compression}` is unknown; use one of {', '.join(COMPRESSIONS)}"
         )
     store = get_typestore(Stores.ROS2_HUMBLE)
+    names, conversion = tuple(joint_names), position_conversion(machine)
+    measured = {"position": _recorded(machine, names, np.asarray(positions), conversion.recorded)}
+    if velocities is not None:
+        measured["velocity"] = _recorded(machine, names, np.asarray(velocities), conversion.recorded_rates)
     written = [
-        _joint_states(
-            store,
-            machine,
-            joint_state_header_stamp_ns,
-            joint_state_log_time_ns,
-            tuple(joint_names),
-            _recorded_positions(machine, tuple(joint_names), np.asarray(positions)),
-        ),
+        _joint_states(store, machine, joint_state_header_stamp_ns, joint_state_log_time_ns, names, measured),
         _commands(store, machine, command_log_time_ns, np.asarray(commands)),
     ]
     if target_poses is not None:
@@ -120,7 +119,7 @@ def _joint_states(
     stamp_ns: np.ndarray,
     log_time_ns: np.ndarray,
     names: tuple[str, ...],
-    positions: np.ndarray,
+    measured: dict[str, np.ndarray],
 ) -> _Channel:
     type_name = "sensor_msgs/msg/JointState"
     empty = np.array([], dtype=np.float64)
@@ -128,29 +127,32 @@ def _joint_states(
         header=_header(store, ""),
         name=list(names),
         position=np.zeros(len(names)),
-        velocity=empty,
+        velocity=np.zeros(len(names)) if "velocity" in measured else empty,
         effort=empty,
     )
     numbers = {
         "header.stamp.sec": (stamp_ns // NANOSECONDS)[:, None],
         "header.stamp.nanosec": (stamp_ns % NANOSECONDS)[:, None],
-        "position": positions,
+        **measured,
     }
     return _Channel(
         machine.joint_states.topic, type_name, log_time_ns, _serialise(store, prototype, type_name, numbers)
     )
 
 
-def _recorded_positions(
-    machine: MachineSpecification, names: tuple[str, ...], positions: np.ndarray
+def _recorded(
+    machine: MachineSpecification,
+    names: tuple[str, ...],
+    values: np.ndarray,
+    convert: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """Turn positions into the numbers from which the machine's `joint_states` make them."""
+    """Turn the machine's joints among the columns into the numbers from which its `joint_states` make them."""
     conversion = position_conversion(machine)
     if conversion.scale is None and conversion.offset is None:
-        return positions
+        return values
     columns = [names.index(joint) for joint in machine.joint_names]
-    recorded = positions.astype(np.float64)
-    recorded[:, columns] = conversion.recorded(recorded[:, columns])
+    recorded = values.astype(np.float64)
+    recorded[:, columns] = convert(recorded[:, columns])
     return recorded
 
 

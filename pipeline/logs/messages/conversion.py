@@ -43,6 +43,10 @@ class Conversion:
         shifted = values if self.offset is None else values - self.offset
         return shifted if self.scale is None else shifted / self.scale
 
+    def recorded_rates(self, rates: np.ndarray) -> np.ndarray:
+        """Return the rates of change of recorded numbers from those of values per second, shape (n, n_joint)."""
+        return rates if self.scale is None else rates / self.scale
+
 
 def position_conversion(machine: MachineSpecification) -> Conversion:
     """Return the conversion of the machine's positions.

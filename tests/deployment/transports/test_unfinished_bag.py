@@ -1,5 +1,6 @@
 """What a killed recorder leaves behind is the log that it would have written."""
 
+import contextlib
 import dataclasses
 import os
 import signal
@@ -9,6 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader
+from mcap_ros2.decoder import DecoderFactory
 
 from pipeline.deployment.components.recording import Recorder
 from pipeline.deployment.graph_logs.graph_topics import read_graph_topics
@@ -54,7 +58,11 @@ def said() -> list[tuple[Topic, Message, int]]:
         values = np.array([1, 0, -1, n % 2], np.float32)
         request = JointCommand(stamp_ns, "server", n, stamp_ns, values)
         messages += [
-            (Topic.joint_states, JointState(stamp_ns, MIDDLE + 0.01 * n, 0 * MIDDLE), stamp_ns + 1),
+            (
+                Topic.joint_states,
+                JointState(stamp_ns, MIDDLE + 0.01 * n, 0.5 - MIDDLE / (n + 1)),
+                stamp_ns + 1,
+            ),
             (Topic.requested_commands, request, stamp_ns + 2),
             (Topic.joint_commands, MachineCommand(stamp_ns, values), stamp_ns + 3),
             (Topic.supervisor_state, SupervisorState(stamp_ns, ""), stamp_ns + 4),
@@ -97,6 +105,27 @@ def test_what_is_heard_reads_as_the_bag_that_follows(machine: MachineSpecificati
     records = [read_graph_topics(*find_logs(folder)) for folder in (path.parent, tmp_path / "bag")]
     assert [len(record.requests) for record in records] == [N, N]
     assert records[0].stops == records[1].stops
+
+
+@pytest.mark.parametrize(
+    ("machine", "scale"), [(bobcat(), 1.0), (scaled(), 0.5)], ids=["as recorded", "scaled"]
+)
+def test_another_reader_finds_the_velocities(
+    machine: MachineSpecification, scale: float, tmp_path: Path
+) -> None:
+    so_far, recorder = UnfinishedBag(unfinished(tmp_path / "drive"), machine), Recorder()
+    for entry in said():
+        so_far(*entry)
+        recorder(*entry)
+    recorder.write(tmp_path / "drive", machine)
+    expected = [state.velocity / scale for _, state, _ in said() if isinstance(state, JointState)]
+    for path in (unfinished(tmp_path / "drive"), tmp_path / "drive/drive_0.mcap"):
+        found = []
+        with path.open("rb") as stream, contextlib.suppress(EndOfFile):  # of the one that is not finished
+            reader = NonSeekingReader(stream, decoder_factories=[DecoderFactory()])
+            for *_, content in reader.iter_decoded_messages(["/joint_states"], log_time_order=False):
+                found.append(content.velocity)
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_a_killed_recorder_leaves_all_that_it_heard(tmp_path: Path) -> None:
