@@ -217,19 +217,22 @@ def close_loop(
         >>> verdict, effects = result.document["verdict"], result.document["effects"]
 
     Args:
-        model: Folder of the model; None: a model of kind nfir_dqdot is identified from `nominal`.
+        model: Folder of the model, which may have effects already; None: one of kind nfir_dqdot is identified from
+            `nominal`.
         measured: Newer logs; None: what the model lacks of `nominal`.
 
     Raises:
-        InputError: The model is of another machine, or has effects already; neither it nor newer logs are given.
+        InputError: The model is of another machine; neither it nor newer logs are given.
         UnusableLogs: The logs are too short.
     """
     from pipeline.discrepancy.close_loop import close_loop as close_loop_on
     from pipeline.discrepancy.settings import CloseLoopConfig
+    from pipeline.dynamics.model.store import load_model_of
     from pipeline.dynamics.settings import IdentifyConfig
-    from pipeline.effects.unaugmented_model import load_plain_model_of
+    from pipeline.effects.store import load_active
 
-    given = None if model is None else load_plain_model_of(Path(model), machine)
+    of_model = None if model is None else load_model_of(Path(model), machine)
+    given = None if model is None else load_active(Path(model))
     config = load_section("close_loop", CloseLoopConfig, profile)
     identify = load_section("identify", IdentifyConfig, profile)
-    return close_loop_on(nominal, measured, machine, given, config, identify)
+    return close_loop_on(nominal, measured, machine, of_model, config, identify, given=given)

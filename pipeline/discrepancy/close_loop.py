@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pipeline.discrepancy.acceptance.accept import accept
 from pipeline.discrepancy.correction.correct import correct
+from pipeline.discrepancy.correction.given_effects import refuse_given
 from pipeline.discrepancy.diagnosis.diagnose import diagnose
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour
 from pipeline.discrepancy.diagnosis.prepare import prepare
@@ -26,6 +27,7 @@ from pipeline.discrepancy.verdict.verdict import Verdict
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.effects.store import ActiveEffects
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
@@ -41,8 +43,12 @@ def close_loop(
     log: Callable[[str], None] = lambda _: None,
     nominal_behaviour: NominalBehaviour | None = None,
     kept: Path | None = None,
+    given: ActiveEffects | None = None,
 ) -> ClosedLoop:
     """Find the effects that a model lacks of the machine that was measured.
+
+    A model may have effects already, of an earlier run. Their values and deviations are the prior of a new fit to the
+    measured logs, which says what became of them; what is found is new.
 
     Args:
         nominal: Logs of the machine that the model describes.
@@ -54,16 +60,20 @@ def close_loop(
         log: Called with one sentence per step.
         nominal_behaviour: What the nominal logs say, if it has been learned for other measured logs already.
         kept: File that keeps it; see `learn_nominal_behaviour`.
+        given: Effects that the model has already; the nominal logs are of the machine without them.
 
     Raises:
-        InputError: That file is damaged, or cannot be written; neither measured logs nor a model are given.
+        InputError: That file is damaged, or cannot be written; neither measured logs nor a model are given; the nominal
+            logs show the given effects; the engine takes no given effects.
         UnusableLogs: The logs are too short.
     """
     journal = Journal(log)
     if measured is None and model is None:
         raise InputError("neither measured logs nor a model are named; name one, or both")
+    if given is not None and model is not None:
+        refuse_given(given, model, nominal if measured is not None else (), machine.joint_names, config)
     logs = prepare(nominal, nominal if measured is None else measured, machine, config, identify)
-    diagnosis = diagnose(logs, nominal_behaviour, kept, journal, model if measured is None else None)
+    diagnosis = diagnose(logs, nominal_behaviour, kept, journal, model if measured is None else None, given)
     if config.engine is Engine.posterior:
         by_posterior = select_by_posterior(diagnosis, journal)
         selection: Selection = by_posterior
@@ -74,7 +84,7 @@ def close_loop(
     own = diagnosis.nominal.diagnosis
     frozen, parameters = model or (own.model, own.parameters)
     correction = correct(frozen, parameters, diagnosis, selection, acceptance, journal)
-    plan = plan_experiment(diagnosis, correction, journal)
+    plan = plan_experiment(diagnosis, selection, correction, journal)
     verdict = Verdict(diagnosis, selection, acceptance, correction, plan)
     evidence = report_data_of(verdict, journal)
-    return ClosedLoop(document_of(verdict), frozen, parameters, correction.active, evidence, plan)
+    return ClosedLoop(document_of(verdict), frozen, parameters, correction.active, evidence, plan, given)

@@ -10,9 +10,11 @@ from pipeline.discrepancy.nominal_model import nominal_model
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.discrepancy.verdict.files import LoopReport, write_closed_loop, write_note
+from pipeline.discrepancy.verdict.known import known_in_words
 from pipeline.discrepancy.verdict.result import ClosedLoop
 from pipeline.dynamics.judgement import seen_again
 from pipeline.dynamics.settings import IdentifyConfig
+from pipeline.effects.store import load_active
 from pipeline.errors import InputError
 from pipeline.logs.formats.discovery.discover import is_empty_folder
 from pipeline.logs.ingest_config import IngestConfig
@@ -31,7 +33,7 @@ class LoopInputs:
         nominal: Folder of logs of the machine that the model describes.
         measured: Folder, or folders, of logs of the machine as it is; None: what the model lacks of the nominal logs is
             sought.
-        model: Folder of the model; None: it is identified from the nominal logs.
+        model: Folder of the model, which may have effects already; None: it is identified from the nominal logs.
         kind: What is identified then, `nfir_dqdot` for example.
         learned: File that keeps what is learned of the nominal logs alone; None: it is not kept.
         allow_empty: Whether a note takes the place of the result where no logs are measured.
@@ -119,12 +121,16 @@ def close_loop_on_logs(
         else f"{counts} and {len(measured)} measured trajectories"
     )
     try:
-        result = close_loop(nominal, measured, machine, model, settings, identify, log, kept=kept)
+        effects = None if given is None else load_active(given)
+        result = close_loop(
+            nominal, measured, machine, model, settings, identify, log, kept=kept, given=effects
+        )
     except UnusableLogs as error:
         which = error.which if others else "nominal"
         raise InputError(f"{which}={inputs.named(which)}: {error.why}") from None
     shown = inputs.named("measured" if others else "nominal")
     report = LoopReport(machine.name, inputs.nominal, shown, result.evidence)
     write_closed_loop(output, result, nominal, report)
-    log(f"verdict {result.document['verdict']}")
+    known = known_in_words(result.document.get("known", []))
+    log(f"verdict {result.document['verdict']}" + (f"; known before: {known}" if known else ""))
     return result, nominal

@@ -7,9 +7,9 @@ from pipeline.discrepancy.diagnosis.diagnosis_model import KIND
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.dynamics.model.network import Parameterization, Parameters
+from pipeline.dynamics.model.store import load_model_of
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.dynamics.training.fit import fit
-from pipeline.effects.unaugmented_model import load_plain_model_of
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
@@ -23,7 +23,7 @@ def nominal_model(
     close_loop: CloseLoopConfig,
     identify: IdentifyConfig,
 ) -> tuple[DynamicsModel, Parameters] | None:
-    """Load the model, or identify one of the paper's kinds; None where the diagnosis model is of the kind asked for.
+    """Load the model without its effects, or identify one; None where the diagnosis model is of the kind asked for.
 
     Args:
         given: Folder of the model; None: it is identified.
@@ -34,10 +34,10 @@ def nominal_model(
         identify: Section `identify`.
 
     Raises:
-        InputError: The model is of another machine, has effects already, or cannot be read; no such kind.
+        InputError: The model is of another machine, or cannot be read; no such kind.
     """
     if given is not None:
-        return load_plain_model_of(given, machine)
+        return load_model_of(given, machine)
     parameterization, _, target = kind.partition("_")
     try:
         parts = Parameterization(parameterization), Target(target)

@@ -30,12 +30,14 @@ class ExperimentConfig:
         rounds: How often it is played: rows to fit, to select and to confirm on should each see it.
         reaction_s: From a joint state to the command that a supervisor gives because of it, at the longest.
         envelope: Region that it stays in.
+        after_none: Whether one is planned for small effects, too, where every joint moved and nothing was suspected.
     """
 
     motion_s: float
     rounds: int
     reaction_s: float
     envelope: EnvelopeConfig
+    after_none: bool
 
     def __post_init__(self) -> None:
         if not (self.motion_s > 0 and self.reaction_s >= 0) or self.rounds < 1:

@@ -488,3 +488,19 @@ def test_a_baseline_that_beats_a_model_without_effects_is_named():
         "At 80 steps (4 s) the fine-tuned network predicts the arm better than the model does: 50.0 against 107 mrad."
     ]
     assert "corrected model" not in closed_loop_page(document, evidence, "m", "a", "b")
+
+
+def test_what_was_known_before_is_told_with_its_size_then_and_now() -> None:
+    grown = {
+        "before": delay()["parameters"],
+        "now": {"added_delay": {"value": 0.22, "unit": "s", "ci95": [0.2, 0.24]}},
+    }
+    gone = {"family": "gain", "joints": ["arm"], "state": "gone", "before": gain()["parameters"], "now": None}
+    known = [{"family": "delay", "joints": ["swing"], "state": "grown", **grown}, gone]
+    document = document_of("none", [], [], BEFORE) | {"known": known}
+    sentence = verdict_sentence(document, evidence_of(document))
+    assert "show nothing that the model lacks" in sentence
+    told = sentence.partition("Known before: ")[2]
+    size = "added delay 0.22 s, 95 % 0.20 to 0.24; before added delay 0.15 s, 95 % 0.13 to 0.17"
+    assert told.startswith(f"pure delay (swing): has grown ({size}). ")
+    assert told.endswith("changed speed (arm): is gone.")

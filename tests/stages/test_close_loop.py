@@ -100,8 +100,8 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
         "[-2.4, -0.3], bucket [-2.2, 0.5] at 20 Hz, machine bobcat_e10 has swing ",
     ),
     "model with effects": (
-        ["model=with_effects"],
-        "error: close_loop: with_effects/effects.json: the model has effects around it (leakage), which this stage ",
+        ["model=with_effects", "close_loop.engine=posterior"],
+        "error: close_loop: close_loop.engine=posterior: takes no model that has effects already; ",
     ),
     "unknown kind": (
         ["kind=mlp_torque"],

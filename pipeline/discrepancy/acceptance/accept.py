@@ -1,7 +1,7 @@
 """Step 4: the confirmation rows are opened once, and only what they bear out stays."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects, grouped, refitted
@@ -11,11 +11,13 @@ from pipeline.discrepancy.acceptance.size_of_an_effect import SIZES, why_it_is_n
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.families.cold_oil import with_doubts_of_the_oil
 from pipeline.discrepancy.families.gain_of_a_dependence import doubted_by_what_varies
+from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.explanations import Explanation
 from pipeline.discrepancy.posterior.power import Visible
 from pipeline.discrepancy.selection.candidate import Key
 from pipeline.discrepancy.selection.select import Selection
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.effects.draws import OF_95_PERCENT
 
 FEWEST_OF_ALL = 3  # joints
@@ -43,7 +45,7 @@ class Acceptance:
 
 
 def accept(diagnosis: Diagnosis, selection: Selection, journal: Journal) -> Acceptance:
-    """Judge every effect beside all others."""
+    """Judge every effect beside all others; those with an equation that the given model has were judged before."""
     logs, found, screened = diagnosis.logs, selection.found, selection.screened
     confirmation = Confirmation(
         diagnosis.simulation,
@@ -57,10 +59,10 @@ def accept(diagnosis: Diagnosis, selection: Selection, journal: Journal) -> Acce
         logs.config.seed,
     )
     judgements = {f.candidate.key: of for f, of in zip(found, confirmation.judge(found), strict=True)}
-    for effect in found:
+    for effect in (f for f in found if not is_given(f)):
         joint = logs.joints[effect.candidate.joint]
         journal.log(in_words(effect, judgements[effect.candidate.key], joint))
-    passed = [f for f in found if judgements[f.candidate.key].is_confirmed]
+    passed = [f for f in found if is_given(f) or judgements[f.candidate.key].is_confirmed]
     passed = with_doubts_of_the_oil(passed, screened)
     passed = doubted_by_what_varies(passed, found, screened)
     passed = doubted_by_what_is_left(
@@ -71,11 +73,17 @@ def accept(diagnosis: Diagnosis, selection: Selection, journal: Journal) -> Acce
         logs.config.gate.largest_remainder,
         logs.machine.dt_s,
     )
+    passed = [replace(f, equivalents=[]) if f.known else f for f in passed]
     is_part = 0 < len(passed) < len(found)
     fit = refitted(diagnosis, passed) if is_part else grouped(diagnosis, passed)
     fit = beyond_misfit(fit, selection, journal.log)
     journal.end_part("gate")
     return Acceptance(judgements, fit)
+
+
+def is_given(effect: SelectedEffect) -> bool:
+    """Whether the given model has it, with an equation: an earlier run has borne it out."""
+    return effect.known is not None and has_wrapper(effect.candidate)
 
 
 def beyond_misfit(fit: FittedEffects, selection: Selection, log: Callable[[str], None]) -> FittedEffects:
@@ -87,7 +95,7 @@ def beyond_misfit(fit: FittedEffects, selection: Selection, log: Callable[[str],
         log: Called with a sentence per effect that is dropped.
     """
     diagnosis, small = fit.diagnosis, []
-    for effect in (e for e in fit.effects if e.family in SIZES):
+    for effect in (e for e in fit.effects if e.family in SIZES and not e.is_known):
         # The misfit of more joints at once than before has shown on one or two joints, not on all of them.
         is_of_all = len(effect.joints) >= FEWEST_OF_ALL and set(effect.joints) >= set(diagnosis.excited)
         smallest = OF_95_PERCENT if is_of_all else diagnosis.logs.config.gate.smallest_size

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.discrepancy.acceptance.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.families.plausibility import TIMING
 from pipeline.discrepancy.selection.free_parameters import Coordinate
 from pipeline.discrepancy.selection.grouping import MachineEffect, effects_of
-from pipeline.discrepancy.selection.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.selection.refine import parameter_covariance, refine
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 
@@ -41,9 +41,11 @@ class FittedEffects:
 
 
 def grouped(diagnosis: Diagnosis, found: Sequence[SelectedEffect]) -> FittedEffects:
-    """Effects that are fitted already."""
+    """Effects that are fitted already; what is known and what is new are no one effect."""
     allow_timing = TIMING not in diagnosis.logs.config.exclude
-    return FittedEffects(diagnosis, found, effects_of(found, diagnosis.excited, allow_timing))
+    parts = [f for f in found if f.known is not None], [f for f in found if f.known is None]
+    effects = [effect for of in parts for effect in effects_of(of, diagnosis.excited, allow_timing)]
+    return FittedEffects(diagnosis, found, sorted(effects, key=lambda effect: -effect.gain))
 
 
 def refitted(diagnosis: Diagnosis, found: Sequence[SelectedEffect]) -> FittedEffects:

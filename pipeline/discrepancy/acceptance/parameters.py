@@ -36,13 +36,21 @@ from pipeline.effects.draws import OF_95_PERCENT
 SUPPLY_DEVIATION = {"std_log_speed": 0.15, "correlation_time": 0.4}
 
 
-def parameters_of(fit: FittedEffects, effect: MachineEffect) -> dict[str, Any]:
-    """The parameters of one of the effects that were fitted, by name."""
-    if effect.family == SUPPLY:
-        return plausible(_of_supply(fit, effect))
+def parameters_of(fit: FittedEffects, effect: MachineEffect, of_logs: bool = True) -> dict[str, Any]:
+    """The parameters of one of the effects that were fitted, by name.
+
+    Args:
+        fit: The effects.
+        effect: One of them.
+        of_logs: Whether logs are asked what they show beside the fitted values; else these alone are told.
+    """
     if not effect.has_wrapper:
-        return plausible(_periods(fit.diagnosis, effect))
-    described = [_of_member(fit, member, effect.family) for member in effect.members]
+        if not of_logs:
+            return {}
+        return plausible(
+            _of_supply(fit, effect) if effect.family == SUPPLY else _periods(fit.diagnosis, effect)
+        )
+    described = [_of_member(fit, member, effect.family, of_logs) for member in effect.members]
     if effect.family == TIMING:
         described = [{"latency": of["added_delay"]} for of in described]
     if len(described) == 1:
@@ -65,7 +73,7 @@ def _of_supply(fit: FittedEffects, effect: MachineEffect) -> dict[str, Quantity]
     }
 
 
-def _of_member(fit: FittedEffects, member: SelectedEffect, family: str) -> dict[str, Any]:
+def _of_member(fit: FittedEffects, member: SelectedEffect, family: str, of_logs: bool) -> dict[str, Any]:
     """Of an effect on one joint; `family` is that of the effect of the machine which it is part of."""
     diagnosis, candidate, joint = fit.diagnosis, member.candidate, member.candidate.joint
     logs, setting = diagnosis.logs, diagnosis.nominal.setting
@@ -84,9 +92,9 @@ def _of_member(fit: FittedEffects, member: SelectedEffect, family: str) -> dict[
             diagnosis.simulation.velocities([NOMINAL])[0][diagnosis.rows.is_used][:, joint],
             logs.config.gate.model_error,
         )
-    if family == OSCILLATION:
+    if of_logs and family == OSCILLATION:
         described |= _as_it_rings_down(diagnosis, joint)
-    if family == STICTION and _is_alone(member, fit.found):
+    if of_logs and family == STICTION and _is_alone(member, fit.found):
         described |= _as_it_starts(diagnosis, candidate, described)
     return described
 

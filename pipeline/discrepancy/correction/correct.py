@@ -34,7 +34,7 @@ from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
-from pipeline.effects.store import ActiveEffects
+from pipeline.effects.store import ActiveEffects, predictor
 
 LEVELS = (1, 80, 1000)
 
@@ -62,8 +62,8 @@ class Correction:
     Attributes:
         fit: Effects that stay.
         effects: The same as the verdict tells them, strongest first.
-        error_reductions: Per effect, as of `Alternative`.
-        alternatives: To all effects.
+        error_reductions: Per new effect, as of `Alternative`.
+        alternatives: To all new effects.
         active: What the model has around it; None: nothing.
         errors: By number of steps: on confirmation rows, before and after.
         floor: By number of steps (n_joint,) the frozen model's errors on nominal validation parts [rad, m].
@@ -81,6 +81,11 @@ class Correction:
     baselines: Mapping[str, Mapping[int, np.ndarray]]
     on_nominal: Mapping[str, np.ndarray]
 
+    @property
+    def new(self) -> list[MachineEffect]:
+        """Effects that the given model does not have."""
+        return [effect for effect in self.effects if not effect.is_known]
+
 
 def correct(
     model: DynamicsModel,
@@ -90,30 +95,40 @@ def correct(
     acceptance: Acceptance,
     journal: Journal,
 ) -> Correction:
-    """Put the accepted effects around the frozen model f_θ, but for those that make its predictions worse."""
+    """Put the accepted effects around the frozen model f_θ, but for those that make its predictions worse.
+
+    The model before has the effects that it was given with.
+    """
     logs, config = diagnosis.logs, diagnosis.logs.config
     models = CorrectedModels(model, parameters, diagnosis.simulation)
-    before = LearnedPredictor(model, parameters)
+    frozen = LearnedPredictor(model, parameters)
+    before = predictor(model, parameters, diagnosis.given)
     of_before = {horizon: held_out_errors(logs, before, horizon) for horizon in LEVELS}
     # Of the logs that a model lacks something of: what one that was identified from them is off by.
     own = diagnosis.nominal.diagnosis
-    usual = before if not logs.is_of_one_machine else LearnedPredictor(own.model, own.parameters)
+    usual = frozen if not logs.is_of_one_machine else LearnedPredictor(own.model, own.parameters)
     floor = {horizon: nominal_errors(logs, usual, horizon) for horizon in LEVELS}
     models.follow(logs, acceptance.fit.effects, floor[1])
+    known = [effect for effect in acceptance.fit.effects if effect.is_known]
     gate = OpenLoopGate(
-        before=of_before[80],
+        before=of_before[80]
+        if diagnosis.given is None
+        else held_out_errors(logs, models.with_effects(known), 80),
+        known=known,
         errors=lambda of: held_out_errors(logs, models.with_effects(of), 80),
         refit=lambda of: refitted(diagnosis, [member for effect in of for member in effect.members]),
         config=config.gate,
         log=journal.log,
     )
     fit = gate.passing(acceptance.fit, lambda effect: _shows(effect, diagnosis, acceptance))
-    effects = without_lags_of_one_cause(fit.effects)
+    new = without_lags_of_one_cause([effect for effect in fit.effects if not effect.is_known])
+    known = [effect for effect in fit.effects if effect.is_known]
+    effects = sorted([*known, *new], key=lambda effect: -effect.gain)
     after = models.with_effects(effects)
     errors = {
         horizon: (
             of_before[horizon],
-            held_out_errors(logs, after, horizon) if effects else of_before[horizon],
+            held_out_errors(logs, after, horizon) if effects or diagnosis.given else of_before[horizon],
         )
         for horizon in LEVELS
     }
@@ -131,8 +146,8 @@ def correct(
     return Correction(
         fit,
         effects,
-        [gate.error_reduction(effect) for effect in effects],
-        _alternatives(effects, gate),
+        [gate.error_reduction(effect) for effect in effects if not effect.is_known],
+        _alternatives(new, gate),
         with_deviations(models.active(effects), fit),
         errors,
         floor,

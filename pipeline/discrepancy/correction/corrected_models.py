@@ -13,7 +13,7 @@ from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.selection.grouping import MachineEffect
-from pipeline.discrepancy.selection.selected_effect import hypothesis_of
+from pipeline.discrepancy.selection.selected_effect import hypothesis_of, onsets_of
 from pipeline.dynamics.evaluation.errors import OPEN_LOOP_HORIZON, Predictor
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
@@ -72,7 +72,8 @@ def active_effects(simulation: Simulation, effects: Sequence[MachineEffect]) -> 
         return None
     hypothesis = hypothesis_of(simulation, found)
     onset_ns: dict[str, dict[int, int]] = {}
-    for (family, joint), onset in hypothesis.onsets.items():
+    earlier = onsets_of([replace(f, candidate=f.known.candidate) for f in found if f.known is not None])
+    for (family, joint), onset in {**earlier, **hypothesis.onsets}.items():
         onset_ns.setdefault(family, {})[joint] = onset
     return ActiveEffects(simulation.setting, hypothesis.values, onset_ns)
 

@@ -16,12 +16,15 @@ from pipeline.effects.catalogue import KNOWN
 class OpenLoopGate:
     """The gate.
 
+    Known effects of the given model pass.
+
     Attributes:
-        before: Errors of the frozen model.
+        before: Errors of the frozen model with known effects.
         errors: Of the model with effects.
         refit: Effects with values that no longer make room for what was dropped.
         config: Thresholds.
         log: Called with a sentence per effect that is dropped.
+        known: Effects of the given model, which `before` has.
     """
 
     before: WindowErrors
@@ -29,6 +32,7 @@ class OpenLoopGate:
     refit: Callable[[Sequence[MachineEffect]], FittedEffects]
     config: GateConfig
     log: Callable[[str], None]
+    known: Sequence[MachineEffect] = ()
 
     def passing(self, fit: FittedEffects, shows_otherwise: Callable[[MachineEffect], bool]) -> FittedEffects:
         """Effects that do no harm and are worth a name, all beside one another.
@@ -47,7 +51,7 @@ class OpenLoopGate:
         """Drop the weakest effect of a joint whose error rises beyond the margin, until none does."""
         while effects := fit.effects:
             worse = self._worse(effects)
-            suspects = [e for e in reversed(effects) if _may_harm(e, worse)]
+            suspects = [e for e in reversed(effects) if _may_harm(e, worse) and not e.is_known]
             if not worse or not suspects:
                 break
             # The weakest whose absence restores the joints; where none does by itself, the weakest.
@@ -75,7 +79,7 @@ class OpenLoopGate:
     def error_reduction(self, effect: MachineEffect) -> float:
         """Share of the squared error that an effect removes by itself, its joints scaled alike."""
         joints = effect.joints
-        alone = self.errors([effect])
+        alone = self.errors([*self.known, effect])
         if not len(alone.squares) or not len(self.before.squares):
             return 0.0
         scale = np.maximum(self.before.squares.mean(axis=0)[joints], 1e-18)
@@ -90,8 +94,8 @@ class OpenLoopGate:
             fit: The effects.
             shows_otherwise: Whether one that hardly moves positions, or predicts nothing, shows all the same.
         """
-        kept = []
-        for number, effect in enumerate(fit.effects):
+        kept = [effect for effect in fit.effects if effect.is_known]
+        for number, effect in enumerate(e for e in fit.effects if not e.is_known):
             reduction = self.error_reduction(effect)
             is_shown = (number == 0 or not effect.has_wrapper) and shows_otherwise(effect)
             if reduction < self.config.smallest_error_reduction and not is_shown:

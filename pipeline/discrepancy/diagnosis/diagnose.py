@@ -1,6 +1,7 @@
 """Step 2: the diagnosis model runs on the measured logs, on the rows where nominal logs say how joints move."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from pipeline.discrepancy.diagnosis.diagnosis_model import DiagnosisModel
 from pipeline.discrepancy.diagnosis.given_model import GivenModel
+from pipeline.discrepancy.diagnosis.nominal.noise import noise_of
 from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour, learn_nominal_behaviour
 from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
 from pipeline.discrepancy.diagnosis.sampling_phase import sampling_phases
@@ -15,8 +17,11 @@ from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, alternating_f
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.journal import Journal
+from pipeline.discrepancy.selection.known.known_effects import known_effects
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
+from pipeline.effects.store import ActiveEffects
 
 FOLD_ROWS = 200
 TOLD_STEPS = 0.1
@@ -38,6 +43,8 @@ class Diagnosis:
         moving_s: (n_joint,) [s] in motion on `rows`, where that counts.
         unknown_share: (n_joint,) of the time in motion on `rows`: what does not count.
         excited: Indices of the joints that move enough for a verdict.
+        given: Effects that the given model has around it already; None: none.
+        known: The same on single joints, in the simulation's terms.
     """
 
     logs: PreparedLogs
@@ -50,6 +57,8 @@ class Diagnosis:
     moving_s: np.ndarray
     unknown_share: np.ndarray
     excited: list[int]
+    given: ActiveEffects | None = None
+    known: Sequence[SelectedEffect] = ()
 
 
 def diagnose(
@@ -58,11 +67,13 @@ def diagnose(
     kept: Path | None,
     journal: Journal,
     model: tuple[DynamicsModel, Parameters] | None = None,
+    given: ActiveEffects | None = None,
 ) -> Diagnosis:
     """Simulate the measured logs; other arguments as of `close_loop`.
 
     Args:
         model: Whose omissions are sought, where `logs` are the nominal ones on both sides; None: the machine's change.
+        given: Effects that the model to correct has already.
 
     Raises:
         InputError: The file `kept` is damaged, or cannot be written.
@@ -108,6 +119,9 @@ def diagnose(
     n_known = (is_used & is_known).sum(axis=(0, 1))
     moving_s = n_known * machine.dt_s
     unknown_share = 1.0 - n_known / is_used.sum(axis=(0, 1)).clip(1)
+    known: list[SelectedEffect] = []
+    if given is not None:
+        known = known_effects(given, simulation, noise_of(nominal, machine.dt_s).correlated)
     excited = [j for j in range(len(moving_s)) if moving_s[j] >= config.gate.smallest_excitation_s]
     return Diagnosis(
         logs,
@@ -120,4 +134,6 @@ def diagnose(
         moving_s,
         unknown_share,
         excited,
+        given,
+        known,
     )

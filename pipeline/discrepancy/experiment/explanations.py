@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
+from pipeline.discrepancy.diagnosis.nominal.noise import noise_of
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis, Simulation
-from pipeline.discrepancy.experiment.evidence import noise_of, pair_sums
+from pipeline.discrepancy.experiment.evidence import pair_sums
 from pipeline.discrepancy.families.plausibility import THERMAL_DRIFT, TIMING
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate, with_candidate
@@ -45,6 +46,11 @@ class Freedom(NamedTuple):
     def way(self) -> float:
         """1 or -1: the way that has more room."""
         return 1.0 if self.upper >= -self.lower else -1.0
+
+    @property
+    def shares(self) -> tuple[float, float]:
+        """Of the deviation, by which it falls and rises by no more than that."""
+        return max(-1.0, self.lower / self.deviation), min(1.0, self.upper / self.deviation)
 
 
 class Explanation(NamedTuple):
@@ -155,9 +161,10 @@ def _freedoms(effect: Effect, candidate: Candidate, share: float) -> list[Freedo
     return found
 
 
-def unseen_in(diagnosis: Diagnosis) -> Remaining | None:
-    """No change, and every small effect that the logs would not have shown; None: they show all."""
-    small = small_effects(diagnosis.simulation, diagnosis.logs.joints)
+def unseen_in(diagnosis: Diagnosis, joints: Sequence[int]) -> Remaining | None:
+    """No change, and every small effect on the joints that the logs would not have shown; None: they show all."""
+    names = diagnosis.logs.joints
+    small = [of for of in small_effects(diagnosis.simulation, names) if not set(joints).isdisjoint(of.joints)]
     velocities = diagnosis.simulation.velocities([NOMINAL, *(of.hypothesis for of in small)])
     noise = noise_of(diagnosis.nominal, diagnosis.logs.machine.dt_s)
     used = diagnosis.rows.is_used

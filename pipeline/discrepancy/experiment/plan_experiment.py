@@ -16,27 +16,44 @@ from pipeline.discrepancy.experiment.plan import Plan, Separation, Step
 from pipeline.discrepancy.experiment.predictions import Predictions
 from pipeline.discrepancy.families.plausibility import THERMAL_DRIFT
 from pipeline.discrepancy.journal import Journal
+from pipeline.discrepancy.selection.select import Selection
 
 LEAST = 1.0  # evidence of a plan, or of all manoeuvres together: less decides nothing
 ATTEMPTS = 6  # at a plan that stays inside; each leaves out what left the envelope
 
 
-def plan_experiment(diagnosis: Diagnosis, correction: Correction, journal: Journal) -> Plan | None:
+def plan_experiment(
+    diagnosis: Diagnosis, selection: Selection, correction: Correction, journal: Journal
+) -> Plan | None:
     """The next experiment; None: nothing is left to be told apart, or no manoeuvre tells it.
 
     Args:
         diagnosis: Of the measured logs.
+        selection: What was sought in them.
         correction: What was found in them.
         journal: Told what remains.
     """
     remaining = rivals_of(diagnosis.simulation, correction.effects, diagnosis.logs.joints)
-    if remaining is None and not correction.effects:
-        remaining = unseen_in(diagnosis)
+    if remaining is None and not correction.new:
+        joints = joints_in_doubt(diagnosis, selection)
+        remaining = unseen_in(diagnosis, joints) if joints else None
     plan = None if remaining is None else _planned(diagnosis, remaining, correction.floor[80])
     if plan is not None:
         journal.log(f"next experiment: {plan.sentence}")
     journal.end_part("next experiment")
     return plan
+
+
+def joints_in_doubt(diagnosis: Diagnosis, selection: Selection) -> list[int]:
+    """Joints on which an effect may have gone unseen, where none was told.
+
+    Those on which the search took one that was refused, and those that hardly moved. Of logs that left neither, all of
+    them, where the configuration asks for it.
+    """
+    every = range(len(diagnosis.logs.joints))
+    refused = {effect.candidate.joint for effect in selection.found if effect.known is None}
+    doubted = [joint for joint in every if joint in refused or joint not in diagnosis.excited]
+    return doubted or (list(every) if diagnosis.logs.config.experiment.after_none else [])
 
 
 def _planned(diagnosis: Diagnosis, remaining: Remaining, error: np.ndarray) -> Plan | None:

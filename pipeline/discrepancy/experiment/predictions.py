@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
+from pipeline.discrepancy.diagnosis.nominal.noise import noise_of
 from pipeline.discrepancy.diagnosis.sequences import Sequences
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis
-from pipeline.discrepancy.experiment.evidence import PairSums, noise_of, pair_sums
+from pipeline.discrepancy.experiment.evidence import PairSums, pair_sums
 from pipeline.discrepancy.experiment.explanations import Explanation, Remaining
 from pipeline.discrepancy.experiment.manoeuvres import Manoeuvre, manoeuvres_at, to_a_stop
 from pipeline.discrepancy.experiment.places import corners, places_for
@@ -142,7 +143,8 @@ class Predictions:
             positions = self._rollouts.positions(hypotheses, q[part], commands[:, part])
             for place in range(min(at_once, len(found) - begin)):
                 at = positions[: round(found[begin + place].seconds / self._dt_s) + 1, place]
-                if self._stays(self._reached(at), self._error + self.tolerance):
+                anyhow = self._reached(at_every_value(at, own, first))
+                if self._stays(anyhow, self._error + self.tolerance):
                     given = commands[: len(at) - 1, begin + place]
                     result[begin + place] = self._of_pairs(at, given, concerned, own, first)
         return result
@@ -230,6 +232,25 @@ def _region_of(machine: MachineSpecification, config: EnvelopeConfig, visited: n
         return config
     ends = np.stack([visited.min(axis=0), visited.max(axis=0)], axis=1).tolist()
     return replace(config, joints={**dict(zip(machine.joint_names, ends, strict=True)), **config.joints})
+
+
+def at_every_value(at: np.ndarray, explanations: Sequence[Explanation], first: Sequence[int]) -> np.ndarray:
+    """(T + 1, V, n_joint) positions of all explanations, with each value moved by its deviation either way, too.
+
+    Linearly, from what a part of the deviation does: a plan is played with the whole of it, and what then leaves the
+    envelope is better not chosen.
+
+    Args:
+        at: (T + 1, H, n_joint) of `_varied`.
+        explanations: That they are of.
+        first: Of `_varied`.
+    """
+    found = [at[:, of] for of in first]
+    for explanation, base in zip(explanations, first, strict=True):
+        for number, freedom in enumerate(explanation.freedoms, start=1):
+            slope = (at[:, base + number] - at[:, base]) / (freedom.way * STEP)
+            found += [at[:, base] + share * slope for share in freedom.shares]
+    return np.stack(found, axis=1)
 
 
 def _varied(explanations: Sequence[Explanation]) -> tuple[list[Hypothesis], list[int]]:

@@ -27,9 +27,11 @@ def with_its_gain(found: Sequence[SelectedEffect]) -> list[SelectedEffect]:
     """The effects, a gain taken into the dependence on its joint that counts from a reference, or is as good."""
     result = list(found)
     for gain in found:
-        if gain.candidate.family != GAIN or gain.candidate.onset is not None:
+        if gain.candidate.family != GAIN or gain.candidate.onset is not None or gain.known is not None:
             continue
         for place, beside in enumerate(result):
+            if beside.known is not None:
+                continue
             whole = _instead_of_both(beside.candidate, gain)
             if whole is not None:
                 told = [*beside.losers, (gain.candidate, "is the mean of what varies")]

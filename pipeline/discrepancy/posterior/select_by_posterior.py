@@ -1,7 +1,7 @@
 """Step 3 by the posterior: the most probable explanation, with what the logs cannot tell from it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.families.plausibility import DELAY, TIMING
-from pipeline.discrepancy.families.uncorrectable import has_wrapper, screen_without_wrapper
+from pipeline.discrepancy.families.uncorrectable import screen_without_wrapper
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.evidence.joint_evidence import ONSET_STEP_S, JointEvidence
 from pipeline.discrepancy.posterior.evidence.nominal_joint import Rows
@@ -19,10 +19,10 @@ from pipeline.discrepancy.posterior.residual.columns import columns_of
 from pipeline.discrepancy.posterior.residual.rows import facts_of
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.comparison import Comparison
-from pipeline.discrepancy.selection.refine import completed, refine
+from pipeline.discrepancy.selection.refine import completed, refine, with_gains
 from pipeline.discrepancy.selection.screen import screen
 from pipeline.discrepancy.selection.select import Selection, encoders_on
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 
 CREDIBLE = 0.95  # of all probability holds what is told: an effect and its equivalents
 TOLD = 3  # explanations in the log
@@ -75,7 +75,7 @@ def select_by_posterior(diagnosis: Diagnosis, journal: Journal) -> PosteriorSele
                     cause=(number, finding.family),
                 )
                 found.append(effect)
-    found = _with_gains(simulation, rows, refine(simulation, rows, found))
+    found = with_gains(simulation, rows, refine(simulation, rows, found))
     journal.end_part("search on measured logs")
     comparison = Comparison(rows.folds, logs.config.search, tuple(nominal.at_rest.tolist()))
     ranked = sorted([*screened, *without_wrapper], key=comparison.net, reverse=True)
@@ -165,26 +165,6 @@ def _equivalents(
 def _told(family: str) -> str:
     """As what it is told on a joint: equal delays of all joints become a late channel later."""
     return DELAY if family == TIMING else family
-
-
-def _with_gains(
-    simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect]
-) -> list[SelectedEffect]:
-    """Effects with what each takes off the squares beside the others."""
-    after = residual_of(simulation, rows, found)
-    result = []
-    for effect in found:
-        candidate = effect.candidate
-        if not has_wrapper(candidate):
-            result.append(effect)
-            continue
-        joint, floor = candidate.joint, rows.floor[candidate.joint]
-        before = residual_of(simulation, rows, [of for of in found if of is not effect])[:, joint]
-        taken = np.bincount(rows.folds.block, before**2 - after[:, joint] ** 2, minlength=rows.folds.n_blocks)
-        share = float(taken.sum()) / max(float(np.sum(before**2)), 1e-12)
-        of = replace(candidate, gain=float(taken.sum() / floor), share=share, gain_by_block=taken / floor)
-        result.append(replace(effect, candidate=of))
-    return result
 
 
 def _in_words(explanation: Explanation, joints: Sequence[str]) -> str:

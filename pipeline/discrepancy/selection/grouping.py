@@ -50,6 +50,11 @@ class MachineEffect:
         return has_wrapper(self.members[0].candidate)
 
     @property
+    def is_known(self) -> bool:
+        """Whether the given model has it."""
+        return self.members[0].known is not None
+
+    @property
     def can_lose_joints(self) -> bool:
         """Whether a joint may turn out to have no part in it: one cause on several joints, but not a late channel."""
         return self.members[0].candidate.family in OF_ONE_CAUSE

@@ -25,6 +25,7 @@ from pipeline.discrepancy.selection.free_parameters import (
     with_common_values,
     with_value,
 )
+from pipeline.discrepancy.selection.known.prior import prior_rows
 from pipeline.discrepancy.selection.regression import bounded_least_squares
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of, residual_of
 
@@ -38,7 +39,7 @@ def refine(simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEff
     """Gauss-Newton from where the search left off; a joint's step is kept only if its squares fall.
 
     Where they do not, the step was too long: the next is shorter. Each is the best within the bounds, so that a value
-    that cannot move further does not keep the others where they are.
+    that cannot move further does not keep the others where they are. What an earlier run found is a prior.
     Source: Levenberg-Marquardt as in Nocedal and Wright (2006), Numerical Optimization, chapter 10.
     """
     found = list(found)
@@ -58,11 +59,12 @@ def refine(simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEff
         residual, jacobian = residual_and_jacobian(simulation, rows, found, moving)
         trial = list(found)
         for group in groups:
+            of_prior, distances, _ = prior_rows(found, group.columns)
             step = _step_within_bounds(
                 found,
                 group,
-                group.stacked(jacobian, moving, rows),
-                group.of_its_joints(residual, rows),
+                np.vstack([group.stacked(jacobian, moving, rows), of_prior]),
+                np.concatenate([group.of_its_joints(residual, rows), distances]),
                 damping[group],
             )
             for column, change in zip(group.columns, step, strict=True):
@@ -71,7 +73,10 @@ def refine(simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEff
         after = residual_of(simulation, rows, trial)
         arrived = set()
         for group in groups:
-            squares_before, squares_after = group.squares(residual, rows), group.squares(after, rows)
+            squares_before, squares_after = (
+                group.squares(left, rows) + float(np.sum(prior_rows(of, group.columns)[1] ** 2))
+                for left, of in ((residual, found), (after, trial))
+            )
             if squares_after <= squares_before:
                 is_full_step = damping[group] <= 1.0
                 damping[group] = max(0.3 * damping[group], 1e-6)
@@ -191,6 +196,26 @@ def gain_without(
     )
 
 
+def with_gains(
+    simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect]
+) -> list[SelectedEffect]:
+    """Effects with what each takes off the squares beside the others."""
+    after = residual_of(simulation, rows, found)
+    result = []
+    for effect in found:
+        candidate = effect.candidate
+        if not has_wrapper(candidate):
+            result.append(effect)
+            continue
+        joint, floor = candidate.joint, rows.floor[candidate.joint]
+        before = residual_of(simulation, rows, [of for of in found if of is not effect])[:, joint]
+        taken = np.bincount(rows.folds.block, before**2 - after[:, joint] ** 2, minlength=rows.folds.n_blocks)
+        share = float(taken.sum()) / max(float(np.sum(before**2)), 1e-12)
+        of = replace(candidate, gain=float(taken.sum() / floor), share=share, gain_by_block=taken / floor)
+        result.append(replace(effect, candidate=of))
+    return result
+
+
 def residual_and_jacobian(
     simulation: Simulation,
     rows: ScoredRows,
@@ -243,7 +268,7 @@ def _moved_together(
 def parameter_covariance(
     simulation: Simulation, rows: ScoredRows, found: list[SelectedEffect]
 ) -> dict[int, tuple[list[Coordinate], np.ndarray]]:
-    """Per joint the coordinates and their covariance, robust against any correlation within blocks.
+    """Per joint the coordinates and their covariance, robust against any correlation within blocks, priors included.
 
     Source: Liang and Zeger (1986), Longitudinal data analysis using generalized linear models (sandwich estimator).
     """
@@ -258,8 +283,9 @@ def parameter_covariance(
         scores = np.stack(
             [np.bincount(block, column * r, minlength=rows.folds.n_blocks) for column in a.T], axis=1
         )
-        bread = np.linalg.pinv(a.T @ a + 1e-12 * np.eye(a.shape[1]))
-        covariance = bread @ (scores.T @ scores) @ bread
+        of_prior, _, correlated = prior_rows(found, group.columns)
+        bread = np.linalg.pinv(a.T @ a + of_prior.T @ of_prior + 1e-12 * np.eye(a.shape[1]))
+        covariance = bread @ (scores.T @ scores + (of_prior.T * correlated) @ of_prior) @ bread
         for joint in group.joints:
             result[joint] = (coordinates[joint], group.of_joint(covariance, coordinates[joint]))
     return result

@@ -1,5 +1,7 @@
 """Forward selection of effects: screen, take the simplest of the best, refine, look again, and at last look back.
 
+Effects that the given model has already are there from the start, and fitted beside what is new.
+
 A candidate's gain is compared with what the same candidate gains on the nominal logs, where there is nothing to find
 but the diagnosis model's own misfit. Among those that are not significantly worse than the best, the simplest is
 taken; what is as simple and as good is kept as its equivalent (`comparison.py`).
@@ -7,6 +9,7 @@ taken; what is as simple and as good is kept as its equivalent (`comparison.py`)
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
@@ -44,8 +47,16 @@ from pipeline.discrepancy.families.whole_machine import (
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal
 from pipeline.discrepancy.selection.comparison import NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.selection.decide_again import decide_again
+from pipeline.discrepancy.selection.known.known_effects import as_known, with_encoders
+from pipeline.discrepancy.selection.known.what_is_left import Left, as_it_was, what_is_left
 from pipeline.discrepancy.selection.onset import of_one_moment, since, with_onsets
-from pipeline.discrepancy.selection.refine import completed, gain_without, refine, refine_alone
+from pipeline.discrepancy.selection.refine import (
+    completed,
+    gain_without,
+    refine,
+    refine_alone,
+    with_gains,
+)
 from pipeline.discrepancy.selection.regression import t_statistic
 from pipeline.discrepancy.selection.screen import screen
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
@@ -78,6 +89,7 @@ class Search:
         log: Callable[[str], None],
         present: Collection[str] = (),
         at_rest: Sequence[float] = (),
+        known: Sequence[SelectedEffect] = (),
     ) -> None:
         self.simulation, self.rows, self.config = simulation, rows, config
         self.nominal, self.present = nominal, present
@@ -85,6 +97,7 @@ class Search:
         self.excluded = tuple(excluded)
         self.encoders = encoders
         self.joints, self.excited = joints, excited
+        self.known = known  # of the given model
         self.found: list[SelectedEffect] = []
         self._closed: set[int] = set()  # joints on which nothing plausible is left
         self.first: list[Candidate] = []  # of the first screen, for the ranking
@@ -97,7 +110,8 @@ class Search:
     def run(self) -> list[SelectedEffect]:
         """Find effects until none is left that passes."""
         self._select()
-        if hardly_warms(self.simulation, self.rows, self.found):
+        is_oil_known = any(f.candidate.family == THERMAL_DRIFT for f in self.known)
+        if not is_oil_known and hardly_warms(self.simulation, self.rows, self.found):
             self._log(
                 "causes that do not change in time explain as much as oil that warms up: it is left out"
             )
@@ -106,12 +120,13 @@ class Search:
             self._closed.clear()
             self._select()
         self._look_back()
+        self._ask_of_known()
         self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._log)
-        return self.found
+        return as_known(self.found, self.known)
 
     def _select(self) -> None:
-        """Forward, from what encoders say alone."""
-        self.found = encoder_errors(
+        """Forward, from what encoders say and the given model has."""
+        seen = encoder_errors(
             self.simulation,
             self.rows,
             self.encoders,
@@ -119,6 +134,9 @@ class Search:
             self.joints,
             self._log,
         )
+        self.found = with_encoders(self.known, seen, self.encoders)
+        if self.known:
+            self.found = with_gains(self.simulation, self.rows, self._refitted(self.found))
         for _ in range(self.config.maximum_effects):
             candidates = self._candidates()
             if second := self._second_cause(candidates) or self._further_valves(candidates):
@@ -302,6 +320,7 @@ class Search:
             better = max(rivals, key=self.comparison.net, default=None)
             if (
                 better is not None
+                and self.found[place].known is None
                 and not is_dependence(first)
                 and self.comparison.net(better) > (1.0 + NEGLIGIBLE) * self.comparison.net(first)
             ):
@@ -436,23 +455,22 @@ class Search:
         ]
 
     def _refit(self) -> None:
-        known = [
-            replace(f, candidate=completed(self.simulation, f.candidate, self.present)) for f in self.found
-        ]
-        self.found = refine(self.simulation, self.rows, known)
+        self.found = self._refitted(self.found)
+
+    def _refitted(self, found: Sequence[SelectedEffect]) -> list[SelectedEffect]:
+        whole = [replace(f, candidate=completed(self.simulation, f.candidate, self.present)) for f in found]
+        return refine(self.simulation, self.rows, whole)
 
     def _look_back(self) -> None:
         """Drop what the others made superfluous."""
         kept = list(self.found)
         for found in sorted(kept, key=lambda f: -complexity(f.candidate)):
-            if len(kept) == 1 or not has_wrapper(found.candidate) or found.candidate.deviation is not None:
+            is_given = found.known is not None or found.candidate.deviation is not None
+            if len(kept) == 1 or not has_wrapper(found.candidate) or is_given:
                 continue
             if found.candidate.family in of_one_cause([f.candidate for f in kept], self.excited):
                 continue  # one cause, which the gate judges as one
-            by_block = gain_without(self.simulation, self.rows, kept, found)
-            squares = found.candidate.gain / max(found.candidate.share, 1e-9)
-            is_sure = t_statistic(by_block) >= STILL_T or self.comparison.is_in_both_halves(by_block, squares)
-            if by_block.sum() < STILL_SHARE * self.config.smallest_share * squares or not is_sure:
+            if not self._does_something(found, kept):
                 kept.remove(found)
                 self._log(
                     f"{found.candidate.family} on {self.joints[found.candidate.joint]} is superfluous beside the others"
@@ -460,3 +478,33 @@ class Search:
         if len(kept) != len(self.found):
             self.found = kept
             self._refit()
+
+    def _does_something(self, found: SelectedEffect, beside: Sequence[SelectedEffect]) -> bool:
+        """Whether it takes enough off the squares beside the others, and not by chance."""
+        by_block = gain_without(self.simulation, self.rows, beside, found)
+        squares = found.candidate.gain / max(found.candidate.share, 1e-9)
+        is_sure = t_statistic(by_block) >= STILL_T or self.comparison.is_in_both_halves(by_block, squares)
+        return is_sure and by_block.sum() >= STILL_SHARE * self.config.smallest_share * squares
+
+    def _ask_of_known(self) -> None:
+        """Drop known effects that are gone; those of which these logs say nothing stay as they were."""
+        kept = []
+        for effect in self.found:
+            left = Left.there if effect.known is None else self._left_of(effect)
+            if left is not Left.there:
+                where = self.joints[effect.candidate.joint]
+                self._log(f"{effect.candidate.family} on {where}, which the given model has, is {left.name}")
+            if left is not Left.gone:
+                kept.append(as_it_was(effect) if left is Left.unseen else effect)
+        is_any_gone = len(kept) < len(self.found)
+        self.found = kept
+        if is_any_gone:
+            self._refit()
+
+    def _left_of(self, known: SelectedEffect) -> Left:
+        if known.candidate.deviation is not None:  # seen at the stops
+            return Left.there
+        if known.candidate.joint not in self.excited:
+            return Left.unseen
+        does_something = partial(self._does_something, beside=self.found)
+        return what_is_left(self.simulation, self.rows, self.found, known, does_something)

@@ -45,6 +45,7 @@ def select(diagnosis: Diagnosis, journal: Journal) -> Selection:
         journal.log,
         nominal.present,
         nominal.at_rest.tolist(),
+        diagnosis.known,
     )
     found = search.run()
     journal.end_part("search on measured logs")

@@ -1,6 +1,6 @@
 """Effects that were found, and the simulation in their presence."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,6 +12,31 @@ from pipeline.discrepancy.selection.candidate import Candidate, with_candidate
 
 
 @dataclass(frozen=True)
+class Known:
+    """What an earlier run found of an effect.
+
+    Attributes:
+        candidate: With the values and the onset that it had.
+        deviations: Their standard deviations, by name of the point's values and `coefficient:<index>`; without one, a
+            value is not known.
+        correlated: Rows of a log that count as one in a fit.
+        is_seen: Whether the present logs say something of it.
+    """
+
+    candidate: Candidate
+    deviations: Mapping[str, float] = field(default_factory=dict)
+    correlated: float = 1.0
+    is_seen: bool = True
+
+    def value_of(self, name: str | None, index: int) -> float:
+        """Of the point's value of that name, or of the coefficient, 0 of one that was not freed."""
+        candidate = self.candidate
+        if name is not None:
+            return float(candidate.point[name])
+        return float(candidate.coefficients[index]) if index < len(candidate.coefficients) else 0.0
+
+
+@dataclass(frozen=True)
 class SelectedEffect:
     """One effect on one joint that the search took.
 
@@ -20,12 +45,14 @@ class SelectedEffect:
         equivalents: Others that are as simple and not significantly worse.
         losers: The next best, with a clause that says why they lost.
         cause: Number and family of the cause of the machine that it is part of, where that is known.
+        known: What an earlier run found of it; None: it is new.
     """
 
     candidate: Candidate
     equivalents: list[Candidate] = field(default_factory=list)
     losers: list[tuple[Candidate, str]] = field(default_factory=list)
     cause: tuple[int, str] | None = None
+    known: Known | None = None
 
 
 def hypothesis_of(simulation: Simulation, found: Sequence[SelectedEffect]) -> Hypothesis:

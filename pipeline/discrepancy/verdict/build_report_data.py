@@ -25,7 +25,10 @@ def report_data_of(verdict: Verdict, journal: Journal) -> ReportData:
     """All that the report shows besides `closed_loop.json`."""
     diagnosis, logs, correction = verdict.diagnosis, verdict.logs, verdict.correction
     found = [member for effect in correction.effects for member in effect.members]
-    before, after = (residual_of(diagnosis.simulation, diagnosis.held_out, of) for of in ([], found))
+    new = [effect for effect in found if effect.known is None]
+    before, after = (
+        residual_of(diagnosis.simulation, diagnosis.held_out, of) for of in (diagnosis.known, found)
+    )
     levels = [
         LevelErrors(
             steps=h,
@@ -65,7 +68,7 @@ def report_data_of(verdict: Verdict, journal: Journal) -> ReportData:
         after=np.sqrt(np.mean(after**2, axis=0)),
         autocorrelation_s=_autocorrelation_s(before, 2 * logs.machine.dt_s),
         tracks=_tracks(diagnosis, found),
-        signatures=[one for effect in found if (one := signature_of(diagnosis, effect, found)) is not None],
+        signatures=[one for effect in new if (one := signature_of(diagnosis, effect, found)) is not None],
         ranking=_ranking(verdict.selection, logs.joints, found),
         levels=levels,
         warnings=warnings,
@@ -90,7 +93,7 @@ def _tracks(diagnosis: Diagnosis, found: Sequence[SelectedEffect]) -> list[Resid
     logs = diagnosis.logs
     n = round(TRACK_S / logs.machine.dt_s)
     residuals = []
-    for present in ([], list(found)):
+    for present in (diagnosis.known, found):
         left = logs.sequences.velocity - velocity_of(diagnosis.simulation, present)
         residuals.append(diagnosis.is_known * left)
     tracks = []

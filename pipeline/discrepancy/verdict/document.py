@@ -12,6 +12,7 @@ from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.posterior.e_values import e_value_of
 from pipeline.discrepancy.posterior.select_by_posterior import CREDIBLE
 from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, contract_family, depends_on
+from pipeline.discrepancy.verdict.known import known_entries
 from pipeline.discrepancy.verdict.next_experiment import next_experiment
 from pipeline.discrepancy.verdict.trace import trace_of
 from pipeline.discrepancy.verdict.unexplained import unexplained
@@ -22,7 +23,7 @@ from pipeline.logs.tuples import Trajectory
 def document_of(verdict: Verdict) -> dict[str, Any]:
     """The content of the file."""
     diagnosis, logs, correction = verdict.diagnosis, verdict.logs, verdict.correction
-    effects, errors = correction.effects, correction.errors
+    effects, errors = correction.new, correction.errors
     entries = [
         _entry(verdict, effect, reduction)
         for effect, reduction in zip(effects, correction.error_reductions, strict=True)
@@ -49,6 +50,7 @@ def document_of(verdict: Verdict) -> dict[str, Any]:
         "detected": None if word == "unexcited" else bool(entries),
         "verdict": word,
         "effects": entries,
+        **({"known": known_entries(verdict)} if diagnosis.known else {}),
         **_of_posterior(verdict),
         "alternatives": [_alternative(verdict, of) for of in correction.alternatives],
         "error": {

@@ -10,9 +10,8 @@ from pipeline.discrepancy.verdict.report_data import ReportData
 from pipeline.discrepancy.verdict.result import ClosedLoop
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
-from pipeline.dynamics.model.store import save_model
-from pipeline.effects.store import FILE, ActiveEffects, save_effects
-from pipeline.effects.unaugmented_model import load_plain_model_of
+from pipeline.dynamics.model.store import load_model_of, save_model
+from pipeline.effects.store import FILE, ActiveEffects, load_active, save_effects
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_json
 from pipeline.files.record_file import save_record
@@ -46,7 +45,7 @@ def write_closed_loop(
     trajectories: Sequence[Trajectory],
     report: LoopReport,
 ) -> None:
-    """Write `closed_loop.json`, `report_data.npz`, `model_before`, `model_after` with the effects, and the plan.
+    """Write `closed_loop.json`, `report_data.npz`, both models with their effects, and the plan.
 
     Args:
         folder: Where to.
@@ -58,7 +57,7 @@ def write_closed_loop(
         InputError: A file cannot be written.
     """
     lineage = {"machine": report.machine, "trajectories": [trajectory.name for trajectory in trajectories]}
-    _write_models(folder, result.model, result.parameters, lineage, result.effects)
+    _write_models(folder, (result.model, result.parameters), lineage, result.given, result.effects)
     save_record(folder / REPORT_DATA, report)
     (folder / PLAN).unlink(missing_ok=True)
     if result.plan is not None:
@@ -77,7 +76,8 @@ def write_note(
     if given is None:
         raise InputError(f"measured={measured}: holds no logs, and no model is named; name one")
     note = f"{measured} holds no logs; name logs of the machine as it is (params.yaml: measured_logs)"
-    _write_models(folder, *load_plain_model_of(given, machine), {"machine": machine.name}, None)
+    effects = load_active(given)
+    _write_models(folder, load_model_of(given, machine), {"machine": machine.name}, effects, effects)
     save_record(folder / REPORT_DATA, LoopReport(machine.name, nominal, measured, None))
     _write_document(folder, {"note": note})
     return note
@@ -85,16 +85,17 @@ def write_note(
 
 def _write_models(
     folder: Path,
-    model: DynamicsModel,
-    parameters: Parameters,
+    model: tuple[DynamicsModel, Parameters],
     lineage: dict[str, Any],
-    effects: ActiveEffects | None,
+    *effects: ActiveEffects | None,
 ) -> None:
-    for part in PARTS:
-        save_model(folder / f"model_{part}", model, parameters, lineage, {}, {})
-        (folder / f"model_{part}" / FILE).unlink(missing_ok=True)
-    if effects is not None:
-        save_effects(folder / "model_after", effects)
+    """`effects` are those of `PARTS`, in order."""
+    for part, around in zip(PARTS, effects, strict=True):
+        of_part = folder / f"model_{part}"
+        save_model(of_part, *model, lineage, {}, {})
+        (of_part / FILE).unlink(missing_ok=True)
+        if around is not None:
+            save_effects(of_part, around)
 
 
 def _write_document(folder: Path, document: Mapping[str, Any]) -> None:

@@ -19,6 +19,7 @@ class ClosedLoop:
         model: The frozen model that the loop was closed on.
         parameters: Its parameters.
         effects: What `model_after` has around the frozen model; None: nothing.
+        given: What `model_before` has, likewise.
         evidence: For the report.
         plan: The next experiment; None: none is planned.
     """
@@ -29,3 +30,4 @@ class ClosedLoop:
     effects: ActiveEffects | None
     evidence: ReportData
     plan: Plan | None = None
+    given: ActiveEffects | None = None

@@ -18,7 +18,7 @@ def trace_of(verdict: Verdict) -> dict[str, Any]:
     for effect in selection.found:
         key = effect.candidate.key
         judgement = acceptance.judgements[key]
-        refused = _refused_at(judgement, verdict.logs.config.gate)
+        refused = None if key in told else _refused_at(judgement, verdict.logs.config.gate)
         if refused is None and key not in told:
             refused = "open loop" if key in borne_out else "size"
         bound = judgement.bound if np.isfinite(judgement.bound) else None

@@ -1,5 +1,6 @@
 """Joints that are clearly not as they were, though nothing in the catalogue or among the dependences says why."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,14 +40,17 @@ def unexplained(diagnosis: Diagnosis, selection: Selection, acceptance: Acceptan
     each, and in more blocks than chance makes largest among those of the nominal logs.
     """
     joints = diagnosis.logs.joints
-    parts = [_excess_of(diagnosis.simulation, rows) for rows in (diagnosis.rows, diagnosis.held_out)]
-    nominal = _excess_of(diagnosis.nominal.simulation, diagnosis.nominal.rows)
+    # What is left of a joint beside a known effect, as beside one that is named, is the form that its card idealises.
+    known = [f for f in selection.found if f.known is not None and has_wrapper(f.candidate)]
+    idealised = {f.candidate.joint for f in known}
+    parts = [_excess_of(diagnosis.simulation, rows, known) for rows in (diagnosis.rows, diagnosis.held_out)]
+    nominal = _excess_of(diagnosis.nominal.simulation, diagnosis.nominal.rows, [])
     blocks = np.concatenate([part.by_block for part in parts])
     entries: list[dict[str, Any]] = []
     for joint, name in enumerate(joints):
         p_value = largest_of_all_p(blocks[:, joint], nominal.by_block[:, joint]) * len(joints)
         stands_out = all(part.of_all[joint] > UNEXPLAINED_RATIO for part in parts)
-        if not stands_out or p_value > diagnosis.logs.config.gate.largest_p:
+        if joint in idealised or not stands_out or p_value > diagnosis.logs.config.gate.largest_p:
             continue
         # What the search came to, though the gate did not, says more than what was best before it looked closer. A
         # name says on what speeds depend where confirmation rows bore it out, and only predictions did not.
@@ -77,8 +81,8 @@ def unexplained(diagnosis: Diagnosis, selection: Selection, acceptance: Acceptan
     return entries
 
 
-def _excess_of(simulation: Simulation, rows: ScoredRows) -> Excess:
-    return excess(residual_of(simulation, rows, []), rows)
+def _excess_of(simulation: Simulation, rows: ScoredRows, known: Sequence[SelectedEffect]) -> Excess:
+    return excess(residual_of(simulation, rows, known), rows)
 
 
 def excess(residual: np.ndarray, rows: ScoredRows) -> Excess:

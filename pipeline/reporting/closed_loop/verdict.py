@@ -28,6 +28,13 @@ VERDICT_WORDS = {
     "outside_catalogue": "unknown effect",
     "unexcited": "not enough motion",
 }
+STATE_WORDS = {
+    "unchanged": "as it was",
+    "grown": "has grown",
+    "shrunk": "has shrunk",
+    "gone": "is gone",
+    "unseen": "these logs do not show it, it stays as it was",
+}
 
 
 class JointUnits(Protocol):
@@ -74,7 +81,7 @@ def verdict_sentence(document: Document, evidence: JointUnits) -> str:
         text = lead + ("; ".join(found[:-1]) + "; and " if found[1:] else "") + found[-1]
         added = {1: "with that in the model", 2: "with both in the model"}
         text += _outcome(document, evidence, effects, added.get(len(found), "with all of them in the model"))
-    return text[0].upper() + text[1:] + "."
+    return text[0].upper() + text[1:] + "." + _known_before(document)
 
 
 def equivalents(document: Document) -> list[Mapping[str, Any]]:
@@ -88,9 +95,9 @@ def affected_joints(document: Document) -> list[str]:
 
 
 def is_corrected(document: Document) -> bool:
-    """Whether the found effects change the model's prediction; an effect may be unpredictable."""
+    """Whether what was found or refitted changes the model's prediction; an effect may be unpredictable."""
     errors = (document.get("error") or {}).values()
-    return bool(document.get("effects")) and any(
+    return bool(document.get("effects") or document.get("known")) and any(
         error.get("before") != error.get("after") for error in errors
     )
 
@@ -121,6 +128,16 @@ def effect_label(effect: Document) -> str:
 def _size(effect: Document, certainty: bool = True) -> str:
     parts = sizes(effect) + ([certainty_in_words(effect)] if certainty else [])
     return f" ({'; '.join(parts)})" if parts else ""
+
+
+def _known_before(document: Document) -> str:
+    """A sentence on effects that the given model has already, each with its size now and before; or nothing."""
+    told = []
+    for of in document.get("known") or []:
+        now, before = ("; ".join(sizes({**of, "parameters": of[when]})) for when in ("now", "before"))
+        size = f" ({now}; before {before})" if now and before else ""
+        told.append(f"{effect_label(of)}: {STATE_WORDS[of['state']]}{size}")
+    return f" Known before: {'. '.join(told)}." if told else ""
 
 
 def _outcome(document: Document, evidence: JointUnits, effects: Sequence[Document], added: str) -> str:

@@ -12,7 +12,7 @@ from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
 from pipeline.discrepancy.acceptance.held_out_errors import WindowErrors
 from pipeline.discrepancy.correction.open_loop_gate import OpenLoopGate
 from pipeline.discrepancy.selection.grouping import MachineEffect
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect
+from pipeline.discrepancy.selection.selected_effect import Known, SelectedEffect
 from pipeline.discrepancy.settings import CloseLoopConfig
 from tests.discrepancy.bare_candidate import bare_candidate
 
@@ -137,3 +137,22 @@ def test_a_rise_that_one_stretch_of_the_logs_makes_is_no_harm(after: list[float]
 
     gate = OpenLoopGate(errors([]), errors, fitted, CONFIG, lambda _: None)
     assert gate.without_harm(fitted([given])).effects == ([given] if stays else [])
+
+
+def test_what_the_given_model_has_stays_and_what_is_new_is_judged_beside_it() -> None:
+    """The known effect alone would be called harmful and worth no name; the new one shows only beside it."""
+    known = MachineEffect(
+        "gain", [SelectedEffect(candidate := bare_candidate("gain", 0), known=Known(candidate))]
+    )
+    new, idle = effect("lag", 1), effect("delay", 2)
+
+    def errors(effects) -> WindowErrors:  # type: ignore[no-untyped-def]
+        squares = np.ones(3)
+        squares[0] = 3.0 if known in effects else 1.0
+        squares[1] = 0.4 if new in effects and known in effects else 1.0
+        return WindowErrors(np.tile(squares, (5, 1)), np.arange(5))
+
+    before = WindowErrors(np.tile([1.0, 1.0, 1.0], (5, 1)), np.arange(5))
+    gate = OpenLoopGate(before, errors, fitted, CONFIG, lambda _: None, [known])
+    assert gate.passing(fitted([known, new, idle]), lambda _: False).effects == [known, new]
+    assert gate.error_reduction(new) == pytest.approx(0.6)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.diagnosis.nominal.noise import Noise
 from pipeline.discrepancy.experiment.choose import choose
-from pipeline.discrepancy.experiment.evidence import Noise, PairSums, log_error_bound, pair_sums
+from pipeline.discrepancy.experiment.evidence import PairSums, log_error_bound, pair_sums
 from pipeline.discrepancy.experiment.manoeuvres import Manoeuvre
 
 RANDOM = np.random.default_rng(0)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.acceptance.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, averaged
 from pipeline.discrepancy.families.contract_parameters import (
     Spread,
@@ -17,7 +18,6 @@ from pipeline.discrepancy.families.contract_parameters import (
 )
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.free_parameters import Coordinate
-from pipeline.discrepancy.selection.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.selection.regression import Folds
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.effects.effect import Setting

@@ -13,7 +13,7 @@ from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds
 from pipeline.discrepancy.selection.select import Selection
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect
+from pipeline.discrepancy.selection.selected_effect import Known, SelectedEffect
 from pipeline.discrepancy.verdict.unexplained import excess, largest_of_all_p, unexplained
 from tests.discrepancy.bare_candidate import bare_candidate
 
@@ -127,3 +127,9 @@ def test_it_depends_on_what_the_search_came_to_though_the_gate_did_not(
     ):
         (entry,) = entries(ratio, ratio, monkeypatch, screened, found, borne_out)
         assert (entry["depends_on"], entry["certain"]) == (expected, False)
+
+
+def test_what_a_known_effect_leaves_of_its_joint_is_not_new(monkeypatch: pytest.MonkeyPatch) -> None:
+    off, gain = raised([1], N_BLOCKS, 5.0), bare_candidate("gain", 1)
+    assert entries(off, off, monkeypatch, searched=[SelectedEffect(gain)])
+    assert entries(off, off, monkeypatch, searched=[SelectedEffect(gain, known=Known(gain))]) == []
