@@ -15,15 +15,18 @@ from pipeline.machine.specification import MachineSpecification
 from pipeline.machine.workspace import workspace_of
 from pipeline.reaching.episodes import load_episodes
 from pipeline.reaching.metrics import PITCH_THRESHOLDS_RAD, POSITION_THRESHOLDS_M, load_traces
-from pipeline.reporting.chapters.deployment import deployment_figures
+from pipeline.reporting.chapters.deployment import POSE_SEQUENCE, deployment_figures
 from pipeline.reporting.figures.arrays import (
     CurvePanel,
     SeedCurves,
     learning_curve_figure,
     success_rate_figure,
 )
+from pipeline.reporting.figures.clouds import cloud_of
 from pipeline.reporting.figures.film import episode_film, film_bytes
 from pipeline.reporting.figures.paths import path_figure, paths_of
+from pipeline.reporting.figures.pose_sequence import successive_targets
+from pipeline.reporting.figures.workspace import cloud_figure
 from pipeline.reporting.page import PNG, SVG, WEBP, Figure
 from pipeline.reporting.results.controllers import ControllerResult, by_controller
 from pipeline.reporting.results.deployments import Deployment
@@ -106,11 +109,14 @@ def draw_pictures(
     figures = {
         "success_rates": success_rates(groups),
         "paths": paths(machine, arm, groups, settings.paths),
+        "sampled_poses": sampled_poses(machine, arm, controllers),
     }
     if any(controller.curve for controller in controllers):
         figures["learning_curves"] = learning_curves(groups)
     figures |= deployment_figures(deployments)
     try:
+        sequence = successive_targets(machine, machine_directory, deployments)
+        figures |= {} if sequence is None else {POSE_SEQUENCE: sequence}
         films = {
             name: film(machine, machine_directory, group[0], settings.episode, settings.frames_per_second)
             for name, group in groups.items()
@@ -175,6 +181,24 @@ def paths(
         "the tick that reached the target within 0.02 m and 0.02 rad, or to the end. Outlined is the restricted "
         "workspace W+.",
         path_figure(ways, workspace_of(machine)),
+        PNG,
+    )
+
+
+def sampled_poses(machine: MachineSpecification, arm: Arm, controllers: Sequence[ControllerResult]) -> Figure:
+    """Starts and targets of the longest evaluation: the former are drawn as all poses while learning."""
+    longest = max(controllers, key=lambda controller: controller.metrics["n_episodes"])
+    episodes = load_episodes(longest.evaluation / "episodes.npz")
+    clouds = {
+        "starts, as in learning": cloud_of(arm, episodes.starts),
+        "targets of evaluation": cloud_of(arm, episodes.targets),
+    }
+    return Figure(
+        "Sampled poses",
+        f"The {len(episodes.starts)} starts of the evaluation, drawn as starts and targets are while learning, and its "
+        "targets, whose pitch and height are bounded further. From above and from the side, coloured by pitch; "
+        "outlined is the restricted workspace W+.",
+        cloud_figure(clouds, workspace_of(machine)),
         PNG,
     )
 

@@ -91,16 +91,8 @@ def build_report(
 def write_report(report: Report, output: Path) -> None:
     """Write the page, and each table as Markdown, LaTeX and JSON."""
     for name, table in report.tables.items():
-        write_table(table, output / "tables", name)
+        table.write(output / "tables", name)
     (output / "index.html").write_text(report.page, encoding="utf-8")
-
-
-def write_table(table: Table, directory: Path, name: str) -> None:
-    """Write a table as Markdown, LaTeX and JSON."""
-    directory.mkdir(parents=True, exist_ok=True)
-    (directory / f"{name}.md").write_text(table.markdown(), encoding="utf-8")
-    (directory / f"{name}.tex").write_text(table.latex(), encoding="utf-8")
-    (directory / f"{name}.json").write_text(table.json(), encoding="utf-8")
 
 
 def _tables(machine: MachineSpecification, results: PipelineResults, origin: str) -> dict[str, Table]:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from pipeline.control.reward_ablation import Ablation, RewardAblationConfig, finished
 from pipeline.reporting.chapters.reward_ablation import ablation_beside_paper, ablation_page, ablation_table
-from pipeline.reporting.report import write_table
 from pipeline.reporting.results.paper import origin_of
 
 
@@ -27,6 +26,6 @@ def write_ablation(
     """
     rows = finished(output / "cells", settings, ablation.identity)
     kind, origin = ablation.dynamics.specification.kind, origin_of(logs)
-    write_table(ablation_table(rows, kind, origin), output / "tables", "reward_ablation")
-    write_table(ablation_beside_paper(rows, kind, origin), output / "tables", "reward_ablation_beside_paper")
+    ablation_table(rows, kind, origin).write(output / "tables", "reward_ablation")
+    ablation_beside_paper(rows, kind, origin).write(output / "tables", "reward_ablation_beside_paper")
     (output / "index.html").write_text(ablation_page(rows, kind, origin, provenance), encoding="utf-8")

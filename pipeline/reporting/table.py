@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 # LaTeX for characters that are markup or missing in its fonts; the longest match counts.
 _LATEX = {
@@ -113,6 +114,13 @@ class Table:
             f"<div class='table'><table><caption>{caption}</caption><thead><tr>{head}</tr></thead>"
             f"<tbody>{body}</tbody></table>{notes}</div>"
         )
+
+    def write(self, directory: Path, name: str) -> None:
+        """Write the table as Markdown, LaTeX and JSON."""
+        directory.mkdir(parents=True, exist_ok=True)
+        (directory / f"{name}.md").write_text(self.markdown(), encoding="utf-8")
+        (directory / f"{name}.tex").write_text(self.latex(), encoding="utf-8")
+        (directory / f"{name}.json").write_text(self.json(), encoding="utf-8")
 
     def json(self) -> str:
         """The table as JSON, one object per row."""

@@ -8,7 +8,6 @@ from omegaconf import MISSING
 from pipeline.configuration.paths import InputPath, OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
 from pipeline.plant.sealed.seal import open_seal
-from pipeline.reporting.report import write_table
 from pipeline.reporting.tables.control_level import control_level_table, load_runs
 from pipeline.tracking import StageRun
 
@@ -30,7 +29,7 @@ def main(configuration: ControlLevelStage, run: StageRun) -> None:
     runs = load_runs(Path(configuration.runs), configuration.models, configuration.seeds)
     effects = open_seal(Path(configuration.seal))
     table = control_level_table(runs, "; ".join(str(effect["cause"]) for effect in effects) or "unchanged")
-    write_table(table, Path(configuration.output), "control_level")
+    table.write(Path(configuration.output), "control_level")
     for model, of_model in runs.items():
         rate = sum(float(one["sr_012_008"]) for one in of_model) / len(of_model)
         run.metrics({f"{model}/sr_012_008": rate})

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine
 from pipeline.errors import InputError
+from pipeline.machine.kinematics import load_arm
 from pipeline.machine.specification import WorkspaceSpecification
 from pipeline.reaching.metrics import load_traces, path_lengths
+from pipeline.reporting import pictures
 from pipeline.reporting.chapters.controllers import FOLD_ABOVE, controller_section, film_section
 from pipeline.reporting.figures.episode_chart import EpisodeChart, EpisodeCourse
 from pipeline.reporting.figures.film import Film, film_bytes, outcome, shown_ticks
@@ -118,6 +121,16 @@ def test_learning_curves_take_the_steps_that_all_seeds_share(controllers):
     assert (
         learning_curves(by_controller(short)).content != learning_curves(by_controller(controllers)).content
     )
+
+
+def test_sampled_poses_are_those_of_the_evaluation(controllers, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr(pictures, "cloud_figure", lambda clouds, workspace: drawn.update(clouds) or b"png")
+    arm = load_arm(load_machine("bobcat_e10"), MACHINE_DIRECTORY)
+    figure = pictures.sampled_poses(load_machine("bobcat_e10"), arm, controllers)
+    starts, targets = drawn.values()
+    assert starts.position.shape == (N_EPISODES, 3) and f"The {N_EPISODES} starts" in figure.caption
+    np.testing.assert_allclose(targets.pitch, 0.5 - 1.5 - 0.5 + np.pi / 2, atol=1e-6)  # as made up
 
 
 def test_pictures_survive_the_disk(tmp_path):

@@ -22,7 +22,8 @@ from pipeline.reporting.tables.deployment import (
 
 TITLE = "Deployment"
 SIM2SIM_RATES, SIM2REAL_RATES = "sim2sim_success_rates", "sim2real_success_rates"
-FIGURES = (SIM2SIM_RATES, SIM2REAL_RATES)  # names of the chapter's pictures
+POSE_SEQUENCE = "pose_sequence"
+FIGURES = (SIM2SIM_RATES, SIM2REAL_RATES, POSE_SEQUENCE)  # names of the chapter's pictures
 
 
 def deployment_section(

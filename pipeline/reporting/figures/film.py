@@ -84,7 +84,7 @@ def episode_film(
         lines = [f"{title}, {course.t_s[frame]:.1f} s", _state(course, frame)]
         if first is not None and frame >= first:
             lines.append(f"reached after {course.t_s[first]:.1f} s")
-        pictures.append(np.vstack([_labelled(picture, lines), chart.at(course.t_s[frame])]))
+        pictures.append(np.vstack([labelled(picture, lines), chart.at(course.t_s[frame])]))
     return Film(pictures, outcome(traces, episode, machine.dt_s))
 
 
@@ -123,7 +123,7 @@ def _state(course: EpisodeCourse, frame: int) -> str:
     return f"{distance:.3f} m and {pitch:.3f} rad from the target"
 
 
-def _labelled(picture: np.ndarray, lines: list[str]) -> np.ndarray:
+def labelled(picture: np.ndarray, lines: list[str]) -> np.ndarray:
     """The picture with lines of text at its upper left."""
     image = Image.fromarray(picture).convert("RGBA")
     font = ImageFont.truetype(findfont("DejaVu Sans"), FONT_SIZE)

@@ -10,7 +10,7 @@ from pipeline.machine.specification import WorkspaceSpecification
 from pipeline.reporting.figures.style import DIVERGING_MAP, REGION, StyledFigure, frameless, to_png
 
 ARC_POINTS = 61
-POINT_SIZE = 1.2
+POINT_AREA, FEWEST_POINTS = 1.2, 2000  # points²; fewer points are larger, of the same area together
 PANEL_WIDTH_IN, PANEL_HEIGHT_IN, COLOUR_BAR_WIDTH_IN = 2.2, 5.6, 1.4
 
 
@@ -52,7 +52,7 @@ def cloud_figure(clouds: Mapping[str, Cloud], workspace: WorkspaceSpecification)
                     across,
                     up,
                     c=cloud.pitch,
-                    s=POINT_SIZE,
+                    s=POINT_AREA * max(1.0, FEWEST_POINTS / len(x)),
                     linewidths=0.0,
                     cmap=DIVERGING_MAP,
                     vmin=-bound,

@@ -54,6 +54,7 @@ class Deployment:
         model_error: 4-second error of its model on the plant's bag by joint, rad or m; empty without a bag.
         delays: delays measured in the plant's bag (`evaluate_logs`); empty without a bag.
         safety: interventions of the safety measures in the bag (`evaluate_logs`).
+        plant_bags: folder of the bag of its drive on the plant, each target until its time-out; None without one.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Deployment:
     model_error: Mapping[str, float]
     delays: Mapping[str, Any]
     safety: Mapping[str, Any]
+    plant_bags: Path | None = None
 
 
 def files_of(
@@ -135,7 +137,8 @@ def _deployment(artifacts: Path, name: str, evaluated: ControllerResult | None) 
     content = read_json(path) if path.exists() else {}
     if "reaching" not in content:  # not driven, or a note that the machine lacks a plant
         return Deployment(name, sim2sim, (), None, {}, {}, {})
-    reaching, goals = content["reaching"], artifacts / "sim2real" / name / "goal" / "goals.json"
+    driven = artifacts / "sim2real" / name
+    reaching, goals, bags = content["reaching"], driven / "goal/goals.json", driven / "time_out/logs"
     matrix = np.array(reaching["success_rates"]["matrix"])
     n_targets = int(reaching["n_episodes"])
     plant = Drive(name, Where.plant, reaching, matrix, n_targets)
@@ -147,6 +150,7 @@ def _deployment(artifacts: Path, name: str, evaluated: ControllerResult | None) 
         content["open_loop_rmse_80"],
         content.get("delays", {}),
         content.get("safety", {}),
+        bags if bags.exists() else None,
     )
 
 
