@@ -52,7 +52,7 @@ class Painting:
         pitch = history[:, 3]
         colours = pitch_colours(pitch, self._reachable.config.pitch_max_rad)
         contents = {
-            "/painted": cloud(history[:, :3], time_ns, {"pitch": pitch, "rgb": colours}),
+            "/painted": cloud(history[:, :3], time_ns, {"pitch": pitch, **colours}),
             "/painted_share": number_message(self._coverage.share),
             "/painting": text_message(self._text(ahead, poses.position)),
             "/paint_next": cloud(np.concatenate([np.zeros((0, 3)), *marks]), time_ns),
@@ -88,9 +88,13 @@ def painted_topics(log: RawLog, reachable: ReachableCells) -> list[RecordedTopic
     return topics
 
 
-def pitch_colours(pitch: np.ndarray, pitch_max_rad: float) -> np.ndarray:
-    """Colours of pitches (n,), rad, packed as 0x00RRGGBB into the bits of float32, as viewers know `rgb`."""
+def pitch_colours(pitch: np.ndarray, pitch_max_rad: float) -> dict[str, np.ndarray]:
+    """Colours of pitches (n,), rad, as fields of a cloud, uint32.
+
+    Returns:
+        `rgb` is 0x00RRGGBB, which Foxglove draws; `colors` is 0xRRGGBBAA, which Rerun draws.
+    """
     at = [-pitch_max_rad, 0.0, pitch_max_rad]
-    red, green, blue = (np.rint(np.interp(pitch, at, channel)).astype("<u4") for channel in COLOURS.T)
-    packed: np.ndarray = (red << 16 | green << 8 | blue).view("<f4")
-    return packed
+    red, green, blue = (np.rint(np.interp(pitch, at, channel)).astype(np.uint32) for channel in COLOURS.T)
+    rgb = red << 16 | green << 8 | blue
+    return {"rgb": rgb, "colors": rgb << 8 | 0xFF}

@@ -10,8 +10,8 @@ from pipeline.deployment.component import NANOSECONDS
 from pipeline.deployment.components.recording import BASE_FRAME
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
-FLOAT32 = 7  # of sensor_msgs/PointField
-FLOAT_BYTES = 4
+UINT32, FLOAT32 = 6, 7  # of sensor_msgs/PointField
+FIELD_BYTES = 4
 
 
 def typed(name: str) -> Callable[..., Any]:
@@ -57,19 +57,22 @@ def cloud(points: np.ndarray, time_ns: int, others: Mapping[str, np.ndarray] | N
     Args:
         points: m, (n, 3).
         time_ns: of the message.
-        others: further fields by name, (n,) each, of which viewers make colours.
+        others: further fields by name, (n,) each, as uint32 where they are integers and as float32 otherwise.
     """
     fields = {**dict(zip("xyz", points.T, strict=True)), **(others or {})}
-    # bits, not numbers: a packed colour may be no finite number
-    columns = [np.ascontiguousarray(values, "<f4").view("<u4") for values in fields.values()]
-    field, step = typed("sensor_msgs/msg/PointField"), FLOAT_BYTES * len(fields)
+    kinds = [UINT32 if values.dtype.kind == "u" else FLOAT32 for values in fields.values()]
+    columns = [
+        np.ascontiguousarray(values, "<u4" if kind == UINT32 else "<f4").view("<u4")
+        for values, kind in zip(fields.values(), kinds, strict=True)
+    ]
+    field, step = typed("sensor_msgs/msg/PointField"), FIELD_BYTES * len(fields)
     return typed("sensor_msgs/msg/PointCloud2")(
         header=header(time_ns),
         height=1,
         width=len(points),
         fields=[
-            field(name=name, offset=FLOAT_BYTES * i, datatype=FLOAT32, count=1)
-            for i, name in enumerate(fields)
+            field(name=name, offset=FIELD_BYTES * i, datatype=kind, count=1)
+            for i, (name, kind) in enumerate(zip(fields, kinds, strict=True))
         ],
         is_bigendian=False,
         point_step=step,

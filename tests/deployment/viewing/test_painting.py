@@ -41,8 +41,11 @@ def read_back(log: RawLog, path: Path) -> dict[str, list]:
 
 
 def fields(cloud) -> dict[str, np.ndarray]:
-    names = [field.name for field in cloud.fields]
-    return dict(zip(names, np.frombuffer(bytes(cloud.data), "<f4").reshape(-1, len(names)).T, strict=True))
+    kinds = {6: "<u4", 7: "<f4"}  # of sensor_msgs/PointField
+    table = np.dtype([(field.name, kinds[field.datatype]) for field in cloud.fields])
+    assert cloud.point_step == table.itemsize
+    columns = np.frombuffer(bytes(cloud.data), table)
+    return {name: columns[name] for name in columns.dtype.names}
 
 
 def test_the_history_grows_second_by_second_with_its_share(tmp_path: Path) -> None:
@@ -60,6 +63,9 @@ def test_the_history_grows_second_by_second_with_its_share(tmp_path: Path) -> No
         apart = np.linalg.norm(position[:n, None] - tips, axis=-1)
         assert apart.min(axis=0).max() < 1e-6 and apart.min(axis=1).max() < 0.04  # a line without gaps
         np.testing.assert_allclose(painted["pitch"], pitch[apart.argmin(axis=0)], atol=1e-6)
+        share = np.minimum(np.abs(painted["pitch"]) / 1.047, 1.0)
+        red = 255.0 - share * np.where(painted["pitch"] < 0, 255 - 86, 255 - 213)
+        np.testing.assert_allclose(painted["rgb"] >> 16, red, atol=0.51)
         coverage.add(q[:n])
         assert found["/painted_share"][second][1].data == coverage.share > 0
         said = found["/painting"][second][1].data.splitlines()
@@ -84,5 +90,5 @@ def test_a_long_log_has_a_hundred_messages_and_a_standing_arm_one_point(tmp_path
     [(-2.0, 0x56B4E9), (-1.0, 0x56B4E9), (0.0, 0xFFFFFF), (1.0, 0xD55E00), (9.0, 0xD55E00)],
 )
 def test_pitch_has_a_colour_of_its_own(pitch: float, colour: int) -> None:
-    (found,) = pitch_colours(np.array([pitch]), 1.0).view("<u4")
-    assert found == colour
+    found = pitch_colours(np.array([pitch]), 1.0)
+    assert found["rgb"].tolist() == [colour] and found["colors"].tolist() == [colour * 256 + 255]
