@@ -30,7 +30,7 @@ QUESTIONS = (
     Question(
         "deployment",
         "Does the controller hold on the machine, through the graph that drives it?",
-        ("sim2sim", "sim2real", "run_graph", "measure_delays", "evaluate_logs"),
+        ("sim2sim", "sweep_delays", "sim2real", "run_graph", "measure_delays", "evaluate_logs"),
     ),
     Question("pipelines", "What did a whole run of the pipeline yield?", ("report",)),
 )

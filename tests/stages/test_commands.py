@@ -73,7 +73,7 @@ def test_all_rules_are_on_unless_the_experiment_says_otherwise(stage: str) -> No
         composed = compose(stage)
     if "deployment" not in composed:
         return
-    is_on = stage not in ("sim2sim", "sim2real", "prove", "measure_delays")
+    is_on = stage not in ("sim2sim", "sim2real", "sweep_delays", "prove", "measure_delays")
     assert composed.deployment.supervisor.rules == (list(RULES) if is_on else [])
     assert composed.deployment.interface.supervised == is_on
 

@@ -11,6 +11,7 @@ from pipeline.deployment.transports.simulated_time.delays import (
     LINKS,
     DelaySampler,
     Distribution,
+    lengthened,
     load_delays,
     no_delays,
     save_delays,
@@ -132,3 +133,13 @@ def test_what_is_damaged_in_a_file_is_said_in_one_line(tmp_path, change, said: s
     with pytest.raises(InputError, match=said) as caught:
         load_delays(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_lengthened_loop_takes_so_much_longer_on_its_way_round():
+    """Joint state to the server, command to the interface, command to the driver; decisions and ticks as measured."""
+    measured = {name: Distribution.of(np.linspace(0.0, 0.01, 50), n_lost=1) for name in LINKS}
+    longer = lengthened(measured, 0.2)
+    added = {name: longer[name].quantiles_s - measured[name].quantiles_s for name in LINKS}
+    np.testing.assert_allclose(added["observation"] + 2.0 * added["command"], 0.2)
+    assert not added["inference"].any() and not added["timer"].any()
+    assert all(longer[name].loss_probability == measured[name].loss_probability for name in LINKS)

@@ -181,6 +181,19 @@ def delays_of(
     return graph | {"inference": Distribution.constant(unmeasured_planning_s)}, False
 
 
+def lengthened(links: Mapping[str, Distribution], extra_s: float) -> dict[str, Distribution]:
+    """The links of a graph whose loop takes `extra_s` longer, s.
+
+    Joint states take half of it. A command goes over two links, from server to interface to driver, each of which takes
+    a quarter.
+    """
+    share = {"observation": 0.5, "command": 0.25}
+    return {
+        name: Distribution(link.quantiles_s + share.get(name, 0.0) * extra_s, link.loss_probability)
+        for name, link in links.items()
+    }
+
+
 def no_delays() -> dict[str, Distribution]:
     """A graph without any delay."""
     return {name: Distribution.constant(0.0) for name in LINKS}
