@@ -55,6 +55,10 @@ class Pilot(NamedTuple):
     """1. Relative loss of pilot pressure when all pilots have lately been active."""
     supply_time_constant_s: float
     """Time constant of that average of recent activity."""
+    late_interval_s: float
+    """Mean time until commands stop coming through; infinity: they always do. The controller repeats the last one."""
+    late_s: float
+    """Mean time until they come through again."""
 
 
 class Spool(NamedTuple):
@@ -121,6 +125,12 @@ class Supply(NamedTuple):
     """Correlation time of it."""
     relief_wander_std: float
     """1. Relative standard deviation of the relief valve's setting."""
+    others_share: float
+    """1. Share of the pump's flow that other functions take while they run."""
+    others_interval_s: float
+    """Mean time until other functions start; infinity: they never do."""
+    others_s: float
+    """Mean time that they run."""
 
 
 class Cylinder(NamedTuple):
@@ -197,6 +207,22 @@ class Links(NamedTuple):
     """Standard gravity."""
 
 
+class Contact(NamedTuple):
+    """What the chisel's tip meets: the ground, and the base as an upright cylinder about the swing axis.
+
+    Heights are above the origin of {B}.
+    """
+
+    floor_m: float
+    """Height of the ground, or of a grill on it; minus infinity: there is none."""
+    pivot_height_m: float
+    """Height of the boom pivot."""
+    base_radius_m: float
+    """Radius of the base; zero: there is none."""
+    base_height_m: float
+    """Height of the base."""
+
+
 class Friction(NamedTuple):
     """Seals and pins."""
 
@@ -262,6 +288,8 @@ class Sensor(NamedTuple):
     """1. Joint states that never reach the log."""
     command_jitter_s: float
     """Half width of the uniform jitter of command times."""
+    mount_flex_rad: FloatArray
+    """(n,) Band within which the encoder's mount gives way to the friction of its shaft."""
 
 
 class Numerics(NamedTuple):
@@ -284,6 +312,7 @@ class Parameters(NamedTuple):
     cylinder: Cylinder
     linkage: Linkage
     links: Links
+    contact: Contact
     friction: Friction
     oil: Oil
     sensor: Sensor

@@ -27,6 +27,9 @@ class Scratch(NamedTuple):
     friction_impulse: np.ndarray  # (n,)
     stop_impulse: np.ndarray  # (n,)
     friction_bound: np.ndarray  # (n,)
+    contact_gap: np.ndarray  # (1,) between the tip and the nearest surface, m; not positive: it touches
+    contact_arm: np.ndarray  # (n,) how fast the gap grows per joint velocity, m
+    contact_impulse: np.ndarray  # (1,) from that surface, N s
     inlet: np.ndarray  # (n, 2, 2) flow from the supply into each chamber, and its slope
     outlet: np.ndarray  # (n, 2, 2) flow from each chamber to tank, and its slope
     cross: np.ndarray  # (n, 2) flow from the positive to the negative chamber, and its slope
@@ -53,6 +56,9 @@ def allocate(n: int) -> Scratch:
         np.zeros(n),
         np.zeros(n),
         np.zeros(n),
+        np.zeros(1),
+        np.zeros(n),
+        np.zeros(1),
         np.zeros((n, 2, 2)),
         np.zeros((n, 2, 2)),
         np.zeros((n, 2)),

@@ -13,6 +13,7 @@ import numpy as np
 from pipeline.errors import InputError
 from pipeline.plant.compiled import compiled
 from pipeline.plant.parameters import NEGATIVE, POSITIVE, Linkage, Parameters
+from pipeline.plant.physics.contact import find_contact
 from pipeline.plant.physics.friction import apply_impulses
 from pipeline.plant.physics.hydraulics import advance_pressures
 from pipeline.plant.physics.load import dynamics, inverse_mass
@@ -21,7 +22,7 @@ from pipeline.plant.physics.sensor import EncoderChannel, JointStates
 from pipeline.plant.physics.valve import advance_pilots, advance_spools, read_command
 from pipeline.plant.records import pack
 from pipeline.plant.scratch import Scratch, allocate
-from pipeline.plant.state import FRICTION, PISTON, STOP, State, resting_state
+from pipeline.plant.state import FRICTION, LATE, N_SWITCH, OTHERS, PISTON, STOP, State, resting_state
 
 
 @compiled
@@ -71,12 +72,23 @@ def _move(linkage: Linkage, state: State, scratch: Scratch, dt: float) -> None:
         mean = 0.5 * (velocity + scratch.old_velocity[j])
         state.energy_J[PISTON] += scratch.drive[j] * mean * dt
         state.energy_J[FRICTION] += (scratch.drag[j] * dt - scratch.friction_impulse[j]) * mean
-        state.energy_J[STOP] -= scratch.stop_impulse[j] * mean
+        pushed = scratch.contact_impulse[0] * scratch.contact_arm[j]
+        state.energy_J[STOP] -= (scratch.stop_impulse[j] + pushed) * mean
         scratch.piston_speed[j] = scratch.moment_arm[j] * velocity
         state.angle_rad[j] += velocity * dt
         half_play = 0.5 * linkage.play_rad[j]
         low, high = state.angle_rad[j] - half_play, state.angle_rad[j] + half_play
         state.link_angle_rad[j] = min(max(state.link_angle_rad[j], low), high)
+
+
+@compiled
+def _switch(
+    state: State, switch: int, interval_s: float, duration_s: float, period_s: float, draw: float
+) -> None:
+    """One period of a process that is on and off for exponentially distributed times; `draw` is uniform in [0, 1)."""
+    mean_s = duration_s if state.switches[switch] else interval_s
+    if draw < 1.0 - np.exp(-period_s / mean_s):
+        state.switches[switch] = 1 - state.switches[switch]
 
 
 @compiled
@@ -89,6 +101,7 @@ def _advance(
     phase: int,
     disturbance_draw: np.ndarray,
     silt_draw: np.ndarray,
+    switch_draw: np.ndarray,
     trace: np.ndarray,
 ) -> None:
     """Run all control periods of `commands` and write the true angles into `trace`.
@@ -102,6 +115,7 @@ def _advance(
         phase: of the controller's cycle, substeps.
         disturbance_draw: (T, n + 2) standard normal, drives pilot noise, engine ripple and relief wander.
         silt_draw: (T, n) standard normal, strength of silt locks that begin in a period.
+        switch_draw: (T, N_SWITCH) uniform, when commands are late and when other functions run.
         trace: written, (T * substeps / trace_stride, n), rad.
     """
     parameters, state, scratch = parameter_record[0], state_record[0], scratch_record[0]
@@ -120,10 +134,15 @@ def _advance(
             state.disturbance[i] = (
                 kept * state.disturbance[i] + np.sqrt(1.0 - kept**2) * disturbance_draw[period, i]
             )
+        period_s, supply = numerics.control_period_s, parameters.supply
+        _switch(state, LATE, pilot.late_interval_s, pilot.late_s, period_s, switch_draw[period, LATE])
+        _switch(
+            state, OTHERS, supply.others_interval_s, supply.others_s, period_s, switch_draw[period, OTHERS]
+        )
         viscosity = dynamic_viscosity(oil, state.oil_C[0])
         ratio = viscosity / oil.reference_viscosity_Pa_s
         for substep in range(n_substep):
-            if substep == arrival[period]:
+            if substep == arrival[period] and not state.switches[LATE]:
                 command[:] = commands[period]
             read_command(pilot, state, command, phase, dt)
             advance_pilots(pilot, state, ratio, dt)
@@ -131,6 +150,7 @@ def _advance(
 
             dynamics(parameters.links, state.angle_rad, state.velocity_rad_s, scratch)
             inverse_mass(scratch.mass, scratch.inverse_mass)
+            find_contact(parameters.contact, state, scratch)
             _accelerate(parameters, state, scratch, ratio, dt)
             apply_impulses(parameters.friction, parameters.linkage, state, scratch, dt)
             _move(parameters.linkage, state, scratch, dt)
@@ -181,9 +201,10 @@ class Plant:
         """Set the clock to zero and draw chances; the slow processes begin in their stationary distribution."""
         self._n_period = 0
         self._n_row = 0
-        streams = np.random.SeedSequence(seed).spawn(5)
+        streams = np.random.SeedSequence(seed).spawn(6)
         self._disturbance, self._silt, self._arrival, phase = (np.random.default_rng(s) for s in streams[:4])
         self._encoders = EncoderChannel(self.n_joint, streams[4])
+        self._switches = np.random.default_rng(streams[5])
         cycle_s, substep_s = self.parameters.pilot.controller_cycle_s, self.parameters.numerics.substep_s
         self._phase = int(phase.integers(max(round(cycle_s / substep_s), 1)))
         self.state.disturbance[:] = phase.standard_normal(self.n_joint + 2)
@@ -216,6 +237,18 @@ class Plant:
         self.parameters = parameters
         self._parameter_record = pack(parameters)
 
+    def stop_engine(self, duration_s: float) -> None:
+        """Let the machine stand with its engine off; the clock does not count that, and no command may be in force.
+
+        Pressures fall, the oil cools towards the ambience, and spools rest. The arm's sag in that time is left out.
+        """
+        oil, state = self.parameters.oil, self.state
+        kept = np.exp(-duration_s * oil.heat_loss_W_K / oil.heat_capacity_J_K)
+        state.oil_C[0] = oil.ambient_C + kept * (state.oil_C[0] - oil.ambient_C)
+        state.supply_Pa[0] = 2.0 * self.parameters.supply.return_pressure_Pa
+        state.coil_warmth[:] = 0.0
+        state.spool_rest_s[:] += duration_s
+
     def step(self, command: np.ndarray) -> PlantSample:
         """One control period under `command`, (n_joint,), values -1, 0, 1."""
         return self.run(np.asarray(command)[None])
@@ -244,10 +277,11 @@ class Plant:
             self._state_record,
             self._scratch_record,
             np.ascontiguousarray(commands, dtype=np.int8),
-            np.round(jitter_s / numerics.substep_s).astype(np.int64),
+            np.minimum(np.round(jitter_s / numerics.substep_s).astype(np.int64), n_substep - 1),
             self._phase,
             self._disturbance.standard_normal((n_period, self.n_joint + 2)),
             self._silt.standard_normal((n_period, self.n_joint)),
+            self._switches.random((n_period, N_SWITCH)),
             trace,
         )
         step_s = numerics.substep_s * numerics.trace_stride

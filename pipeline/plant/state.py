@@ -14,6 +14,9 @@ N_ENERGY = 5
 # Indices of `State.volume_m3`, all integrated from the start.
 DELIVERED, BYPASSED, RELIEVED, CONSUMED, STORED = range(5)
 N_VOLUME = 5
+# Indices of `State.switches`.
+LATE, OTHERS = range(2)
+N_SWITCH = 2
 
 
 class State(NamedTuple):
@@ -38,6 +41,9 @@ class State(NamedTuple):
     command_ring: np.ndarray  # (n_ring, n) int8, commands as the controller read them, one row per substep
     ring_index: np.ndarray  # (1,) int64, substeps since the start
     controller_command: np.ndarray  # (n,) int8, what the controller read last
+    switches: np.ndarray  # (N_SWITCH,) int8, whether commands are late, and whether other functions run
+    touches: np.ndarray  # (1,) int8, whether the tip is on the ground or the base
+    contacts: np.ndarray  # (1,) int64, how often it met one of them since the start
     energy_J: np.ndarray  # (N_ENERGY,)
     volume_m3: np.ndarray  # (N_VOLUME,)
 
@@ -96,6 +102,9 @@ def resting_state(parameters: Parameters, configuration: np.ndarray) -> State:
         command_ring=np.zeros((n_ring, n), dtype=np.int8),
         ring_index=np.zeros(1, dtype=np.int64),
         controller_command=np.zeros(n, dtype=np.int8),
+        switches=np.zeros(N_SWITCH, dtype=np.int8),
+        touches=np.zeros(1, dtype=np.int8),
+        contacts=np.zeros(1, dtype=np.int64),
         energy_J=np.zeros(N_ENERGY),
         volume_m3=np.zeros(N_VOLUME),
     )

@@ -14,6 +14,8 @@ POSITION_THRESHOLDS_M = tuple(n / 50 for n in range(1, 18))
 PITCH_THRESHOLDS_RAD = tuple(n / 50 for n in range(1, 9))
 # Pairs (position, pitch) that the tables report
 REPORTED_PRECISIONS = ((0.02, 0.02), (0.04, 0.04), (0.12, 0.08))
+# A tip so low is on the ground, which is z = 0: one count of a 13-bit encoder, 0.77 mrad, over a reach of 2.6 m
+GROUND_M = 0.002
 # End of a path (appendix, EEF-PL; its "0.02 [cm]" is read as 0.02 m)
 PATH_END_PRECISION = (0.02, 0.02)
 
@@ -59,6 +61,8 @@ class ReachingMetrics:
         min_z_m: lowest tip position of all ticks of all episodes.
         path_length_m: path length of the tip until the target is reached within 0.02 m and 0.02 rad, or to the end;
             averaged.
+        ground: share of episodes in which the tip met the ground, z = 0 of {B}, at any tick; NaN in a checkpoint from
+            before there was this metric.
     """
 
     n_episodes: int
@@ -70,6 +74,7 @@ class ReachingMetrics:
     ooz: float
     min_z_m: float
     path_length_m: float
+    ground: float = float("nan")
 
     def as_dict(self) -> dict[str, float]:
         """Metrics by name, for `metrics.json`."""
@@ -122,6 +127,7 @@ def reaching_metrics(traces: Traces) -> ReachingMetrics:
         ooz=float(traces.below.any(axis=1).mean()),
         min_z_m=float(traces.position[..., 2].min()),
         path_length_m=float(path_lengths(traces).mean()),
+        ground=float((traces.position[..., 2] <= GROUND_M).any(axis=1).mean()),
     )
 
 

@@ -38,11 +38,12 @@ def main(configuration: Sim2RealStage, run: StageRun) -> None:
     changed = configuration.parameters(machine.name)
     watch, start_ns = Stopwatch(), int(start.timestamp()) * NANOSECONDS
     with progress_bar("sim2real", total=len(pursuit.episodes.targets), unit="target") as bar:
-        recorder = pursuit.run(changed, configuration.plant_seed, start_ns, bar.reach)
-    outcomes = write_pursuit(output, bag, recorder, machine)
+        recorder, contacts = pursuit.run(changed, configuration.plant_seed, start_ns, bar.reach)
+    outcomes = write_pursuit(output, bag, recorder, contacts, machine)
     print(f"sim2real: {watch.speed((recorder.states[-1][0] - start_ns) / NANOSECONDS)}")
-    print("sim2real: " + ", ".join(f"{n} {outcome}" for outcome, n in outcomes.items()))
-    run.metrics({f"goals_{outcome}": n for outcome, n in outcomes.items()})
+    ended = ", ".join(f"{n} {outcome}" for outcome, n in outcomes.items())
+    print(f"sim2real: {ended}; the tip met ground or base {contacts} times")
+    run.metrics({"contacts": contacts} | {f"goals_{outcome}": n for outcome, n in outcomes.items()})
     run.artifact(output, "deployment")
 
 

@@ -65,7 +65,7 @@ class Pursuit:
 
     def run(
         self, parameters: Parameters, plant_seed: int, start_ns: int, progress: Callable[[int], None]
-    ) -> Recorder:
+    ) -> tuple[Recorder, int]:
         """Pursue the targets on the plant, one after the other from the first episode's start.
 
         Args:
@@ -73,24 +73,36 @@ class Pursuit:
             plant_seed: Of its process variation and its encoders' noise.
             start_ns: Absolute time of the beginning.
             progress: Called with the number of targets done.
+
+        Returns:
+            The recording, and how often the tip met the ground or the machine's base.
         """
         settings, targets = self.settings, self.episodes.targets
-        return run_successive(
+        plant = PlantMachine(parameters, plant_seed, np.asarray(self.episodes.starts[0], float))
+        recorder = run_successive(
             self.parts.with_goals(known_configurations(self.parts.task.arm, targets)),
             controller_delays(settings),
-            PlantMachine(parameters, plant_seed, np.asarray(self.episodes.starts[0], float)),
+            plant,
             VelocityEstimator(nanoseconds(settings.machine.dt_s), settings.loop_tracker),
             targets,
             start_ns,
             progress,
         )
+        return recorder, plant.contacts
 
 
-def write_pursuit(output: Path, bag: Path, recorder: Recorder, machine: MachineSpecification) -> Counter[str]:
-    """Write how the goals ended, and the bag in place of an earlier run's; how many ended how."""
+def write_pursuit(
+    output: Path, bag: Path, recorder: Recorder, contacts: int, machine: MachineSpecification
+) -> Counter[str]:
+    """Write how the goals ended and how often the tip met something; the bag in place of an earlier run's.
+
+    Returns:
+        How many goals ended how.
+    """
     outcomes = Counter(str(result.outcome) for result in recorder.results)
     content = {
         "outcomes": dict(outcomes),
+        "contacts": contacts,
         "goals": [
             {"goal": result.goal_id, "outcome": result.outcome, "ticks": result.n_ticks}
             for result in recorder.results

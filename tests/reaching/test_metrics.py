@@ -95,4 +95,13 @@ def test_rates_and_extremes_over_episodes():
     metrics = reaching_metrics(two)
     assert (metrics.oow, metrics.ooz, metrics.average_return) == (0.5, 0.5, 1.0)
     assert metrics.min_z_m == pytest.approx(0.1)
+    assert metrics.ground == 0.0
     assert metrics.n_episodes == 2
+
+
+def test_a_tip_that_lies_on_the_ground_or_would_be_in_it_counts_once_per_episode():
+    """The plant's ground holds the tip at zero; the learned model knows none."""
+    low = traces(
+        [[1.0] * 3] * 4, [[0.0] * 3] * 4, z=[[0.3, 0.0, 0.0], [0.3, -0.1, -0.2], [0.3, 0.1, 0.3], [0.3] * 3]
+    )
+    assert reaching_metrics(low).ground == 0.5

@@ -5,7 +5,7 @@ from scipy.optimize import curve_fit
 
 from pipeline.plant.effects.effect import PlantEffect, Quantity
 from pipeline.plant.machines.bobcat_e10 import JOINT_NAMES
-from pipeline.plant.machines.characterise import MIDDLE_RAD, full_speeds
+from pipeline.plant.machines.characterise import MIDDLE_RAD, full_speeds, in_the_air
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.simulator import Plant
 
@@ -82,7 +82,7 @@ def _of_speed(cold: Parameters) -> tuple[np.ndarray, float]:
 
 def _at_work(parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
     """Times, s, and the oil's temperature, while one joint after the other goes back and forth."""
-    plant = Plant(parameters, 0, np.array(MIDDLE_RAD))
+    plant = Plant(in_the_air(parameters), 0, np.array(MIDDLE_RAD))
     dt_s = parameters.numerics.control_period_s
     hold = round(HOLD_S / dt_s)
     pattern = np.concatenate(

@@ -10,6 +10,7 @@ Geometry and joint limits are the contract's. Link masses are those of `conf/mac
 import numpy as np
 
 from pipeline.plant.parameters import (
+    Contact,
     Cylinder,
     Friction,
     Linkage,
@@ -90,6 +91,8 @@ def bobcat_e10() -> Parameters:
             coil_time_constant_s=4.0,
             supply_sag=0.0,  # neutral: pilot pump never falls short
             supply_time_constant_s=30.0,
+            late_interval_s=np.inf,  # neutral: every command comes through
+            late_s=0.1,
         ),
         spool=Spool(
             preload_Pa=5.0 * BAR,  # spools start to move at 5-6 bar in usual pilot systems
@@ -122,6 +125,9 @@ def bobcat_e10() -> Parameters:
             ripple_std=0.012,
             ripple_correlation_s=6.0,
             relief_wander_std=0.0,
+            others_share=0.0,  # neutral: nothing else is fed
+            others_interval_s=np.inf,
+            others_s=1.0,
         ),
         cylinder=Cylinder(
             area_m2=areas,
@@ -157,6 +163,12 @@ def bobcat_e10() -> Parameters:
             payload_kg=0.0,
             gravity_m_s2=9.80665,
         ),
+        contact=Contact(
+            floor_m=0.0,  # the origin of {B} is on the ground (URDF)
+            pivot_height_m=0.50,  # contract, section 1
+            base_radius_m=0.32,  # URDF: front of the swing column's foot, from the swing axis
+            base_height_m=0.60,  # URDF: top of the swing column
+        ),
         friction=Friction(
             coulomb_N=np.array([250.0, 300.0, 250.0, 200.0]),  # 2-4 % of the force at 100 bar
             static_ratio=filled(N_JOINT, 1.4),
@@ -189,6 +201,7 @@ def bobcat_e10() -> Parameters:
             publication_delay_s=(0.0008, 0.0028),
             drop_probability=0.0,
             command_jitter_s=0.003,
+            mount_flex_rad=filled(N_JOINT, 0.0),  # neutral: rigid mounts
         ),
         numerics=Numerics(substep_s=0.001, control_period_s=0.050, trace_stride=5),
     )

@@ -23,8 +23,14 @@ SAG_S = 4.0  # short, so that the joint hardly leaves its position
 FINE_PERIOD_S = 0.010  # control period of manoeuvres, for the sake of time resolution
 
 
+def in_the_air(parameters: Parameters) -> Parameters:
+    """The same machine on a stand, where no manoeuvre ends at the ground or the base."""
+    return parameters.change("contact", floor_m=-np.inf, base_radius_m=0.0)
+
+
 def without_variation(parameters: Parameters) -> Parameters:
-    """The same machine without process variation, at a fine control period and fixed temperature."""
+    """The same machine in the air without process variation, at a fine control period and fixed temperature."""
+    parameters = in_the_air(parameters)
     parameters = parameters.change("pilot", noise_std=0.0, controller_cycle_s=parameters.numerics.substep_s)
     parameters = parameters.change("supply", ripple_std=0.0, relief_wander_std=0.0)
     parameters = parameters.change("spool", silt_spread=0.0)

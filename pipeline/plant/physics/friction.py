@@ -13,11 +13,11 @@ import numpy as np
 
 from pipeline.plant.compiled import compiled
 from pipeline.plant.parameters import Friction, Linkage
+from pipeline.plant.physics.contact import STOP_RETURN, push_out
 from pipeline.plant.scratch import Scratch
 from pipeline.plant.state import State
 
 N_SWEEP = 3
-STOP_RETURN = 0.2  # share of a stop's penetration that is pushed back per substep (Baumgarte)
 
 
 @compiled
@@ -52,7 +52,7 @@ def _stop(linkage: Linkage, state: State, scratch: Scratch, joint: int, dt: floa
 
 @compiled
 def apply_impulses(friction: Friction, linkage: Linkage, state: State, scratch: Scratch, dt: float) -> None:
-    """Change the velocities by friction and stop impulses, which stay in `scratch`."""
+    """Change the velocities by the impulses of friction, stops and contact, which stay in `scratch`."""
     velocity = state.velocity_rad_s
     n = velocity.size
     for j in range(n):
@@ -69,3 +69,4 @@ def apply_impulses(friction: Friction, linkage: Linkage, state: State, scratch: 
             _push(scratch.inverse_mass, velocity, j, wanted - present)
         for j in range(n):
             _stop(linkage, state, scratch, j, dt)
+        push_out(scratch.inverse_mass, velocity, scratch, dt)

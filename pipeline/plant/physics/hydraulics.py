@@ -14,7 +14,17 @@ from pipeline.plant.parameters import NEGATIVE, POSITIVE, Parameters
 from pipeline.plant.physics.oil import effective_bulk_modulus
 from pipeline.plant.physics.valve import bypass_area, opening, orifice
 from pipeline.plant.scratch import Scratch
-from pipeline.plant.state import BYPASSED, CONSUMED, DELIVERED, PUMP, RELIEVED, STORED, THROTTLED, State
+from pipeline.plant.state import (
+    BYPASSED,
+    CONSUMED,
+    DELIVERED,
+    OTHERS,
+    PUMP,
+    RELIEVED,
+    STORED,
+    THROTTLED,
+    State,
+)
 
 
 @compiled
@@ -124,7 +134,8 @@ def advance_pressures(
     if p_supply > crack:
         q_relief, k_relief = supply.relief_gain_m3_s_Pa * (p_supply - crack), supply.relief_gain_m3_s_Pa
     speed = state.engine_speed[0] * (1.0 + supply.ripple_std * state.disturbance[n])
-    q_ideal = supply.pump_flow_m3_s * speed
+    q_pumped = supply.pump_flow_m3_s * speed
+    q_ideal = q_pumped * (1.0 - supply.others_share * state.switches[OTHERS])  # left for the arm
     modulus = effective_bulk_modulus(
         oil.bulk_modulus_Pa, supply.hose_modulus_Pa, oil.air_fraction[0], p_supply
     )
@@ -195,6 +206,6 @@ def advance_pressures(
     state.volume_m3[CONSUMED] += consumed * dt
     state.volume_m3[STORED] += c_supply * change * dt
 
-    load = q_ideal * new_supply / supply.engine_power_W
+    load = q_pumped * new_supply / supply.engine_power_W  # assumed: other functions work at the same pressure
     target = 1.0 - supply.engine_droop * load
     state.engine_speed[0] += (target - state.engine_speed[0]) * dt / supply.engine_time_constant_s

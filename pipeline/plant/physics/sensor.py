@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.plant.compiled import compiled
 from pipeline.plant.parameters import Sensor
 
 
@@ -26,6 +27,22 @@ def read_encoder(sensor: Sensor, angle_rad: np.ndarray, noise: np.ndarray) -> np
     return np.round(exact / sensor.quantum_rad) * sensor.quantum_rad
 
 
+@compiled
+def follow(trace_rad: np.ndarray, shaft_rad: np.ndarray, flex_rad: np.ndarray) -> np.ndarray:
+    """Angles (K, n) of shafts that follow a trace (K, n) within a band; `shaft_rad` (n,) is where they were, and are.
+
+    Friction holds the shaft until its mount has given way by half the band (the play operator of Krasnosel'skii and
+    Pokrovskii, Systems with Hysteresis, 1989). Without a band the shaft has the trace's angle.
+    """
+    followed = np.empty_like(trace_rad)
+    for k in range(trace_rad.shape[0]):
+        for j in range(trace_rad.shape[1]):
+            low, high = trace_rad[k, j] - 0.5 * flex_rad[j], trace_rad[k, j] + 0.5 * flex_rad[j]
+            shaft_rad[j] = min(max(shaft_rad[j], low), high)
+            followed[k, j] = shaft_rad[j]
+    return followed
+
+
 class EncoderChannel:
     """Samples a trace of true angles at jittered times and publishes the readings."""
 
@@ -35,6 +52,7 @@ class EncoderChannel:
         self._times = np.random.default_rng(times)
         self._noise = np.random.default_rng(noise)
         self._n_published = 0
+        self._shaft_rad: np.ndarray | None = None
         self._tail_s = np.empty(0)
         self._tail_rad = np.empty((0, n_joint))
 
@@ -46,8 +64,11 @@ class EncoderChannel:
             trace_s: times of the trace, (K,), s, continuing the previous call's.
             trace_rad: true angles, (K, n_joint), rad.
         """
+        if self._shaft_rad is None:
+            self._shaft_rad = trace_rad[0].copy()
+        shaft_rad = follow(trace_rad, self._shaft_rad, sensor.mount_flex_rad)
         times = np.concatenate([self._tail_s, trace_s])
-        angles = np.concatenate([self._tail_rad, trace_rad])
+        angles = np.concatenate([self._tail_rad, shaft_rad])
         latest = sensor.period_s * self._n_published + 2.0 * sensor.stamp_jitter_s
         n_due = max(int(np.floor((times[-1] - latest) / sensor.period_s)) + 1, 0)
         # one row per reading: jitter, publication delay, whether it is lost
