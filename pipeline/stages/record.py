@@ -7,6 +7,7 @@ from omegaconf import MISSING
 
 from pipeline.configuration.paths import OutputFolder
 from pipeline.configuration.stage import PipelineConfiguration, stage
+from pipeline.plant.machines.simulated import Condition
 from pipeline.plant.recording.session import RecordConfig
 from pipeline.testbench.recording import (
     HELD_OUT,
@@ -29,6 +30,7 @@ class RecordStage(PipelineConfiguration):
     effects: list[str] = field(default_factory=list)
     effects_seed: int = MISSING
     effect_size: float = MISSING
+    condition: Condition = MISSING
     output: OutputFolder = MISSING
 
 
@@ -38,7 +40,7 @@ def main(configuration: RecordStage, run: StageRun) -> None:
     output, record, machine = Path(configuration.output), configuration.record, configuration.machine
     own_logs = own_logs_among({"logs": (configuration.logs, output / SESSIONS)})
     kinds, seed, size = configuration.effects, configuration.effects_seed, configuration.effect_size
-    draw = EffectDraw(kinds, seed, size, record.session_minutes[0])
+    draw = EffectDraw(kinds, seed, size, record.session_minutes[0], configuration.condition)
     effects = begin_recording(output, (SESSIONS, HELD_OUT), "record", own_logs, machine, draw)
     if own_logs:
         print(
@@ -46,7 +48,7 @@ def main(configuration: RecordStage, run: StageRun) -> None:
         )
         return
     sessions = nominal_sessions(output, record)
-    minutes = record_sessions(output, sessions, machine, effects, progress_bar)
+    minutes = record_sessions(output, sessions, machine, effects, configuration.condition, progress_bar)
     run.metrics({"recorded_minutes": minutes})
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.drivers.machine import Sample
-from pipeline.plant.machines.simulated import simulated_machine
+from pipeline.plant.machines.field import Shift
+from pipeline.plant.machines.simulated import Condition, simulated_machine
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.recording.session import read_moment
 from pipeline.plant.sealed.undeclared import draw_effects
@@ -31,6 +32,11 @@ class PlantMachine:
         """Length of one period."""
         return nanoseconds(PERIOD_S)
 
+    @property
+    def contacts(self) -> int:
+        """How often the tip met the ground or the machine's base."""
+        return int(self._plant.state.contacts[0])
+
     def read(self) -> Sequence[Sample]:
         """Nothing yet: the encoders' first readings come with the first periods."""
         return ()
@@ -42,13 +48,19 @@ class PlantMachine:
         return [Sample(int(age), q, None) for age, q in zip(ages_ns, states.position_rad, strict=True)]
 
 
-def changed_parameters(machine: str, effects: Sequence[str], seed: int, size: float) -> Parameters:
+def changed_parameters(
+    machine: str,
+    effects: Sequence[str],
+    seed: int,
+    size: float,
+    condition: Condition = Condition.workshop,
+) -> Parameters:
     """Of the plant with effects that have all set in, drawn as `record_changed` draws them.
 
     Raises:
         InputError: There is no plant of this machine, or no such effect.
     """
-    parameters = simulated_machine(machine)
+    parameters = simulated_machine(machine, condition)
     for effect in draw_effects(effects, seed, parameters, size, math.inf):
         parameters = effect.apply(parameters)
     return parameters
@@ -64,6 +76,7 @@ class ChangedPlant:
         effects: Kinds of the effects.
         effects_seed: Of their values.
         effect_size: Factor on them.
+        condition: Of the plant; in the field, `plant_seed` draws what differs from start to start of its engine, too.
     """
 
     start_time: str
@@ -71,6 +84,7 @@ class ChangedPlant:
     effects: list[str] = field(default_factory=list)
     effects_seed: int
     effect_size: float
+    condition: Condition
 
     def start(self) -> datetime:
         """Raises `InputError` where `start_time` is no time with a zone."""
@@ -78,4 +92,8 @@ class ChangedPlant:
 
     def parameters(self, machine: str) -> Parameters:
         """Those of the machine of this name, with the effects; raises as `changed_parameters`."""
-        return changed_parameters(machine, self.effects, self.effects_seed, self.effect_size)
+        draw = self.effects, self.effects_seed, self.effect_size
+        parameters = changed_parameters(machine, *draw, self.condition)
+        if self.condition is Condition.workshop:
+            return parameters
+        return Shift((), self.plant_seed).started(parameters, 1)

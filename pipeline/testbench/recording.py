@@ -15,7 +15,8 @@ from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.messages.raw_log import ChannelSamples
 from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects import PlantEffect
-from pipeline.plant.machines.simulated import simulated_machine
+from pipeline.plant.machines.field import draw_shift
+from pipeline.plant.machines.simulated import Condition, simulated_machine
 from pipeline.plant.recording.operator import draw_style
 from pipeline.plant.recording.session import (
     NANOSECONDS,
@@ -55,7 +56,7 @@ class RecordChangedConfig:
 
 
 class EffectDraw(NamedTuple):
-    """Which effects are drawn; see `draw_effects`.
+    """Which effects are drawn, for a machine in which condition; see `draw_effects`.
 
     Attributes:
         kinds: Their names.
@@ -67,6 +68,7 @@ class EffectDraw(NamedTuple):
     seed: int
     size: float
     first_session_minutes: float
+    condition: Condition
 
 
 class Progress(Protocol):
@@ -168,7 +170,8 @@ def begin_recording(
     """
     effects: list[PlantEffect] = []
     if not own_logs:  # a machine that is measured needs no plant
-        nominal, first_session_s = simulated_machine(machine.name), 60.0 * draw.first_session_minutes
+        nominal = simulated_machine(machine.name, draw.condition)
+        first_session_s = 60.0 * draw.first_session_minutes
         effects = draw_effects(draw.kinds, draw.seed, nominal, draw.size, first_session_s)
     clear_recorded(output, folders, stage, own_logs)
     write_seal(output / SEAL, effects)
@@ -180,6 +183,7 @@ def record_sessions(
     sessions: Sequence[Session],
     machine: MachineSpecification,
     effects: Sequence[PlantEffect],
+    condition: Condition,
     progress_bar: Callable[[str, int, str], AbstractContextManager[Progress]],
 ) -> float:
     """Record sessions into bags below `output`, and return their minutes.
@@ -189,12 +193,13 @@ def record_sessions(
         sessions: What is recorded.
         machine: Of which there must be a plant.
         effects: What is switched on in it.
+        condition: Of the plant.
         progress_bar: Opened per session with its description, its duration, and the duration's unit.
     """
     list_recorded(output, [session.path for session in sessions])
     for session in sessions:
         with progress_bar(f"record {session.path.name}", round(60 * session.minutes), "s") as bar:
-            _record_bag(session, machine, effects, bar.reach)
+            _record_bag(session, machine, effects, condition, bar.reach)
     return sum(session.minutes for session in sessions)
 
 
@@ -202,9 +207,12 @@ def _record_bag(
     session: Session,
     machine: MachineSpecification,
     effects: Sequence[PlantEffect],
+    condition: Condition,
     progress: Callable[[float], None],
 ) -> None:
-    parameters, changes = parameters_of_session(simulated_machine(machine.name), effects, session.number)
+    nominal = simulated_machine(machine.name, condition)
+    parameters, changes = parameters_of_session(nominal, effects, session.number)
+    is_field = condition is Condition.field
     log = record_session(
         machine,
         parameters,
@@ -214,6 +222,7 @@ def _record_bag(
         start_time_ns=int(session.start.timestamp()) * NANOSECONDS,
         changes=changes,
         progress=progress,
+        shift=draw_shift(session.seed, 60.0 * session.minutes) if is_field else None,
     )
     channels = {name: ChannelSamples(*samples) for name, samples in log.channels.items()}
     write_session(session.path, machine, log, channels)

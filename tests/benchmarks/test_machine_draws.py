@@ -16,9 +16,17 @@ SEED = 17
 # What a draw leaves: the description's geometry, cylinders and cab, the simulation's steps, what only effects change,
 # and what is not of the machine.
 LEFT = {
-    "pilot": {"crosstalk", "coil_fade", "coil_time_constant_s", "supply_sag", "supply_time_constant_s"},
+    "pilot": {
+        "crosstalk",
+        "coil_fade",
+        "coil_time_constant_s",
+        "supply_sag",
+        "supply_time_constant_s",
+        "late_interval_s",
+        "late_s",
+    },
     "spool": set(),
-    "supply": {"engine_power_W", "relief_wander_std"},
+    "supply": {"engine_power_W", "relief_wander_std", "others_share", "others_interval_s", "others_s"},
     "cylinder": {
         "area_m2",
         "line_clogging_per_m3",
@@ -29,9 +37,17 @@ LEFT = {
     },
     "linkage": {"lower_rad", "upper_rad", "moment_arm_m", "travel_m"},
     "links": {"length_m", "pivot_radius_m", "payload_kg", "gravity_m_s2"},
+    "contact": {"floor_m", "pivot_height_m", "base_radius_m", "base_height_m"},
     "friction": set(),
     "oil": {"reference_viscosity_Pa_s"},
-    "sensor": {"offset_rad", "scale", "period_s", "stamp_lateness_s", "publication_delay_s"},
+    "sensor": {
+        "offset_rad",
+        "scale",
+        "period_s",
+        "stamp_lateness_s",
+        "publication_delay_s",
+        "mount_flex_rad",
+    },
     "numerics": {"substep_s", "control_period_s", "trace_stride"},
 }
 

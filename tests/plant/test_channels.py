@@ -10,6 +10,7 @@ from pipeline.logs.ingest import ingest
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
 from pipeline.logs.tuples import read_tuples
+from pipeline.plant.machines.simulated import Condition
 from pipeline.plant.recording import session as session_module
 from pipeline.plant.recording.channels import RATED_ENGINE_RPM, SENSORS, measure, true_values
 from pipeline.plant.recording.operator import draw_style
@@ -74,7 +75,7 @@ def test_record_writes_them_and_ingest_reads_them(machine, tmp_path):
             pass
 
     session = Session(0, tmp_path / "sessions" / "a", 0.2, 0, 1, datetime(2024, 5, 6, tzinfo=UTC))
-    record_sessions(tmp_path, [session], machine, [], lambda *_: Silent())
+    record_sessions(tmp_path, [session], machine, [], Condition.workshop, lambda *_: Silent())
     config = load_section("ingest", IngestConfig)
     tracker = load_section("control.loop_tracker", LoopTrackerConfig)
     (report,) = ingest(machine, tmp_path / "sessions", tmp_path / "tuples", config, tracker).reports

@@ -1,6 +1,6 @@
 """Recorded sessions: the operator drives the plant, and the content of a log is kept as arrays."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
@@ -8,8 +8,10 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
+from pipeline.plant.machines.field import Shift
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.physics.kinematics import configuration
+from pipeline.plant.recording.attended import AttendedPlant, started
 from pipeline.plant.recording.channels import measure, true_values
 from pipeline.plant.recording.operator import OperatorStyle, ScriptedOperator
 from pipeline.plant.simulator import Plant
@@ -85,6 +87,7 @@ def record_session(
     start_time_ns: int,
     changes: Sequence[tuple[float, Parameters]] = (),
     progress: Callable[[float], None] | None = None,
+    shift: Shift | None = None,
 ) -> SessionLog:
     """Let an operator paint W+ with a plant.
 
@@ -97,6 +100,7 @@ def record_session(
         start_time_ns: absolute time of the session's start.
         changes: later parameters, each with the time since start, s, from which they hold; ascending.
         progress: called about once per simulated second with the simulated time, s.
+        shift: starts of the engine, which is not recorded while it is off; None: it starts once, as `parameters` say.
 
     Returns:
         The log.
@@ -110,17 +114,17 @@ def record_session(
             f"{parameters.numerics.control_period_s} s"
         )
     operator = ScriptedOperator(machine, style, int(_seeds(seed)[1]))
-    plant = session_plant(machine, parameters, seed)
+    plant = session_plant(machine, started(parameters, shift, 1), seed)
+    attended = AttendedPlant(plant, parameters, changes, shift)
     measured = plant.state.link_angle_rad.copy()
     true_channels = [true_values(plant)]
     n_step = round(minutes * 60.0 / machine.dt_s)
     per_second = max(round(machine.rate_hz), 1)
-    pending = list(changes)
-    samples = []
+    samples, off_s = [], np.zeros(n_step)
     commands = np.zeros((n_step, machine.n_joint), dtype=np.int8)
     for step in range(n_step):
-        while pending and plant.time_s >= pending[0][0]:
-            plant.change(pending.pop(0)[1])
+        attended.attend(not commands[max(step - per_second, 0) : step].any())
+        off_s[step] = attended.off_s
         commands[step] = operator.command(measured)
         sample = plant.step(commands[step])
         if sample.joint_states.position_rad.size:
@@ -129,18 +133,23 @@ def record_session(
         true_channels.append(true_values(plant))
         if progress is not None and step % per_second == 0:
             progress(plant.time_s)
-    measured_channels = measure(np.array(true_channels), machine.dt_s, seed)
+
+    def clock(since_start_s: Iterable[np.ndarray]) -> np.ndarray:
+        """Absolute times, ns, of times without the engine's pauses, one array per control period."""
+        return _absolute([of + off for of, off in zip(since_start_s, off_s, strict=True)], start_time_ns)
+
+    channels = measure(np.array(true_channels), machine.dt_s, seed)
     return SessionLog(
         joint_names=machine.joint_names,
-        joint_state_header_stamp_ns=_absolute([s.joint_states.stamp_s for s in samples], start_time_ns),
-        joint_state_log_time_ns=_absolute([s.joint_states.log_s for s in samples], start_time_ns),
+        joint_state_header_stamp_ns=clock(s.joint_states.stamp_s for s in samples),
+        joint_state_log_time_ns=clock(s.joint_states.log_s for s in samples),
         positions=np.concatenate([s.joint_states.position_rad for s in samples]),
-        command_log_time_ns=_absolute([s.command_log_s for s in samples], start_time_ns),
+        command_log_time_ns=clock(s.command_log_s for s in samples),
         commands=commands,
         true_positions=np.concatenate([s.angle_rad for s in samples]),
         channels={
-            name: (_absolute([channel.log_s], start_time_ns), channel.value)
-            for name, channel in measured_channels.items()
+            name: (_absolute([of.log_s + _at(off_s, of.log_s / machine.dt_s)], start_time_ns), of.value)
+            for name, of in channels.items()
         },
     )
 
@@ -174,6 +183,11 @@ def start_configuration(machine: MachineSpecification, seed: int) -> np.ndarray:
         q = configuration(np.array([radius, height]), float(random.uniform(-0.3, 0.3)), yaw)
         if q is not None and np.all(q > machine.lower) and np.all(q < machine.upper):
             return q
+
+
+def _at(off_s: np.ndarray, periods: np.ndarray) -> np.ndarray:
+    """How long the engine had been off at times in control periods since the start, s."""
+    return off_s[np.minimum(periods.astype(np.int64), len(off_s) - 1)]
 
 
 def _absolute(seconds: list[np.ndarray], start_time_ns: int) -> np.ndarray:
