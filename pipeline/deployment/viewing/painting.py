@@ -19,6 +19,9 @@ PAINTED_TOPICS = {
 PERIOD_NS = nanoseconds(1.0)  # each message holds the whole history
 MESSAGES_PER_LOG = 100  # so that a file grows with the log's length, and not with its square
 POINT_SPACING = 0.02  # m, rad: points of half a chisel's diameter make a line
+MOST_POINTS = (
+    50_000  # more than an hour's; a shift's would take a viewer longer than the second between messages
+)
 NEXT = 3  # poses at a time: more hide each other
 COLOURS = np.array(
     [[86, 180, 233], [255, 255, 255], [213, 94, 0]]
@@ -41,6 +44,8 @@ class Painting:
         for pose in np.column_stack([arm.forward(q).position, arm.pitch(q)]):
             if not self._history or np.abs(pose - self._history[-1]).max() >= POINT_SPACING:
                 self._history.append(pose)
+        while len(self._history) > MOST_POINTS:
+            del self._history[::2]
         self._newest = q[-1]
 
     def topics(self, time_ns: int) -> list[RecordedTopic]:

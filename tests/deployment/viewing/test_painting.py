@@ -11,8 +11,9 @@ from mcap_ros2.decoder import DecoderFactory
 from pipeline.configuration.load import load_section
 from pipeline.deployment.settings import CoverageConfig
 from pipeline.deployment.transports.mcap_file import write_mcap_file
+from pipeline.deployment.viewing import painting
 from pipeline.deployment.viewing.coverage import Coverage, ReachableCells
-from pipeline.deployment.viewing.painting import painted_topics, pitch_colours
+from pipeline.deployment.viewing.painting import Painting, painted_topics, pitch_colours
 from pipeline.deployment.viewing.ros_messages import STORE
 from pipeline.logs.messages.raw_log import RawLog
 from tests.deployment.machines import MIDDLE, arm, bobcat
@@ -83,6 +84,18 @@ def test_a_long_log_has_a_hundred_messages_and_a_standing_arm_one_point(tmp_path
     assert 100 <= len(found["/painted"]) <= 101
     assert found["/painted"][-1][0] == BEGIN_NS + 1999 * 500_000_000
     assert found["/painted"][-1][1].width == 1
+
+
+def test_the_history_of_a_shift_is_thinned_and_its_coverage_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(painting, "MOST_POINTS", 10)
+    q = MIDDLE + np.linspace(0.0, 0.5, 40)[:, None] * np.array([1.0, 0.0, 0.0, 0.0])
+    shift, coverage = Painting(reachable()), Coverage(reachable())
+    for row in q:
+        shift.add(row[None])
+        coverage.add(row[None])
+    topics = {topic.name: topic.messages[0][1] for topic in shift.topics(BEGIN_NS)}
+    assert 5 <= topics["/painted"].width <= 10
+    assert topics["/painted_share"].data == coverage.share
 
 
 @pytest.mark.parametrize(
