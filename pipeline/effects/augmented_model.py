@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from pipeline.dynamics.model.dynamics import Dynamics, MeasuredHistory
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
@@ -46,6 +47,8 @@ class AugmentedHistory(NamedTuple):
         chain: States of the effects.
         time_s: (...,) since the start of the log.
         values: Of the effects, (..., n_joint, ...), where each history has its own; None: those of the parameters.
+        channels: (..., n_channel) as last measured; in predictions on their way back to the usual. None: the effects
+            look at none.
     """
 
     motion: jax.Array
@@ -55,6 +58,7 @@ class AugmentedHistory(NamedTuple):
     chain: ChainState
     time_s: jax.Array
     values: ChainValues | None = None
+    channels: jax.Array | None = None
 
 
 class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
@@ -69,11 +73,16 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
         self.specification = frozen.specification
 
     def initial_history(self, q: jax.Array) -> AugmentedHistory:
-        """History of a warm machine that has been at rest in `q` (..., n_joint); all effects have set in."""
+        """History of a warm machine at rest in `q` (..., n_joint), channels as usual; all effects have set in."""
         measured = self.frozen.initial_history(q)
-        batch = q.shape[:-1]
+        batch, channels = q.shape[:-1], self.chain.setting.channels
+        usual = jnp.array([channel.usual for channel in channels], q.dtype)
         return AugmentedHistory(
-            *measured, measured, self.chain.initial(batch), jnp.full(batch, WARM_S, q.dtype)
+            *measured,
+            measured,
+            self.chain.initial(batch),
+            jnp.full(batch, WARM_S, q.dtype),
+            channels=jnp.broadcast_to(usual, (*batch, len(channels))) if channels else None,
         )
 
     def at_rest(self, parameters: AugmentedParameters, q: jax.Array) -> AugmentedHistory:
@@ -99,7 +108,8 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
         after = self._free.step(parameters.network, before, reaching)
         is_dq = self.specification.target is Target.dq
         u = (after.q - before.q) / dt_s if is_dq else after.motion[..., -1, :]
-        state, v = self.chain.velocity(values, state, u, Signals(command, before.q, history.time_s))
+        signals = Signals(command, before.q, history.time_s, history.channels)
+        state, v = self.chain.velocity(values, state, u, signals)
         ahead = self.chain.ahead(values, state)
         shift = dt_s * (v - u) + (ahead - self.chain.ahead(values, history.chain))
         # The window of a Δq model holds positions. A shift of the whole window keeps the nominal machine's steps.
@@ -115,6 +125,7 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
             nominal=History(motion, after.commands, drive),
             chain=state,
             time_s=history.time_s + dt_s,
+            channels=self._later(history.channels),
         )
         for each in (self.frozen.own_stops(before.q), stops):
             moved = moved if each is None else self._stopped(values, moved, each)
@@ -137,7 +148,7 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
         if self.chain.learns_from_errors:
             predicted = self.chain.true(values, self.step(parameters, history, command).q)
             state = self.chain.corrected(values, state, true - predicted, predicted - before)
-        signals = Signals(command, before, history.time_s)
+        signals = Signals(command, before, history.time_s, history.channels)
         state, u = self.chain.nominal_velocity(values, state, v, signals)
         ahead = self.chain.ahead(values, state)
         drive, motion = true + ahead, history.nominal.motion
@@ -170,6 +181,16 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
             q=q,
             nominal=before._replace(q=drive, motion=before.motion.at[..., -1, :].set(nominal_newest)),
         )
+
+    def _later(self, channels: jax.Array | None) -> jax.Array | None:
+        """What is expected of channels a step later."""
+        if channels is None:
+            return None
+        usual, kept = (
+            np.array([getattr(channel, name) for channel in self.chain.setting.channels], channels.dtype)
+            for name in ("usual", "kept")
+        )
+        return channels - (channels - usual) * (1.0 - kept**self.specification.dt_s)
 
     @property
     def has_sensor(self) -> bool:

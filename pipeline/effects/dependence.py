@@ -34,14 +34,19 @@ class Dependence(RatioEffect):
 
     variable: ClassVar[str]
     n_basis: ClassVar[int]
-    per_source: ClassVar[bool] = False  # whether the variables are other joints'
+    per_source: ClassVar[bool] = False  # whether the variables are other joints', or channels
     common: ClassVar[bool] = False  # whether the variable belongs to the machine
     reference: ClassVar[int | None] = None  # reference basis function, where the ratio is one without a gain
 
     def neutral(self) -> dict[str, np.ndarray]:
         """All coefficients zero: (n_joint, 2, n_source, n_basis)."""
-        n = self.setting.n_joint
-        return {"coefficients": np.zeros((n, N_DIRECTION, n if self.per_source else 1, self.n_basis))}
+        shape = (self.setting.n_joint, N_DIRECTION, self.n_source, self.n_basis)
+        return {"coefficients": np.zeros(shape)}
+
+    @property
+    def n_source(self) -> int:
+        """How many variables it may be a dependence on."""
+        return self.setting.n_joint if self.per_source else 1
 
     def grid(self) -> list[dict[str, float]]:
         """Empty: the model is linear in all parameters."""
@@ -316,6 +321,46 @@ class OnTravel(Dependence):
         return state, (1.0 - jnp.exp(-state / span))[..., None]
 
 
+class OnChannel(Dependence):
+    """Piecewise linear dependence on a measured channel, such as a pressure or a temperature.
+
+    Each basis function rises over its part of the channel's range, so that a coefficient is the change of the ratio
+    from one end of the part to the other. At the channel's usual value the ratio is one.
+    """
+
+    variable, n_basis, per_source, common = "channel", 4, True, True
+    card = _card(
+        "channel",
+        "φ_k(x) − φ_k(usual x), φ_k rising from 0 to 1 over the k-th quarter of the channel's range",
+        "residual proportional to speed that follows a measured channel",
+        Abscissa.channel,
+        Scope.machine,
+        complexity=5.2,  # as of the machine's activity
+    )
+
+    @property
+    def n_source(self) -> int:
+        """The machine's channels."""
+        return len(self.setting.channels)
+
+    def basis(self, state: State, u: jax.Array, signals: Signals) -> tuple[State, jax.Array]:
+        """(..., n_channel, n_basis); zero where the channel is not known."""
+        lower, upper, usual = (
+            np.array([getattr(of, name) for of in self.setting.channels], np.float32)
+            for name in ("lower", "upper", "usual")
+        )
+        width = np.where(upper > lower, upper - lower, np.inf)
+
+        def rise(x: jax.Array) -> jax.Array:
+            return jnp.clip(
+                self.n_basis * ((x - lower) / width)[..., None] - np.arange(self.n_basis), 0.0, 1.0
+            )
+
+        unknown = jnp.full((*u.shape[:-1], self.n_source), jnp.nan)
+        x = unknown if signals.channels is None else signals.channels
+        return state, rise(jnp.where(jnp.isnan(x), usual, x)) - rise(jnp.asarray(usual))
+
+
 def _rising(time_s: jax.Array, constants_s: tuple[float, ...]) -> jax.Array:
     return 1.0 - jnp.exp(-time_s[..., None] / jnp.asarray(constants_s))
 
@@ -332,5 +377,6 @@ DEPENDENCES: dict[str, type[Dependence]] = {
         OnVelocity,
         OnActivity,
         OnTravel,
+        OnChannel,
     )
 }

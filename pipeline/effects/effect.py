@@ -62,6 +62,7 @@ class Abscissa(enum.Enum):
     command = enum.auto()  # of the joint, or of the joint that it depends on
     since_command = enum.auto()  # time since the joint's command last changed
     velocity = enum.auto()  # predicted by the model
+    channel = enum.auto()  # that it depends on
 
 
 class Along(enum.Enum):
@@ -133,6 +134,24 @@ class Card:
     can_set_in: bool = True
 
 
+class Channel(NamedTuple):
+    """A measured channel that speeds may depend on; values in its own unit.
+
+    Attributes:
+        name: In the machine's YAML.
+        lower: What lies below counts as this.
+        upper: What lies above counts as this; `lower`, where nothing can be told of the channel.
+        usual: Value at which the machine moves as f_θ says; taken where none is known.
+        kept: Share of the distance from it that is left a second later, on average.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    usual: float
+    kept: float = 1.0
+
+
 @dataclass(frozen=True)
 class Setting:
     """Properties of the machine that effects use.
@@ -142,12 +161,14 @@ class Setting:
         lower: (n_joint,) lower joint limits, rad or m.
         upper: (n_joint,) upper joint limits.
         speed_scale: (n_joint,) a joint's usual full speed, rad/s or m/s.
+        channels: All of the machine's, in order; empty where none is looked at.
     """
 
     dt_s: float
     lower: np.ndarray
     upper: np.ndarray
     speed_scale: np.ndarray
+    channels: tuple[Channel, ...] = ()
 
     @property
     def n_joint(self) -> int:
@@ -162,11 +183,13 @@ class Signals(NamedTuple):
         command: (..., n_joint), a_t.
         q: (..., n_joint), the true configuration, rad or m.
         time_s: (...,), since the start of the log.
+        channels: (..., n_channel), as last measured, NaN where unknown; None: all are unknown.
     """
 
     command: jax.Array
     q: jax.Array
     time_s: jax.Array
+    channels: jax.Array | None = None
 
 
 class Effect(ABC):

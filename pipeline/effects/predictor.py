@@ -72,7 +72,7 @@ class AugmentedPredictor:
             )
             for family, of_joint in self.onset_ns.items()
         }
-        rows = (*columns, jnp.asarray(time_s, jnp.float32))
+        rows = (*columns, jnp.asarray(time_s, jnp.float32), self._channels(trajectory, padding))
         observed = self._observe(self._parameters, self._values, share, rows)
         predictions = np.empty((len(starts), horizon, trajectory.q.shape[1]))
         steps = np.arange(horizon)
@@ -92,6 +92,14 @@ class AugmentedPredictor:
             predictions[first : first + CHUNK] = np.asarray(predicted)[: len(chunk)]
         return predictions
 
+    def _channels(self, trajectory: Trajectory, padding: int) -> jax.Array | None:
+        """(T, n_channel), NaN where the log lacks one; None: the effects look at none."""
+        if not (channels := self.model.chain.setting.channels):
+            return None
+        unknown = np.full(len(trajectory), np.nan)
+        values = np.stack([trajectory.channels.get(of.name, unknown) for of in channels], axis=-1)
+        return jnp.asarray(np.pad(values, ((0, padding), (0, 0)), mode="edge"), jnp.float32)
+
     def with_values(self, values: Mapping[str, Mapping[str, np.ndarray]]) -> Self:
         """The same with other values of the effects; both share what is compiled."""
         other = copy.copy(self)
@@ -103,23 +111,24 @@ class AugmentedPredictor:
     ) -> tuple[AugmentedHistory, jax.Array]:
         """The history at each row of a log, and the true configurations, (T, n_joint)."""
         model, neutral = self.model, self.model.chain.neutral()
-        q, qd, a, time_s = rows
+        q, qd, a, time_s, channels = rows
         of_first = set_in(values, neutral, {family: of[0] for family, of in share.items()})
         first = model.at_rest(AugmentedParameters(parameters, of_first), q[0])
         # An onset at a row acts on the step that starts there.
-        before = [_shifted(of) for of in (a, time_s)]
+        before = jax.tree.map(_shifted, [a, time_s, channels])
         share_before = {family: _shifted(of) for family, of in share.items()}
         before[0] = before[0].at[0].set(0.0)
 
         def advance(history: AugmentedHistory, row: tuple) -> tuple[AugmentedHistory, AugmentedHistory]:
-            q, qd, command, time_s, share = row
+            q, qd, command, time_s, channels, share = row
             present = AugmentedParameters(parameters, set_in(values, neutral, share))
-            history = model.observe(present, history._replace(time_s=time_s), q, qd, command)
+            history = history._replace(time_s=time_s, channels=channels)
+            history = model.observe(present, history, q, qd, command)
             return history, history
 
         _, histories = jax.lax.scan(advance, first, (q, qd, *before, share_before))
         true = model.chain.true(set_in(values, neutral, share), q)
-        return histories._replace(time_s=time_s), true
+        return histories._replace(time_s=time_s, channels=channels), true
 
     def _rolled_out(
         self,

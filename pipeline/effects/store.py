@@ -1,6 +1,7 @@
 """An augmented model's folder: the frozen model's files and `effects.json`.
 
-`effects.json` holds `setting` (`dt_s` and, per joint, `lower`, `upper` and `speed_scale`), `values` (by family and
+`effects.json` holds `setting` (`dt_s` and, per joint, `lower`, `upper` and `speed_scale`; of a dependence on a channel
+also `channels`, each `name`, `lower`, `upper` and `usual` in its own unit, and `kept`), `values` (by family and
 parameter, one row per joint), `deviations` (standard deviations of values, in the same form) and `onset_ns` (by family
 one absolute stamp per joint, null if it acts all the time). Older files hold one stamp per family, valid for all
 joints, and no deviations.
@@ -25,7 +26,7 @@ from pipeline.dynamics.model.store import load_model, load_model_of, model_finge
 from pipeline.effects.augmented_model import AugmentedModel, AugmentedParameters
 from pipeline.effects.catalogue import IN_MODELS
 from pipeline.effects.chain import Chain
-from pipeline.effects.effect import Setting
+from pipeline.effects.effect import Channel, Setting
 from pipeline.effects.predictor import AugmentedPredictor, Onsets
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_json
@@ -89,6 +90,11 @@ def save_effects(directory: Path, effects: ActiveEffects) -> None:
         "setting": {
             "dt_s": effects.setting.dt_s,
             **{name: getattr(effects.setting, name).tolist() for name in ("lower", "upper", "speed_scale")},
+            **(
+                {"channels": [c._asdict() for c in channels]}
+                if (channels := effects.setting.channels)
+                else {}
+            ),
         },
         "values": _lists(effects.values),
         **({"deviations": _lists(effects.deviations)} if effects.deviations else {}),
@@ -116,8 +122,9 @@ def load_effects(directory: Path) -> ActiveEffects | None:
             raise InputError(
                 f"{path}: schema version {version}, this program reads {SCHEMA_VERSION}; close the loop again"
             )
-        limits = (_numbers(content["setting"][name]) for name in ("lower", "upper", "speed_scale"))
-        setting = Setting(float(content["setting"]["dt_s"]), *limits)
+        limits = [_numbers(content["setting"][name]) for name in ("lower", "upper", "speed_scale")]
+        channels = _channels(content["setting"].get("channels", []))
+        setting = Setting(float(content["setting"]["dt_s"]), limits[0], limits[1], limits[2], channels)
         values, deviations = _arrays(content["values"]), _arrays(content.get("deviations", {}))
         onset_ns = {family: _onsets(of, setting.n_joint) for family, of in content["onset_ns"].items()}
     except (
@@ -159,6 +166,13 @@ def _numbers(value: Any) -> np.ndarray:
     if not np.all(np.isfinite(numbers)):
         raise ValueError("a value is not finite")
     return numbers
+
+
+def _channels(content: Any) -> tuple[Channel, ...]:
+    return tuple(
+        Channel(str(of["name"]), *_numbers([of[name] for name in Channel._fields[1:]]).tolist())
+        for of in content
+    )
 
 
 def _onsets(of: Any, n_joint: int) -> dict[int, int]:

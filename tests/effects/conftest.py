@@ -9,12 +9,13 @@ from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.kinds import build_model, read_specification
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
-from pipeline.effects.effect import CommandEffect, Setting, Signals
+from pipeline.effects.effect import Channel, CommandEffect, Setting, Signals
 from pipeline.logs.tuples import Trajectory
 
 DT_S = 0.05
 LOWER, UPPER, SPEED = np.array([-1.0, 0.05]), np.array([0.5, 0.35]), np.array([0.5, 0.1])  # rad, m
-SETTING = Setting(DT_S, LOWER, UPPER, SPEED)
+PRESSURE = Channel("pressure", 50.0, 210.0, 120.0)
+SETTING = Setting(DT_S, LOWER, UPPER, SPEED, (PRESSURE,))
 LAGS = 3
 WRAPPED = sorted(KNOWN)  # all families
 
@@ -97,7 +98,8 @@ def rows(seed: int, n_rows: int, batch: tuple = (), proportional: bool = False) 
     u = SPEED * (0.9 * command + random.uniform(0.02, 0.08, shape) * random.choice([-1, 1], shape))
     q = LOWER + (UPPER - LOWER) * random.random(shape)
     time_s = np.broadcast_to((DT_S * np.arange(n_rows)).reshape(-1, *([1] * len(batch))), shape[:-1])
-    single = [np.asarray(array, np.float32) for array in (u, command, q, time_s)]
+    pressure = random.uniform(PRESSURE.lower, PRESSURE.upper, (*shape[:-1], 1))
+    single = [np.asarray(array, np.float32) for array in (u, command, q, time_s, pressure)]
     return single[0], Signals(*single[1:])
 
 
@@ -115,7 +117,8 @@ def respond(effect, values, u, signals=None, step="apply") -> np.ndarray:
         if isinstance(effect, CommandEffect):
             state, output = one_row(values, state, row)
         else:
-            present = resting if signals is None else Signals(*(np.asarray(column)[t] for column in signals))
+            of_row = jax.tree.map(lambda column, t=t: np.asarray(column)[t], signals)
+            present = resting if signals is None else of_row
             state, output = one_row(values, state, row, present)
         outputs.append(output)
     return np.stack(outputs)
@@ -143,7 +146,7 @@ def make_model(
     return build_model(read_specification(content))
 
 
-def make_trajectory(q, qd, a, start_s=0.0) -> Trajectory:
+def make_trajectory(q, qd, a, start_s=0.0, **channels) -> Trajectory:
     t_s = start_s + DT_S * np.arange(len(q))
     return Trajectory(
         name="log",
@@ -153,9 +156,12 @@ def make_trajectory(q, qd, a, start_s=0.0) -> Trajectory:
         qd=np.asarray(qd, np.float64),
         a=np.asarray(a, np.float64),
         is_validation=np.zeros(len(q), bool),
+        channels=channels,
     )
 
 
 def random_trajectory(seed: int, n_rows: int = 90) -> Trajectory:
     u, signals = rows(seed, n_rows)
-    return make_trajectory(signals.q, u, signals.command)
+    return make_trajectory(
+        signals.q, u, signals.command, pressure=np.asarray(signals.channels[:, 0], np.float64)
+    )

@@ -21,7 +21,7 @@ WITHOUT_WRAPPER = {
 VARIABLES = {
     "command", "command_history", "hold_time", "direction", "position", "velocity", "reversal", "rest_time",
     "time_since_start", "time_since_stop", "absolute_time", "activity", "travel", "zero_command", "clock", "random",
-    "latent",
+    "latent", "channel",
 }  # fmt: skip
 UNITS = {"1", "s", "Hz", "sign", "length", "speed"}
 
