@@ -1,10 +1,13 @@
 """Two joints whose nominal speed is exactly their command's, and logs of them with what changes it."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import jax
 import numpy as np
 
+from pipeline.discrepancy.diagnosis.channels import channels_of
 from pipeline.discrepancy.diagnosis.sequences import Sequences
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.effects.catalogue import KNOWN
@@ -40,8 +43,13 @@ def held_commands(seed: int, n_rows: int) -> np.ndarray:
     return np.repeat(random.choice([-1.0, 0.0, 1.0], (n_rows // 10, N_JOINT)), 10, axis=0)
 
 
-def simulation_of(families: list[str], command: np.ndarray, velocity: np.ndarray) -> Simulation:
-    """Of one log, (T, n_joint) each."""
+def simulation_of(
+    families: list[str],
+    command: np.ndarray,
+    velocity: np.ndarray,
+    channels: Mapping[str, np.ndarray] | None = None,
+) -> Simulation:
+    """Of one log, (T, n_joint) each, and channels (T,)."""
     n_rows = len(command)
     t_s = DT_S * np.arange(n_rows)
     sequences = Sequences(
@@ -51,6 +59,8 @@ def simulation_of(families: list[str], command: np.ndarray, velocity: np.ndarray
         t_s[None],
         STEP_NS * np.arange(n_rows)[None],
         np.ones((1, n_rows), bool),
+        np.array(list((channels or {}).values())).reshape(-1, 1, n_rows).transpose(1, 2, 0),
     )
     model: Any = ExactModel()
-    return Simulation(model, sequences, [KNOWN[family] for family in families], SETTING)
+    setting = replace(SETTING, channels=channels_of(sequences, sequences, list(channels or {}), DT_S))
+    return Simulation(model, sequences, [KNOWN[family] for family in families], setting)

@@ -52,15 +52,17 @@ def record(
     sag: tuple[float, float, float] = (0.0, 0.0, 0.0),
     onset: int = 0,
     shared: float = 0.0,
+    factor: np.ndarray | float = 1.0,
 ) -> Trajectory:
     """Random holds of commands.
 
     From row `onset` on the second joint is slower on its way down, by this factor, and all commands act later. The
     first joint creeps at velocities that are given for commands -1, 0 and 1. At full speed it takes this share
-    of the second joint's.
+    of the second joint's. Speeds are multiplied by a factor, per row where it is (T, 2).
     """
     random = np.random.default_rng(seed)
     a, q = np.zeros((n_rows, 2)), np.zeros((n_rows, 2))
+    factors = np.broadcast_to(factor, (n_rows, 2))
     velocity, command, left = np.zeros(2), np.zeros(2), np.zeros(2)
     for row in range(n_rows - 1):
         for joint in range(2):
@@ -72,7 +74,7 @@ def record(
                 command[joint] = -np.sign(q[row, joint])
         a[row] = command
         acting = a[max(row - late_rows, 0)] if row >= onset else command
-        target = SPEEDS * acting
+        target = factors[row] * SPEEDS * acting
         target[1] *= slower if acting[1] < 0 and row >= onset else 1.0
         velocity = velocity + (1.0 - np.exp(-DT_S / CONSTANTS_S)) * (target - velocity)
         q[row + 1] = q[row] + DT_S * velocity

@@ -17,6 +17,7 @@ from pipeline.discrepancy.selection.selected_effect import hypothesis_of, onsets
 from pipeline.dynamics.evaluation.errors import OPEN_LOOP_HORIZON, Predictor
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
+from pipeline.effects.dependence import OnChannel
 from pipeline.effects.store import ActiveEffects, augmented, predictor
 from pipeline.effects.varying_speed import FAMILY
 from pipeline.logs.tuples import validation_part
@@ -75,7 +76,9 @@ def active_effects(simulation: Simulation, effects: Sequence[MachineEffect]) -> 
     earlier = onsets_of([replace(f, candidate=f.known.candidate) for f in found if f.known is not None])
     for (family, joint), onset in {**earlier, **hypothesis.onsets}.items():
         onset_ns.setdefault(family, {})[joint] = onset
-    return ActiveEffects(simulation.setting, hypothesis.values, onset_ns)
+    is_on_channel = OnChannel.card.family in hypothesis.values
+    setting = simulation.setting if is_on_channel else replace(simulation.setting, channels=())
+    return ActiveEffects(setting, hypothesis.values, onset_ns)
 
 
 def _with_filter(
@@ -89,7 +92,7 @@ def _with_filter(
     is_followed = np.isin(np.arange(simulation.setting.n_joint), [of.joint for of in members])
     of_these = {name: np.where(is_followed, values[name], 0.0) for name in ("common_std", "own_std")}
     onsets = {of.joint: of.onset for of in members if of.onset is not None}
-    known = active or ActiveEffects(simulation.setting, {}, {})
+    known = active or ActiveEffects(replace(simulation.setting, channels=()), {}, {})
     return ActiveEffects(
         known.setting,
         {**known.values, FAMILY: {**values, **of_these}},

@@ -101,7 +101,7 @@ def learn_nominal_behaviour(
     known_as = identity(nominal, machine, config, identify)
     known = load_learned(kept, known_as) if kept is not None else None
     history_rows = training_of_diagnosis(identify).lags + 1
-    every = side_by_side(nominal, machine.dt_s, history_rows)
+    every = side_by_side(nominal, machine.dt_s, history_rows, machine.channel_names)
     is_switched = machine.command_kind is CommandKind.discrete
     diagnosis = (
         known.diagnosis

@@ -71,7 +71,8 @@ def prepare(
         UnusableLogs: The measured logs are too short.
     """
     dt_s = machine.dt_s
-    sequences = side_by_side(measured, dt_s, training_of_diagnosis(identify).lags + 1)
+    history_rows = training_of_diagnosis(identify).lags + 1
+    sequences = side_by_side(measured, dt_s, history_rows, machine.channel_names)
     purposes, rule = split_rows([len(t) for t in measured], dt_s, config.split)
     if not any(len(starts_within(purpose == Purpose.confirm, 80)) for purpose in purposes):
         raise UnusableLogs(

@@ -18,6 +18,7 @@ class Sequences(NamedTuple):
         time_s: (B, T), since the start of the log.
         stamp_ns: (B, T), int64, absolute.
         is_row: (B, T), bool, where velocity is measured, and the commands before it are known.
+        channels: (B, T, n_channel), each in its own unit, NaN where none holds.
     """
 
     command: np.ndarray
@@ -26,12 +27,15 @@ class Sequences(NamedTuple):
     time_s: np.ndarray
     stamp_ns: np.ndarray
     is_row: np.ndarray
+    channels: np.ndarray = np.zeros((1, 1, 0))
 
 
 LENGTH_QUANTUM = 1024  # rows: logs of similar length share one compilation
 
 
-def side_by_side(trajectories: Sequence[Trajectory], dt_s: float, history_rows: int) -> Sequences:
+def side_by_side(
+    trajectories: Sequence[Trajectory], dt_s: float, history_rows: int, channels: Sequence[str] = ()
+) -> Sequences:
     """Pad trajectories to equal length.
 
     Args:
@@ -39,6 +43,7 @@ def side_by_side(trajectories: Sequence[Trajectory], dt_s: float, history_rows: 
         dt_s: Length of one time step.
         history_rows: At the start of each that are no rows, as nobody knows which commands came before them: what was
             cut by a gap begins anywhere in a motion.
+        channels: Names of the machine's channels; a log may lack some.
     """
     longest = max(len(trajectory) for trajectory in trajectories)
     n_rows = -(-longest // LENGTH_QUANTUM) * LENGTH_QUANTUM
@@ -51,6 +56,10 @@ def side_by_side(trajectories: Sequence[Trajectory], dt_s: float, history_rows: 
         columns["velocity"].append(np.pad(velocity, ((0, padding + 1), (0, 0))))
         columns["time_s"].append(np.pad(trajectory.t_s, (0, padding), mode="edge"))
         columns["stamp_ns"].append(np.pad(trajectory.stamp_ns, (0, padding), mode="edge"))
+        unknown = np.full(len(trajectory), np.nan)
+        x = np.array([trajectory.channels.get(name, unknown) for name in channels])
+        x = x.reshape(len(channels), len(trajectory)).T
+        columns["channels"].append(np.pad(x, ((0, padding), (0, 0)), mode="edge"))
         row = np.arange(n_rows)
         columns["is_row"].append((row >= history_rows) & (row < len(trajectory) - 1))
     return Sequences(**{name: np.stack(arrays) for name, arrays in columns.items()})

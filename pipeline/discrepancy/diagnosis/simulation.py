@@ -74,9 +74,13 @@ class Simulation:
         self.sequences = sequences
         self._types = {effect.card.family: effect for effect in effects}
         self.model = model
-        rows = (sequences.command, sequences.q, sequences.time_s)
-        self._rows = [jnp.asarray(np.moveaxis(array, 1, 0), jnp.float32) for array in rows]  # time in front
-        self._rows.append(jnp.zeros(len(sequences.q)))  # (B,)
+        rows = [sequences.command, sequences.q, sequences.time_s]
+        rows += [sequences.channels] if setting.channels else []
+        phases = jnp.zeros(len(sequences.q))  # (B,)
+        self._rows = [
+            phases,
+            *(jnp.asarray(np.moveaxis(of, 1, 0), jnp.float32) for of in rows),
+        ]  # time in front
         # (E, T, B, 1)
         self._left_out = None if left_out is None else jnp.moveaxis(jnp.asarray(left_out)[..., None], 1, 2)
         self._compiled: dict[tuple, Callable] = {}
@@ -84,7 +88,7 @@ class Simulation:
     def with_phases(self, phases: np.ndarray) -> "Simulation":
         """The same, where all joints of each log respond late by so many steps, in (-1, 1): (B,)."""
         late = copy.copy(self)  # what is compiled serves both
-        late._rows = [*self._rows[:-1], jnp.asarray(phases, jnp.float32)]
+        late._rows = [jnp.asarray(phases, jnp.float32), *self._rows[1:]]
         return late
 
     def by_member(self, member: int) -> "Simulation":
@@ -217,7 +221,7 @@ def _driven(
     rows: list,
     left_out: jax.Array | None,
 ) -> jax.Array:
-    command, q, _, phase = rows
+    phase, command, q, *_ = rows
     reaching = jnp.moveaxis(chain.command_sequence(values, command), 0, 1)
     true = jnp.moveaxis(chain.true(values, q), 0, 1)
     if left_out is None:
@@ -233,9 +237,9 @@ def _driven(
 def _responding(
     model: DiagnosisModel | GivenModel, chain: Chain, values: ChainValues, u: jax.Array, rows: list
 ) -> jax.Array:
-    command, q, time_s, *_ = rows
+    _, command, q, *others = rows
     true = chain.true(values, q)
-    v, ahead = chain.velocity_sequence(values, u, Signals(command, true, time_s))
+    v, ahead = chain.velocity_sequence(values, u, Signals(command, true, *others))
     return model.stopped(v, true + ahead) * chain.sensor_scale(values, true)
 
 

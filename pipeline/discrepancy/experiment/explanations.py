@@ -9,7 +9,7 @@ from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.nominal.noise import noise_of
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis, Simulation
 from pipeline.discrepancy.experiment.evidence import pair_sums
-from pipeline.discrepancy.families.plausibility import THERMAL_DRIFT, TIMING
+from pipeline.discrepancy.families.plausibility import CHANNEL, THERMAL_DRIFT, TIMING
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate, with_candidate
 from pipeline.discrepancy.selection.grouping import MachineEffect
@@ -86,7 +86,7 @@ class Remaining(NamedTuple):
     Attributes:
         explanations: With an equation.
         pairs: Indices of every two that are to be told apart, the one taken to be true first.
-        left_out: Names of those without an equation.
+        left_out: Names of those without an equation, or on a channel, whose course nobody knows beforehand.
     """
 
     explanations: Sequence[Explanation]
@@ -110,7 +110,7 @@ def rivals_of(
     beside = [member for effect in effects if effect is not doubted for member in effect.members]
     certain = Hypothesis(hypothesis_of(simulation, beside).values)
     rivals = [[member.candidate for member in doubted.members], *([c] for c in doubted.equivalents)]
-    known = [of for of in rivals if all(map(has_wrapper, of))]
+    known = [of for of in rivals if all(has_wrapper(c) and c.family != CHANNEL for c in of)]
     left_out = [_name(of, joints) for of in rivals if of not in known]
     explanations = [_explanation(simulation, certain, of, joints) for of in known]
     pairs = [(a, b) for a in range(len(known)) for b in range(len(known)) if a != b]

@@ -15,7 +15,7 @@ from pipeline.effects.dependence import DEPENDENCES
 from pipeline.effects.effect import Effect
 
 THERMAL_DRIFT, FLOW_COUPLING, LOAD = "thermal_drift", "flow_coupling", "load"
-ACTIVITY, DEAD_BAND = "other:activity", "other:dead_band"
+ACTIVITY, CHANNEL, DEAD_BAND = "other:activity", "other:channel", "other:dead_band"
 GAIN, TIMING = "gain", "timing"
 SENSOR_BIAS, BACKLASH, DELAY = "sensor_bias", "backlash", "delay"
 STICTION, OSCILLATION, LAG, LEAKAGE = "stiction", "oscillation", "lag", "leakage"

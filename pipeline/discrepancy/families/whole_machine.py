@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from pipeline.discrepancy.families.late_channel import late_channel
 from pipeline.discrepancy.families.plausibility import (
     ACTIVITY,
+    CHANNEL,
     DEAD_BAND,
     DELAY,
     FLOW_COUPLING,
@@ -18,8 +19,8 @@ from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.selection.candidate import Candidate
 
-COMMON_CAUSES = (THERMAL_DRIFT, SUPPLY, ACTIVITY)
-WHOLE_MACHINE = (THERMAL_DRIFT, TIMING, SUPPLY, ACTIVITY, FLOW_COUPLING)
+COMMON_CAUSES = (THERMAL_DRIFT, SUPPLY, ACTIVITY, CHANNEL)
+WHOLE_MACHINE = (THERMAL_DRIFT, TIMING, SUPPLY, ACTIVITY, CHANNEL, FLOW_COUPLING)
 ON_SEVERAL_JOINTS = (FLOW_COUPLING, LOAD, DEAD_BAND)  # one pump, one payload, one controller of all valves
 OF_ONE_CAUSE = tuple(dict.fromkeys((*WHOLE_MACHINE, *ON_SEVERAL_JOINTS)))  # on however many joints they show
 COMMON_FACTOR = 1.3  # times what the best effect on one joint explains
@@ -29,7 +30,7 @@ RIVAL_SHARE = 0.7  # of what the best explains on its joint
 BESIDE_A_COURSE = 0.5  # the same of a course in time, which follows a joint whether it is alone or not
 # A cause with an equation comes before a dependence, and both before one that nobody can observe. A payload's slopes
 # over all positions fit something of any slow change: it has to explain clearly more than other causes in common.
-COMMON_PENALTY = {ACTIVITY: 1.1, LOAD: 1.2, SUPPLY: 1.25}
+COMMON_PENALTY = {ACTIVITY: 1.1, CHANNEL: 1.1, LOAD: 1.2, SUPPLY: 1.25}
 
 
 def of_one_cause(candidates: Sequence[Candidate], excited: Collection[int]) -> list[str]:
@@ -46,14 +47,14 @@ def of_one_cause(candidates: Sequence[Candidate], excited: Collection[int]) -> l
     return families
 
 
-def common_cause(
+def common_causes(
     best: Candidate,
     candidates: Sequence[Candidate],
     net: Callable[[Candidate], float],
     shows: Callable[[Candidate], bool],
     factor: float = COMMON_FACTOR,
-) -> list[Candidate]:
-    """The cause that explains so much more on all its joints together than the best candidate does on one.
+) -> list[list[Candidate]]:
+    """The causes that explain so much more on all their joints together than the best candidate does on one.
 
     Args:
         best: Of all candidates, by itself.
@@ -63,19 +64,22 @@ def common_cause(
         factor: How many times as much it has to explain.
 
     Returns:
-        The cause on each joint on which it shows, the clearest first; empty if there is none.
+        The likeliest cause first; each on every joint on which it shows, the clearest first.
     """
     options: list[tuple[float, list[Candidate]]] = []
-    for family in (*COMMON_CAUSES, *ON_SEVERAL_JOINTS):
-        showing = [c for c in candidates if c.family == family and shows(c)]
+    for family, source in dict.fromkeys((c.family, c.source) for c in candidates):
+        if family not in (*COMMON_CAUSES, *ON_SEVERAL_JOINTS):
+            continue
+        members = [c for c in candidates if (c.family, c.source) == (family, source)]
+        showing = [c for c in members if shows(c)]
         if len(showing) < 2 or not is_plausible(family, showing):
             continue
-        here = next((c for c in candidates if c.family == family and c.joint == best.joint), None)
+        here = next((c for c in members if c.joint == best.joint), None)
         joints = {c.joint for c in showing}
         least = BESIDE_A_COURSE if best.family == COURSE else RIVAL_SHARE
         is_rival = here is None or here.joint not in joints or here.gain > least * best.gain
         total = sum(net(c) for c in showing)
         if is_rival and total > factor * net(best) and max(map(net, showing)) > MOST_ON_ONE * net(best):
             options.append((total / COMMON_PENALTY.get(family, 1.0), showing))
-    showing = max(options, key=lambda option: option[0])[1] if options else []
-    return sorted(showing, key=net, reverse=True)
+    options.sort(key=lambda option: -option[0])
+    return [sorted(showing, key=net, reverse=True) for _, showing in options]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.discrepancy.families.plausibility import (
+    CHANNEL,
     GAIN,
     LEAKAGE,
     SENSOR_BIAS,
@@ -83,6 +84,14 @@ class Comparison:
             and _t(candidate) > SHOWS_T
         )
 
+    def is_more_than_a_gain(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
+        """Whether it explains clearly more than a gain of its joint: what hardly varies is as good as one."""
+        gain = next((c for c in candidates if c.family == GAIN and c.joint == candidate.joint), None)
+        return gain is None or (
+            self.net(candidate) > DOUBT_FACTOR * self.net(gain)
+            and t_statistic(candidate.gain_by_block - gain.gain_by_block) > SHOWS_T
+        )
+
     def _is_reproduced(self, candidate: Candidate) -> bool:
         """Whether what either half of the rows was fitted to removes a good part of the other half's squares.
 
@@ -154,7 +163,7 @@ class Comparison:
         equivalents = [
             c
             for c in as_good
-            if c.family != chosen.family
+            if (c.family != chosen.family or (c.family == CHANNEL and c.source != chosen.source))
             and complexity(c) < complexity(chosen) + AS_SIMPLE
             and not say_the_same(c, chosen)
         ]

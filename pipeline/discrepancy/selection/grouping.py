@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from pipeline.discrepancy.families.late_channel import late_channel, set_in_together
 from pipeline.discrepancy.families.plausibility import (
+    CHANNEL,
     DELAY,
     FLOW_COUPLING,
     LAG,
@@ -21,6 +22,7 @@ from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.dependence import DEPENDENCES
+from pipeline.machine.specification import MachineSpecification
 
 OTHER = "other"
 SMALLEST_LOSS = 0.02  # by a joint's demand, for a speed to be said to depend on it
@@ -101,10 +103,10 @@ def effects_of(
         late = [f for f in delays if f.candidate.joint in joints]
         effects.append(MachineEffect(TIMING if allow_timing else OTHER, late))
         left = [f for f in left if f not in late]
-    for family in (*OF_ONE_CAUSE, COURSE):
-        members = [f for f in left if f.candidate.family == family]
-        if members:
-            effects.append(MachineEffect(contract_family(members[0].candidate), members))
+    for family, source in dict.fromkeys((f.candidate.family, f.candidate.source) for f in left):
+        if family in (*OF_ONE_CAUSE, COURSE):
+            members = [f for f in left if (f.candidate.family, f.candidate.source) == (family, source)]
+            effects.append(MachineEffect(told_as(family), members))
             left = [f for f in left if f not in members]
     effects += [MachineEffect(contract_family(f.candidate), [f]) for f in left]
     return sorted(effects, key=lambda effect: -effect.gain)
@@ -153,9 +155,16 @@ def told_as(family: str) -> str:
     return OTHER if family.startswith(OTHER) else family
 
 
-def depends_on(effect: MachineEffect, joints: Sequence[str]) -> list[str]:
-    """Entries as in the contract: `variable` or `variable:joint`."""
+def source_of(candidate: Candidate, machine: MachineSpecification) -> str | None:
+    """Name of the joint or channel whose variable it is; None: the joint's own, or the machine's."""
+    names = machine.channel_names if candidate.family == CHANNEL else machine.joint_names
+    return None if candidate.source is None else names[candidate.source]
+
+
+def depends_on(effect: MachineEffect, machine: MachineSpecification) -> list[str]:
+    """Entries as in the contract: `variable`, `variable:joint` or `channel:name`."""
     entries: list[str] = []
+    joints = machine.joint_names
     for member in effect.members:
         candidate = member.candidate
         if effect.family == TIMING:
@@ -173,11 +182,10 @@ def depends_on(effect: MachineEffect, joints: Sequence[str]) -> list[str]:
         elif candidate.family == LOAD:
             entries.append(f"position:{joints[candidate.joint]}")
         elif candidate.family in DEPENDENCES:
-            dependence = DEPENDENCES[candidate.family]
-            source = candidate.joint if candidate.source is None else candidate.source
-            entries.append(
-                dependence.variable if dependence.common else f"{dependence.variable}:{joints[source]}"
-            )
+            variable = DEPENDENCES[candidate.family].variable
+            is_common = DEPENDENCES[candidate.family].common
+            source = source_of(candidate, machine) or (None if is_common else joints[candidate.joint])
+            entries.append(variable if source is None else f"{variable}:{source}")
         else:
             entries += [
                 entry.format(joint=joints[candidate.joint])

@@ -187,9 +187,8 @@ class _Screen:
         return residuals
 
     def _dependence(self, family: str, effect: Dependence) -> None:
-        sources = range(self.n_joint) if effect.per_source else [0]
         free = list(self.joints)
-        for source in sources:
+        for source in range(effect.n_source):
             freed = freed_of(effect, source)
             directions = [direction_of(family, effect, one, free) for one in freed]
             hypotheses = [self.sensors] * len(directions)

@@ -19,6 +19,7 @@ from pipeline.discrepancy.families.gain_of_a_dependence import with_its_gain
 from pipeline.discrepancy.families.gain_over_poses import is_a_gain_over_poses
 from pipeline.discrepancy.families.late_channel import late_channel, set_in_together, shortened
 from pipeline.discrepancy.families.plausibility import (
+    CHANNEL,
     DEAD_BAND,
     DELAY,
     GAIN,
@@ -41,11 +42,11 @@ from pipeline.discrepancy.families.whole_machine import (
     OF_ONE_CAUSE,
     ON_SEVERAL_JOINTS,
     WHOLE_MACHINE,
-    common_cause,
+    common_causes,
     of_one_cause,
 )
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal
-from pipeline.discrepancy.selection.comparison import NEGLIGIBLE, Comparison, why_not
+from pipeline.discrepancy.selection.comparison import DOUBT_FACTOR, NEGLIGIBLE, Comparison, why_not
 from pipeline.discrepancy.selection.decide_again import decide_again
 from pipeline.discrepancy.selection.known.known_effects import as_known, with_encoders
 from pipeline.discrepancy.selection.known.what_is_left import Left, as_it_was, what_is_left
@@ -247,6 +248,9 @@ class Search:
         candidates += screen_without_wrapper(self.simulation, active, self.rows, excluded, self.nominal)
         taken = {f.candidate.key for f in self.found}
         candidates = [c for c in candidates if c.key not in taken and not self._is_refuted_by_stops(c)]
+        candidates = [
+            c for c in candidates if c.family != CHANNEL or self.comparison.is_more_than_a_gain(c, candidates)
+        ]
         # What sets in at the same moment as an effect found before is one event.
         moments = list(active.onsets.values())
         candidates = self._since_its_onset(
@@ -336,8 +340,12 @@ class Search:
         best = max(passing, key=self.comparison.as_last_resort)
         # A second common cause would only mend the first.
         if not any(f.candidate.family in COMMON_CAUSES for f in self.found):
-            common = common_cause(best, candidates, self.comparison.net, self.comparison.shows)
-            cause = self._cold_oil(best, common, candidates) or [SelectedEffect(c) for c in common]
+            options = common_causes(best, candidates, self.comparison.net, self.comparison.shows)
+            common = options[0] if options else []
+            even = [c for other in options[1:] if self._is_even(other, common) for c in other]
+            cause = self._cold_oil(best, common, candidates) or [
+                SelectedEffect(c, [e for e in even if e.joint == c.joint]) for c in common
+            ]
             if any(self.passes(f.candidate) for f in cause):
                 family = cause[0].candidate.family
                 self._log(f"{family} on {len(cause)} joints explains more together than anything on one")
@@ -389,6 +397,14 @@ class Search:
             found += [SelectedEffect(c) for c in self._late_elsewhere(chosen, candidates)]
         return found
 
+    def _is_even(self, other: Sequence[Candidate], common: Sequence[Candidate]) -> bool:
+        """Whether a channel goes along with what else the machine's speeds depend on, so that either explains them."""
+        is_of_channel = CHANNEL in (other[0].family, common[0].family)
+        return is_of_channel and DOUBT_FACTOR * self._net(other) > self._net(common)
+
+    def _net(self, cause: Sequence[Candidate]) -> float:
+        return sum(map(self.comparison.net, cause))
+
     def _is_a_gain(self, dependence: Candidate, name: Candidate) -> bool:
         """Whether a dependence is the name's own gain, which loads make larger here than there."""
         beside = [f for f in self.found if f.candidate is not name]
@@ -412,7 +428,8 @@ class Search:
         is_told = is_dependence(chosen) or chosen.family in OF_ONE_CAUSE
         if is_told or any(f.candidate.family in COMMON_CAUSES for f in self.found):
             return []
-        common = common_cause(best, candidates, self.comparison.net, self.comparison.shows, DOUBTED_FACTOR)
+        of_all = common_causes(best, candidates, self.comparison.net, self.comparison.shows, DOUBTED_FACTOR)
+        common = of_all[0] if of_all else []
         if not any(map(self.passes, common)):
             return []
         told = {c.family for c in known}

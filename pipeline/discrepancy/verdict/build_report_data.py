@@ -9,12 +9,13 @@ from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
 from pipeline.discrepancy.diagnosis.training_support import uncovered_share
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.selection.candidate import Candidate
+from pipeline.discrepancy.selection.grouping import source_of
 from pipeline.discrepancy.selection.select import Selection
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of, velocity_of
 from pipeline.discrepancy.verdict.report_data import LevelErrors, RankedEffect, ReportData, ResidualTrack
 from pipeline.discrepancy.verdict.signature import signature_of
 from pipeline.discrepancy.verdict.verdict import Verdict
-from pipeline.machine.specification import CommandKind
+from pipeline.machine.specification import CommandKind, MachineSpecification
 
 TRACK_S = 15.0
 LARGEST_UNCOVERED = 0.2  # of a joint's commands, without a warning
@@ -69,7 +70,7 @@ def report_data_of(verdict: Verdict, journal: Journal) -> ReportData:
         autocorrelation_s=_autocorrelation_s(before, 2 * logs.machine.dt_s),
         tracks=_tracks(diagnosis, found),
         signatures=[one for effect in new if (one := signature_of(diagnosis, effect, found)) is not None],
-        ranking=_ranking(verdict.selection, logs.joints, found),
+        ranking=_ranking(verdict.selection, logs.machine, found),
         levels=levels,
         warnings=warnings,
         steps=journal.sentences,
@@ -114,7 +115,7 @@ def _tracks(diagnosis: Diagnosis, found: Sequence[SelectedEffect]) -> list[Resid
 
 
 def _ranking(
-    selection: Selection, joints: Sequence[str], found: Sequence[SelectedEffect]
+    selection: Selection, machine: MachineSpecification, found: Sequence[SelectedEffect]
 ) -> list[RankedEffect]:
     taken = {(f.candidate.family, f.candidate.joint) for f in found}
     lost = {(c.family, c.joint): why for f in found for c, why in f.losers}
@@ -134,8 +135,8 @@ def _ranking(
         ranked.append(
             RankedEffect(
                 c.family,
-                [joints[c.joint]],
-                None if c.source is None else joints[c.source],
+                [machine.joint_names[c.joint]],
+                source_of(c, machine),
                 float(c.share),
                 null_share,
                 outcome,

@@ -116,6 +116,9 @@ def _abscissa(
         case Abscissa.velocity:
             name = f"velocity that the model predicts for {logs.joints[joint]} ({logs.units[joint]}/s)"
             return name, u
+        case Abscissa.channel:
+            channel, values = logs.machine.channels[which], sequences.channels[..., which]
+            return f"{channel.name} ({channel.unit})", np.nan_to_num(values, nan=np.nanmedian(values))
 
 
 def since_change_s(sequences: Sequences, joint: int) -> np.ndarray:

@@ -70,7 +70,7 @@ def unexplained(diagnosis: Diagnosis, selection: Selection, acceptance: Acceptan
                 "joints": [name],
                 "depends_on": []
                 if best is None
-                else depends_on(MachineEffect(OTHER, [SelectedEffect(best)]), joints),
+                else depends_on(MachineEffect(OTHER, [SelectedEffect(best)]), diagnosis.logs.machine),
                 "parameters": {},
                 "onset": None,
                 "certain": False,

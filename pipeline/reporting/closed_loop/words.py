@@ -87,6 +87,7 @@ _VARIABLES = {
     "zero_command": ("whether there is no command", "whether {joint} has no command"),
     "clock": ("the measurement's clock", "the clock of the measurements of {joint}"),
     "random": ("nothing that was measured (random)", "nothing that was measured (random, {joint})"),
+    "channel": ("a measured channel", "{joint}, which is measured"),
     "latent": ("something unmeasured that all joints share", "something unmeasured that all joints share"),
 }
 
@@ -130,7 +131,7 @@ def dependence(entry: str) -> str:
     alone, of_joint = _VARIABLES.get(
         variable, (variable.replace("_", " "), f"{variable.replace('_', ' ')} of {{joint}}")
     )
-    return of_joint.replace("{joint}", f"the {joint}") if joint else alone
+    return of_joint.replace("{joint}", f"the {joint.replace('_', ' ')}") if joint else alone
 
 
 def dependences(effect: Document) -> str:

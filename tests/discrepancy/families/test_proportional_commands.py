@@ -96,7 +96,7 @@ def test_a_dead_band_and_a_late_channel_are_told_apart(usual: NominalBehaviour) 
     effects = {effect.family: effect for effect in effects_of(selection.found, diagnosis.excited)}
     assert set(effects) == {"other", "timing"}
     (member,) = effects["other"].members
-    assert depends_on(effects["other"], diagnosis.logs.joints) == ["command:turn"]
+    assert depends_on(effects["other"], diagnosis.logs.machine) == ["command:turn"]
     first = next(c for c in selection.screened if c.key == member.candidate.key)
     assert first.owed < 0.1 * first.gain
     assert member.candidate.point["dead_band_positive"] == pytest.approx(0.35, abs=0.06)

@@ -11,7 +11,7 @@ from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis
 from pipeline.discrepancy.families import uncorrectable
 from pipeline.discrepancy.families.plausibility import is_at_bound, is_plausible
-from pipeline.discrepancy.families.whole_machine import COMMON_FACTOR, DOUBTED_FACTOR, common_cause
+from pipeline.discrepancy.families.whole_machine import COMMON_FACTOR, DOUBTED_FACTOR, common_causes
 from pipeline.discrepancy.selection import search as search_module
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds, t_statistic
@@ -43,8 +43,8 @@ def coupling(joint: int, gain: float, coefficients: tuple[float, ...] = (0.2, 0.
 
 def chosen(*candidates: Candidate, factor: float = COMMON_FACTOR) -> list[tuple[str, int]]:
     best = max(candidates, key=lambda c: c.gain)
-    found = common_cause(best, candidates, lambda c: c.gain, lambda c: c.gain > 1.0, factor)
-    return [(c.family, c.joint) for c in found]
+    found = common_causes(best, candidates, lambda c: c.gain, lambda c: c.gain > 1.0, factor)
+    return [(c.family, c.joint) for c in found[0]] if found else []
 
 
 def test_a_payload_comes_before_a_gain_per_joint() -> None:

@@ -159,7 +159,7 @@ class _Builder:
     def dependence(self, family: str, effect: Dependence) -> None:
         """A family that is linear in all its parameters, per joint that it depends on."""
         joints = range(self.n_joint)
-        for source in joints if effect.per_source else [0]:
+        for source in range(effect.n_source):
             freed = freed_of(effect, source)
             directions = [direction_of(family, effect, one, joints) for one in freed]
             tangents = list(self._tangents([NOMINAL] * len(directions), directions))
