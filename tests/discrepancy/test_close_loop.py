@@ -1,5 +1,6 @@
 """The whole loop on a machine simulated here: two first-order joints, nothing of the plant or of the model in it."""
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -24,11 +25,13 @@ from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.dynamics.model.network import Parameterization, Parameters
 from pipeline.dynamics.settings import IdentifyConfig, TrainingConfig
 from pipeline.dynamics.training.fit import fit
+from pipeline.effects.dependence import OnChannel
 from pipeline.effects.store import ActiveEffects, predictor
 from pipeline.errors import InputError
 from pipeline.logs.loop_tracker import LoopTrackerConfig, initial_state
 from pipeline.logs.tracked_velocities import continue_tracking
 from pipeline.logs.tuples import Trajectory
+from pipeline.machine.log_sources import ChannelSource
 from pipeline.machine.specification import JointSpecification, MachineSpecification
 
 pytestmark = pytest.mark.slow
@@ -37,6 +40,10 @@ MACHINE = MachineSpecification(
     name="two_joints",
     rate_hz=20.0,
     joints=[JointSpecification("lift", -1.0, 1.0), JointSpecification("turn", -2.0, 2.0)],
+    channels=[
+        ChannelSource("rpm", column="rpm"),
+        ChannelSource("oil", column="oil"),
+    ],  # of which most logs lack both
 )
 SPEEDS = np.array([0.4, 0.6])
 CONSTANTS_S = np.array([0.2, 0.3])
@@ -187,6 +194,36 @@ def test_the_posterior_finds_the_same(nominal, model, usual, slower: float) -> N
     assert effect["parameters"]["speed_ratio"]["value"] == pytest.approx(0.7, abs=0.04)
     errors = document["error"]["open_loop_rmse_80"]
     assert errors["after"]["turn"] < 0.6 * errors["before"]["turn"]
+
+
+def with_channels(name: str, seed: int, n_rows: int) -> Trajectory:
+    """Speeds are in proportion to an engine speed that hunts; oil warms up beside it."""
+    random, kept = np.random.default_rng(seed), np.exp(-DT_S / 6.0)
+    noise = 160.0 * np.sqrt(1.0 - kept**2) * random.standard_normal(n_rows)
+    rpm = 2000.0 + np.array(list(itertools.accumulate(noise, lambda x, e: kept * x + e)))
+    oil = 45.0 - 25.0 * np.exp(-DT_S * np.arange(n_rows) / 100.0) + 0.2 * random.standard_normal(n_rows)
+    log = record(name, seed, n_rows, factor=rpm[:, None] / 2000.0)
+    return replace(log, channels={"rpm": rpm, "oil": oil})
+
+
+@pytest.mark.long
+def test_the_channel_that_carries_the_cause_is_named_and_corrected_for(nominal, model, usual) -> None:  # type: ignore[no-untyped-def]
+    measured = [with_channels(f"measured_{seed}", seed, 4000) for seed in (11, 12)]
+    loop = close_loop(nominal, measured, MACHINE, model, *settings(), nominal_behaviour=usual)
+    (effect,) = loop.document["effects"]
+    assert effect["depends_on"] == ["channel:rpm"] and effect["joints"] == ["lift", "turn"]
+    assert loop.effects is not None
+    rpm, _ = loop.effects.setting.channels
+    part = (rpm.upper - rpm.lower) / OnChannel.n_basis / 2000.0
+    of_rpm = np.stack([np.full(OnChannel.n_basis, part), np.zeros(OnChannel.n_basis)])
+    true = {OnChannel.card.family: {"coefficients": np.broadcast_to(of_rpm, (2, 2, 2, OnChannel.n_basis))}}
+    oracle = predictor(*model, replace(loop.effects, values=true))
+    logs = prepare(nominal, measured, MACHINE, *settings())
+    before, after, best = (
+        held_out_errors(logs, of, 80).rmse
+        for of in (predictor(*model, None), predictor(*model, loop.effects), oracle)
+    )
+    assert np.all(before**2 - after**2 > 0.85 * (before**2 - best**2)) and np.all(best < 0.9 * before)
 
 
 @pytest.mark.long

@@ -260,7 +260,7 @@ def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
     for effect in document["effects"]:
         check_effect(effect)
     for other in document["alternatives"]:
-        assert set(other) - {"equivalent"} == {"family", "joints", "error_reduction", "why_not"}
+        assert set(other) - {"equivalent", "depends_on"} == {"family", "joints", "error_reduction", "why_not"}
         assert other["family"] in FAMILIES and set(other["joints"]) <= set(JOINTS)
         assert other["why_not"] and is_finite(other["error_reduction"])
     assert set(document["error"]) == {"one_step_rmse", "open_loop_rmse_80"}
