@@ -13,6 +13,7 @@ from pipeline.discrepancy.families.uncorrectable import WITHOUT_WRAPPER
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.effects.dependence import OnChannel
 from pipeline.effects.effect import Channel
+from pipeline.errors import InputError
 
 RANGE = (0.01, 0.99)  # quantiles of the measured values: a curve's ends need rows
 LAG_S = 2.0  # half of the 4 s over which predictions are judged
@@ -20,13 +21,27 @@ SMALLEST_KNOWN = 0.5  # share of the measured rows, for a channel to be looked a
 
 
 def channels_of(
-    nominal: Sequences, measured: Sequences, names: Sequence[str], dt_s: float
+    nominal: Sequences,
+    measured: Sequences,
+    names: Sequence[str],
+    dt_s: float,
+    given: tuple[Channel, ...] = (),
 ) -> tuple[Channel, ...]:
     """The channels' ranges; empty where none varies over the measured logs.
 
     The range holds the usual value, too, from which the curve counts: the median of the nominal logs, or of the
-    measured ones where the nominal logs lack the channel.
+    measured ones where the nominal logs lack the channel. Effects of a given model keep theirs.
+
+    Raises:
+        InputError: Those are of other channels.
     """
+    if given:
+        if [channel.name for channel in given] != list(names):
+            raise InputError(
+                f"the model's effects are of channels {', '.join(c.name for c in given)}, conf/machine declares "
+                f"{', '.join(names) or 'none'}; name a model without effects"
+            )
+        return given
     channels = []
     for index, name in enumerate(names):
         before, values = (of.channels[..., index][of.is_row] for of in (nominal, measured))

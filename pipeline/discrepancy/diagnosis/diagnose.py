@@ -78,7 +78,7 @@ def diagnose(
         given: Effects that the model to correct has already.
 
     Raises:
-        InputError: The file `kept` is damaged, or cannot be written.
+        InputError: The file `kept` is damaged, or cannot be written; the given effects are of other channels.
         UnusableLogs: The nominal logs are too short.
     """
     machine, config, sequences = logs.machine, logs.config, logs.sequences
@@ -98,7 +98,9 @@ def diagnose(
     if model is not None:  # beside which nothing that the logs show is there already
         runs, nominal = GivenModel(*model, nominal.diagnosis), replace(nominal, present=())
     if config.engine is Engine.rules:  # the posterior does not weigh them
-        channels = channels_of(nominal.sequences, sequences, machine.channel_names, machine.dt_s)
+        of_given = given.setting.channels if given is not None else ()
+        names, dt_s = machine.channel_names, machine.dt_s
+        channels = channels_of(nominal.sequences, sequences, names, dt_s, of_given)
         nominal = with_channels(nominal, channels, config)
     simulation = Simulation(runs, sequences, nominal.effects, nominal.setting)
     used = sequences.is_row & np.isin(logs.label, (Purpose.fit, Purpose.select))

@@ -54,7 +54,7 @@ def known_entries(verdict: Verdict) -> list[dict[str, Any]]:
                 {
                     "family": effect.family,
                     "joints": [logs.joints[joint] for joint in part.joints],
-                    "depends_on": depends_on(part, logs.joints),
+                    "depends_on": depends_on(part, logs.machine),
                     "state": state,
                     "before": parameters_of(before, part, of_logs=False),
                     "now": parameters_of(now, MachineEffect(effect.family, left), of_logs=False)
