@@ -25,7 +25,9 @@ COMMAND = held_commands(0, 400)
 
 @pytest.mark.parametrize("family", list(KNOWN))
 def test_every_effect_of_a_model_is_the_same_in_the_search(family: str) -> None:
-    simulation, effect = simulation_of([family], COMMAND, COMMAND), KNOWN[family](SETTING)
+    channels = {"oil": np.arange(400.0), "pressure": np.arange(400.0) % 7.0}
+    simulation = simulation_of([family], COMMAND, COMMAND, channels)
+    setting, effect = simulation.setting, simulation.effects[family]
     is_of_source = isinstance(effect, Dependence) and effect.per_source
     for variant in (
         [freed_of(effect, int(is_of_source))] if isinstance(effect, Dependence) else effect.variants()
@@ -39,7 +41,7 @@ def test_every_effect_of_a_model_is_the_same_in_the_search(family: str) -> None:
                 family: {name: 0.3 * np.ones_like(value) for name, value in expected[family].items()}
             }
             (found,) = known_effects(
-                ActiveEffects(SETTING, expected, {}, deviations), simulation, np.full(N_JOINT, 2.0)
+                ActiveEffects(setting, expected, {}, deviations), simulation, np.full(N_JOINT, 2.0)
             )
             assert (found.candidate.family, found.candidate.joint) == (family, 0)
             assert found.candidate.source == (1 if is_of_source else None)
