@@ -6,11 +6,8 @@ from dataclasses import dataclass, field, replace
 from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects, grouped, refitted
 from pipeline.discrepancy.acceptance.parameters import parameters_of
-from pipeline.discrepancy.acceptance.remaining_signature import doubted_by_what_is_left
 from pipeline.discrepancy.acceptance.size_of_an_effect import SIZES, why_it_is_none
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
-from pipeline.discrepancy.families.cold_oil import with_doubts_of_the_oil
-from pipeline.discrepancy.families.gain_of_a_dependence import doubted_by_what_varies
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.explanations import Explanation
@@ -63,20 +60,10 @@ def accept(diagnosis: Diagnosis, selection: Selection, journal: Journal) -> Acce
         joint = logs.joints[effect.candidate.joint]
         journal.log(in_words(effect, judgements[effect.candidate.key], joint))
     passed = [f for f in found if is_given(f) or judgements[f.candidate.key].is_confirmed]
-    passed = with_doubts_of_the_oil(passed, screened)
-    passed = doubted_by_what_varies(passed, found, screened)
-    passed = doubted_by_what_is_left(
-        diagnosis.simulation,
-        diagnosis.rows,
-        passed,
-        screened,
-        logs.config.gate.largest_remainder,
-        logs.machine.dt_s,
-    )
     passed = [replace(f, equivalents=[]) if f.known else f for f in passed]
     is_part = 0 < len(passed) < len(found)
     fit = refitted(diagnosis, passed) if is_part else grouped(diagnosis, passed)
-    fit = beyond_misfit(fit, selection, journal.log)
+    fit = beyond_misfit(fit, journal.log)
     journal.end_part("gate")
     return Acceptance(judgements, fit)
 
@@ -86,12 +73,11 @@ def is_given(effect: SelectedEffect) -> bool:
     return effect.known is not None and has_wrapper(effect.candidate)
 
 
-def beyond_misfit(fit: FittedEffects, selection: Selection, log: Callable[[str], None]) -> FittedEffects:
+def beyond_misfit(fit: FittedEffects, log: Callable[[str], None]) -> FittedEffects:
     """Without what is no more than the diagnosis model is off by on nominal logs.
 
     Args:
         fit: Effects that confirmation rows bear out.
-        selection: That they are from.
         log: Called with a sentence per effect that is dropped.
     """
     diagnosis, small = fit.diagnosis, []
@@ -105,5 +91,4 @@ def beyond_misfit(fit: FittedEffects, selection: Selection, log: Callable[[str],
             log(f"{effect.family} is dropped: {why}.")
     if not small:
         return fit
-    kept = [member for e in fit.effects if e not in small for member in e.members]
-    return refitted(diagnosis, doubted_by_what_varies(kept, selection.found, selection.screened))
+    return refitted(diagnosis, [member for e in fit.effects if e not in small for member in e.members])

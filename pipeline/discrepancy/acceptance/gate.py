@@ -29,8 +29,6 @@ class GateConfig:
             blocks do not bear out.
         smallest_size: Of what joints take from each other's flow, in standard deviations, of which the diagnosis
             model's misfit is most; where every joint that moves enough bears it out, its 95 % interval is asked.
-        largest_remainder: Of an effect's signature at a joint's starts and stops, that may be left of it for a name
-            without equivalents: a share of the squares which it removes.
         resamples: Of the bootstrap.
         model_error: Share of a parameter by which the idealised effect may differ from the real one; widens intervals.
         smallest_excitation_s: Time in motion that a joint has to have in the logs for a verdict on it.
@@ -45,7 +43,6 @@ class GateConfig:
     largest_disagreement: float
     worse_margin: float
     smallest_size: float
-    largest_remainder: float
     resamples: int
     model_error: float
     smallest_excitation_s: float

@@ -1,18 +1,13 @@
 """One channel that makes all joints late: equal delays on every joint, which are one cause, reported as `timing`."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.families.plausibility import DELAY
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 
 EQUAL_DELAYS_S, EQUAL_DELAYS_SHARE = 0.06, 0.25  # joints respond differently after one channel
 SMALLEST_DELAY_SHARE = 0.5  # of the largest
-LATER_S, LATER_SHARE = 0.02, 0.1  # than the other joints, of a joint that has another effect besides
-FEWEST_JOINTS = 3  # of which one can be later than the others
 
 
 def are_equal_delays(delays: Sequence[Candidate]) -> bool:
@@ -51,34 +46,3 @@ def late_channel(delays: Sequence[Candidate], excited: Collection[int]) -> list[
         for delay in delays
         if delay.joint in excited or (delay.onset == telling[0].onset and are_equal_delays([*telling, delay]))
     ]
-
-
-def shortened(
-    found: Sequence[SelectedEffect], excited: Collection[int]
-) -> tuple[SelectedEffect, SelectedEffect] | None:
-    """The delay of the one joint that is later than the others, which are late alike; and the same as late as they are.
-
-    Args:
-        found: All effects.
-        excited: Joints that move enough to tell; the others are left out of account.
-
-    Returns:
-        None where there is no such joint, or where something else was found on it.
-    """
-    delays = [
-        f
-        for f in found
-        if f.candidate.family == DELAY and f.candidate.onset is None and f.candidate.joint in excited
-    ]
-    if len(delays) < max(FEWEST_JOINTS, len(excited)):
-        return None
-    values = np.array([f.candidate.point["added_delay"] for f in delays])
-    common = float(np.median(values))
-    margin = max(LATER_S, LATER_SHARE * common)
-    later = np.flatnonzero(values > common + margin)
-    if len(later) != 1 or np.any(values < common - margin):
-        return None
-    latest = delays[later[0]]
-    if sum(f.candidate.joint == latest.candidate.joint for f in found) > 1:
-        return None
-    return latest, SelectedEffect(replace(latest.candidate, point={"added_delay": common}))

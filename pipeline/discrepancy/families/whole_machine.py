@@ -24,7 +24,6 @@ WHOLE_MACHINE = (THERMAL_DRIFT, TIMING, SUPPLY, ACTIVITY, CHANNEL, FLOW_COUPLING
 ON_SEVERAL_JOINTS = (FLOW_COUPLING, LOAD, DEAD_BAND)  # one pump, one payload, one controller of all valves
 OF_ONE_CAUSE = tuple(dict.fromkeys((*WHOLE_MACHINE, *ON_SEVERAL_JOINTS)))  # on however many joints they show
 COMMON_FACTOR = 1.3  # times what the best effect on one joint explains
-DOUBTED_FACTOR = 1.0  # the same, for it to take the certainty from a name on that joint
 MOST_ON_ONE = 0.4  # of that, at least, on one of the joints
 RIVAL_SHARE = 0.7  # of what the best explains on its joint
 BESIDE_A_COURSE = 0.5  # the same of a course in time, which follows a joint whether it is alone or not
@@ -52,7 +51,6 @@ def common_causes(
     candidates: Sequence[Candidate],
     net: Callable[[Candidate], float],
     shows: Callable[[Candidate], bool],
-    factor: float = COMMON_FACTOR,
 ) -> list[list[Candidate]]:
     """The causes that explain so much more on all their joints together than the best candidate does on one.
 
@@ -61,7 +59,6 @@ def common_causes(
         candidates: All of them.
         net: What a candidate explains.
         shows: Whether a candidate can be seen on its joint.
-        factor: How many times as much it has to explain.
 
     Returns:
         The likeliest cause first; each on every joint on which it shows, the clearest first.
@@ -79,7 +76,11 @@ def common_causes(
         least = BESIDE_A_COURSE if best.family == COURSE else RIVAL_SHARE
         is_rival = here is None or here.joint not in joints or here.gain > least * best.gain
         total = sum(net(c) for c in showing)
-        if is_rival and total > factor * net(best) and max(map(net, showing)) > MOST_ON_ONE * net(best):
+        if (
+            is_rival
+            and total > COMMON_FACTOR * net(best)
+            and max(map(net, showing)) > MOST_ON_ONE * net(best)
+        ):
             options.append((total / COMMON_PENALTY.get(family, 1.0), showing))
     options.sort(key=lambda option: -option[0])
     return [sorted(showing, key=net, reverse=True) for _, showing in options]

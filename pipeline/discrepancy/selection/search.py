@@ -13,14 +13,10 @@ from functools import partial
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
-from pipeline.discrepancy.families.cold_oil import channel_beside, cold_oil, hardly_warms
 from pipeline.discrepancy.families.encoder_error import encoder_errors, is_refuted_by_stops
-from pipeline.discrepancy.families.gain_of_a_dependence import with_its_gain
-from pipeline.discrepancy.families.gain_over_poses import is_a_gain_over_poses
-from pipeline.discrepancy.families.late_channel import late_channel, set_in_together, shortened
+from pipeline.discrepancy.families.late_channel import late_channel, set_in_together
 from pipeline.discrepancy.families.plausibility import (
     CHANNEL,
-    DEAD_BAND,
     DELAY,
     GAIN,
     THERMAL_DRIFT,
@@ -31,14 +27,11 @@ from pipeline.discrepancy.families.plausibility import (
     is_plausible,
 )
 from pipeline.discrepancy.families.stops import Encoder
-from pipeline.discrepancy.families.supply_onset import supply_onset, supply_since
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.families.uncorrectable import WITHOUT_WRAPPER, has_wrapper, screen_without_wrapper
 from pipeline.discrepancy.families.whole_machine import (
     COMMON_CAUSES,
-    COMMON_FACTOR,
-    DOUBTED_FACTOR,
     OF_ONE_CAUSE,
     ON_SEVERAL_JOINTS,
     WHOLE_MACHINE,
@@ -47,7 +40,6 @@ from pipeline.discrepancy.families.whole_machine import (
 )
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal
 from pipeline.discrepancy.selection.comparison import DOUBT_FACTOR, NEGLIGIBLE, Comparison, why_not
-from pipeline.discrepancy.selection.decide_again import decide_again
 from pipeline.discrepancy.selection.known.known_effects import as_known, with_encoders
 from pipeline.discrepancy.selection.known.what_is_left import Left, as_it_was, what_is_left
 from pipeline.discrepancy.selection.onset import of_one_moment, since, with_onsets
@@ -68,7 +60,6 @@ TOLD_LOSERS = 6  # of a joint's candidates
 ONSET_FACTOR, ONSET_T = 1.2, 1.5  # times the gain without onset; of the gain by blocks
 WHOLE_SECOND_SHARE = 0.5
 REST_SHARE = 0.4  # net, of the squares that earlier effects leave, for a name that is not refined yet
-OIL_FACTOR = 1.1  # times what another common cause explains
 SECOND_CAUSE_SHARE = 0.2  # of what the first explains on all its joints
 # What an effect has to do beside the others: of the smallest share, and by blocks.
 STILL_SHARE, STILL_T = 0.4, 2.5
@@ -111,18 +102,8 @@ class Search:
     def run(self) -> list[SelectedEffect]:
         """Find effects until none is left that passes."""
         self._select()
-        is_oil_known = any(f.candidate.family == THERMAL_DRIFT for f in self.known)
-        if not is_oil_known and hardly_warms(self.simulation, self.rows, self.found):
-            self._log(
-                "causes that do not change in time explain as much as oil that warms up: it is left out"
-            )
-            self.excluded += (THERMAL_DRIFT,)
-            self.first = [c for c in self.first if c.family != THERMAL_DRIFT]
-            self._closed.clear()
-            self._select()
         self._look_back()
         self._ask_of_known()
-        self.found = decide_again(self.simulation, self.rows, self.found, self.config.equivalent_t, self._log)
         return as_known(self.found, self.known)
 
     def _select(self) -> None:
@@ -140,7 +121,7 @@ class Search:
             self.found = with_gains(self.simulation, self.rows, self._refitted(self.found))
         for _ in range(self.config.maximum_effects):
             candidates = self._candidates()
-            if second := self._second_cause(candidates) or self._further_valves(candidates):
+            if second := self._second_cause(candidates):
                 self.found += second
                 self._refit()
                 self._let_set_in()
@@ -153,41 +134,13 @@ class Search:
             passing = [c for c in passing if c.joint not in closed]  # nothing takes a course off what is left
             if not passing:
                 break
-            self.found = with_its_gain([*self.found, *self._choose(passing, candidates)])
+            self.found += self._choose(passing, candidates)
             self._refit()
-            self._split_common_delay()
             self._let_set_in()
 
     def _let_set_in(self) -> None:
         """One cause sets in once, on all its joints."""
         self.found = of_one_moment(self.simulation, self.rows, self.found, OF_ONE_CAUSE)
-
-    def _split_common_delay(self) -> None:
-        """Where all joints are late alike and one is later still, the channel is late, and that joint has more.
-
-        Alone, the delay of that joint would hide the other effect, which is as late in the mean.
-        """
-        latest = shortened(self.found, self.excited)
-        if latest is None:
-            return
-        present, joint = self.found, latest[0].candidate.joint
-        self.found = [latest[1] if f is latest[0] else f for f in present]
-        left = screen(
-            self.simulation,
-            hypothesis_of(self.simulation, self.found),
-            self.rows,
-            self.excluded,
-            [joint],
-            self.nominal,
-        )
-        passing = [
-            c for c in left if c.family != DELAY and self.passes(c) and not self._is_refuted_by_stops(c)
-        ]
-        if not passing:
-            self.found = present
-            return
-        self.found += self._choose(passing, left)
-        self._refit()
 
     def _second_cause(self, candidates: Sequence[Candidate]) -> list[SelectedEffect]:
         """A payload, a shared pump or a late channel, beside what makes the whole machine faster or slower.
@@ -198,8 +151,6 @@ class Search:
         whole = sum(f.candidate.gain for f in self.found if f.candidate.family in COMMON_CAUSES)
         if not whole:
             return []
-        if channel := self._channel_beside_oil():
-            return channel
         for family in ON_SEVERAL_JOINTS:
             showing = [c for c in candidates if c.family == family and self.comparison.shows(c)]
             if (
@@ -211,25 +162,6 @@ class Search:
                 self._log(f"{family} on {len(showing)} joints is there besides")
                 return [SelectedEffect(c) for c in showing]
         return []
-
-    def _channel_beside_oil(self) -> list[SelectedEffect]:
-        """A late channel, where the oil's lag had stood for it."""
-        if {DELAY, TIMING} & set(self.excluded):
-            return []
-        late = channel_beside(self.simulation, self.rows, self.found, self.passes, self.excited)
-        if late:
-            self._log("all joints stay late while the oil warms up: the channel is late, too")
-        return [SelectedEffect(c) for c in late]
-
-    def _further_valves(self, candidates: Sequence[Candidate]) -> list[SelectedEffect]:
-        """Dead bands that show on further joints once several have one: one controller drives all valves."""
-        having = {f.candidate.joint for f in self.found if f.candidate.family == DEAD_BAND}
-        if len(having) < 2:
-            return []
-        further = [c for c in candidates if c.family == DEAD_BAND and self.comparison.shows(c)]
-        for candidate in further:
-            self._log(f"{DEAD_BAND} shows on {self.joints[candidate.joint]}, too")
-        return [SelectedEffect(c) for c in further]
 
     def _may_stand_alone(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
         """Whether it is plausible on its joint, and shows on another joint, too, where all have the same oil."""
@@ -256,7 +188,6 @@ class Search:
         candidates = self._since_its_onset(
             active, with_onsets(self.simulation, active, self.rows, candidates, moments)
         )
-        candidates = self._supply_since_its_onset(active, candidates)
         if not self.first:
             self.first = sorted(candidates, key=self.comparison.net, reverse=True)
         return candidates
@@ -271,16 +202,6 @@ class Search:
             if candidate.key in known and candidate.gain > ONSET_FACTOR * known[candidate.key].gain:
                 known[candidate.key] = candidate
         return list(known.values())
-
-    def _supply_since_its_onset(self, active: Hypothesis, candidates: list[Candidate]) -> list[Candidate]:
-        """Candidates, the change that joints have in common from the moment on at which it sets in, where it does."""
-        members = [c for c in candidates if c.family == SUPPLY]
-        showing = [c for c in members if self.comparison.shows(c)]
-        moment = supply_onset(self.simulation, active, self.rows, showing) if len(showing) > 1 else None
-        if moment is None:
-            return candidates
-        since_then = supply_since(self.simulation, active, self.rows, moment, members)
-        return [c for c in candidates if c.family != SUPPLY] + since_then
 
     def _is_refuted_by_stops(self, candidate: Candidate) -> bool:
         return is_refuted_by_stops(candidate, self.encoders, self.found, self.excluded)
@@ -319,7 +240,6 @@ class Search:
                 and c.family != COURSE
                 and c.key not in {f.candidate.key for f in self.found}
                 and self.passes(c)
-                and not self._is_a_gain(c, first)
             ]
             better = max(rivals, key=self.comparison.net, default=None)
             if (
@@ -343,13 +263,11 @@ class Search:
             options = common_causes(best, candidates, self.comparison.net, self.comparison.shows)
             common = options[0] if options else []
             even = [c for other in options[1:] if self._is_even(other, common) for c in other]
-            cause = self._cold_oil(best, common, candidates) or [
-                SelectedEffect(c, [e for e in even if e.joint == c.joint]) for c in common
-            ]
-            if any(self.passes(f.candidate) for f in cause):
-                family = cause[0].candidate.family
-                self._log(f"{family} on {len(cause)} joints explains more together than anything on one")
-                return cause
+            if any(map(self.passes, common)):
+                self._log(
+                    f"{common[0].family} on {len(common)} joints explains more together than anything on one"
+                )
+                return [SelectedEffect(c, [e for e in even if e.joint == c.joint]) for c in common]
         rivals = sorted((c for c in passing if c.joint == best.joint), key=self.comparison.net, reverse=True)
         foremost = [c for c in rivals if has_wrapper(c)][:REFINED]
         rivals = self._refined(foremost) + [c for c in rivals if not any(c is one for one in foremost)]
@@ -366,13 +284,11 @@ class Search:
         as_good = self.comparison.as_good_as(best, rivals)
         chosen = self.comparison.simplest(as_good)
         equivalents = self.comparison.equivalents(chosen, as_good, rivals, at_bound)
-        others = [c for c in as_good if not self._is_a_gain(c, chosen)]
-        better = self.comparison.better_dependence(chosen, others)
+        better = self.comparison.better_dependence(chosen, as_good)
         if better is not None:  # a wrong name is worse than none, but not a name that explains as much
             named = self.comparison.names_instead(better, as_good)
             better = self.comparison.simplest(named) if named else better
             chosen, equivalents = better, [chosen, *(c for c in equivalents if c is not better)]
-        equivalents += self._as_good_in_common(best, chosen, equivalents, candidates)
         self._log(
             f"{chosen.family} on {self.joints[chosen.joint]}: removes {chosen.share:.0%} of the squared residual there"
             + (f"; as good: {', '.join(c.family for c in equivalents)}" if equivalents else "")
@@ -404,43 +320,6 @@ class Search:
 
     def _net(self, cause: Sequence[Candidate]) -> float:
         return sum(map(self.comparison.net, cause))
-
-    def _is_a_gain(self, dependence: Candidate, name: Candidate) -> bool:
-        """Whether a dependence is the name's own gain, which loads make larger here than there."""
-        beside = [f for f in self.found if f.candidate is not name]
-        return is_a_gain_over_poses(self.simulation, self.rows, beside, dependence, name)
-
-    def _cold_oil(
-        self, best: Candidate, common: Sequence[Candidate], candidates: Sequence[Candidate]
-    ) -> list[SelectedEffect]:
-        """Oil that makes joints late, where it explains more than one joint's effect, or any other cause in common."""
-        if THERMAL_DRIFT in self.excluded or any(c.family == THERMAL_DRIFT for c in common):
-            return []
-        oil = cold_oil(self.simulation, self.rows, self.found, candidates, self.comparison, self.excited)
-        net = self.comparison.net
-        otherwise = max(OIL_FACTOR * sum(map(net, common)), COMMON_FACTOR * net(best))
-        return oil if sum(net(f.candidate) for f in oil) > otherwise else []
-
-    def _as_good_in_common(
-        self, best: Candidate, chosen: Candidate, known: Sequence[Candidate], candidates: Sequence[Candidate]
-    ) -> list[Candidate]:
-        """What several joints have in common and explains no less than a name on one of them."""
-        is_told = is_dependence(chosen) or chosen.family in OF_ONE_CAUSE
-        if is_told or any(f.candidate.family in COMMON_CAUSES for f in self.found):
-            return []
-        of_all = common_causes(best, candidates, self.comparison.net, self.comparison.shows, DOUBTED_FACTOR)
-        common = of_all[0] if of_all else []
-        if not any(map(self.passes, common)):
-            return []
-        told = {c.family for c in known}
-        return [
-            c
-            for c in common
-            if c.joint == best.joint
-            and c.family not in told
-            and is_plausible(c.family, [c])
-            and not is_at_bound(self.simulation.effects, c)
-        ]
 
     def _late_elsewhere(self, chosen: Candidate, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Delays of the other joints, where each that moves enough shows one that is as large: a late channel."""

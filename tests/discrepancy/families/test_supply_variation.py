@@ -8,7 +8,6 @@ import pytest
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis
 from pipeline.discrepancy.families.plausibility import is_plausible
-from pipeline.discrepancy.families.supply_onset import supply_onset, supply_since
 from pipeline.discrepancy.families.supply_variation import (
     FAMILY,
     supply_candidates,
@@ -129,38 +128,7 @@ def test_placebos_of_a_supply_that_sets_in_are_shifted_within_the_rows_after_it(
     assert min(late) > 1e-3
 
 
-def test_a_supply_does_not_set_in_where_joints_begin_to_move_at_once() -> None:
-    """One joint at a time tells nothing of what joints have in common."""
-    for seed in range(4):
-        simulation, rows = machine(seed, STD, 1.0, 2.0, n_rows=12_000, alone_until=4000)
-        assert supply_onset(simulation, NOMINAL, rows, supply_candidates(simulation, NOMINAL, rows)) is None
-
-
 def p_of(logs) -> float:
     simulation, rows = logs
     widths_s = {c.joint: c.point["width"] for c in supply_candidates(simulation, NOMINAL, rows)}
     return supply_p(simulation, NOMINAL, [rows], widths_s, seed=0)
-
-
-@pytest.mark.parametrize("time_s", [2.0, 5.0])
-def test_the_moment_at_which_a_supply_begins_to_vary_is_found(time_s) -> None:
-    onset_row = 4000
-    simulation, rows = machine(0, STD, 1.0, time_s, n_rows=12_000, onset_row=onset_row)
-    members = supply_candidates(simulation, NOMINAL, rows)
-    moment = supply_onset(simulation, NOMINAL, rows, members)
-    assert moment is not None
-    assert moment[0] / STEP_NS == pytest.approx(onset_row, abs=5.0 / DT_S)
-    since = supply_since(simulation, NOMINAL, rows, moment, members)
-    for always, later in zip(members, since, strict=True):
-        assert later.onset == moment[0]
-        # where there is nothing to gain, little is lost
-        assert later.gain == pytest.approx(always.gain, rel=0.05)
-        assert later.gain_by_block[: onset_row // 400].sum() == 0.0
-        assert later.t > always.t
-
-
-@pytest.mark.parametrize("time_s", [2.0, 5.0, SLOW_S])
-def test_a_supply_that_always_varied_does_not_set_in(time_s) -> None:
-    for seed in range(6):
-        simulation, rows = machine(seed, STD, 1.0, time_s, n_rows=12_000)
-        assert supply_onset(simulation, NOMINAL, rows, supply_candidates(simulation, NOMINAL, rows)) is None

@@ -8,7 +8,6 @@ from pipeline.discrepancy.families.late_channel import (
     are_equal_delays,
     late_channel,
     set_in_together,
-    shortened,
 )
 from pipeline.discrepancy.families.whole_machine import of_one_cause
 from pipeline.discrepancy.selection.candidate import Candidate
@@ -58,19 +57,6 @@ def test_two_delays_may_have_set_in_at_one_moment():
 def test_dead_bands_on_several_joints_are_one_cause_and_gains_are_not():
     found = [bare_candidate(family, joint) for family in ("other:dead_band", "gain") for joint in (0, 1)]
     assert of_one_cause(found, range(3)) == ["other:dead_band"]
-
-
-def test_the_one_joint_that_is_later_than_a_late_channel_has_a_common_part():
-    found = [SelectedEffect(c) for c in delays(0.1, 0.11, 0.2)]
-    latest, shorter = shortened(found, range(3))
-    assert latest is found[2]
-    assert (shorter.candidate.joint, shorter.candidate.point["added_delay"]) == (2, pytest.approx(0.11))
-    known = [*found, SelectedEffect(bare_candidate("gain", 2))]
-    assert shortened(known, range(3)) is None  # what it has more is known
-    assert shortened(found[1:], range(3)) is None  # one joint is not late at all
-    assert shortened([SelectedEffect(c) for c in delays(0.1, 0.2, 0.2)], range(3)) is None
-    idle = [*found, *(SelectedEffect(c) for c in delays(0.1, 0.1, 0.1, 0.0)[3:])]
-    assert shortened(idle, range(3))[0] is found[2]
 
 
 def test_a_joint_that_hardly_moves_neither_makes_a_channel_nor_refutes_it():

@@ -11,7 +11,7 @@ from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis
 from pipeline.discrepancy.families import uncorrectable
 from pipeline.discrepancy.families.plausibility import is_at_bound, is_plausible
-from pipeline.discrepancy.families.whole_machine import COMMON_FACTOR, DOUBTED_FACTOR, common_causes
+from pipeline.discrepancy.families.whole_machine import common_causes
 from pipeline.discrepancy.selection import search as search_module
 from pipeline.discrepancy.selection.candidate import Candidate
 from pipeline.discrepancy.selection.regression import Folds, t_statistic
@@ -41,9 +41,9 @@ def coupling(joint: int, gain: float, coefficients: tuple[float, ...] = (0.2, 0.
     return candidate("flow_coupling", joint, gain, coefficients, freed=freed)
 
 
-def chosen(*candidates: Candidate, factor: float = COMMON_FACTOR) -> list[tuple[str, int]]:
+def chosen(*candidates: Candidate) -> list[tuple[str, int]]:
     best = max(candidates, key=lambda c: c.gain)
-    found = common_causes(best, candidates, lambda c: c.gain, lambda c: c.gain > 1.0, factor)
+    found = common_causes(best, candidates, lambda c: c.gain, lambda c: c.gain > 1.0)
     return [(c.family, c.joint) for c in found[0]] if found else []
 
 
@@ -56,13 +56,6 @@ def test_a_payload_comes_before_a_gain_per_joint() -> None:
 def test_one_joint_alone_is_no_common_cause() -> None:
     load, gain = candidate("load", 0, 90.0, (-0.2, 0.1)), candidate("gain", 0, 95.0)
     assert chosen(load, gain, candidate("load", 1, 0.5, (-0.2, 0.1))) == []
-
-
-def test_a_cause_that_explains_a_little_more_on_all_its_joints_only_raises_doubt() -> None:
-    coupled = [coupling(0, 90.0), coupling(1, 20.0)]
-    gain = candidate("gain", 0, 95.0)
-    assert chosen(*coupled, gain) == []
-    assert chosen(*coupled, gain, factor=DOUBTED_FACTOR) == [("flow_coupling", 0), ("flow_coupling", 1)]
 
 
 def test_a_dependence_on_activity_has_to_explain_more_than_a_cause_with_an_equation() -> None:
@@ -187,19 +180,6 @@ def test_what_is_rare_but_reproduced_by_both_halves_of_the_rows_counts() -> None
     assert not looking.passes(replace(twice, onset=1))  # before an onset there is nothing to be reproduced
 
 
-def test_once_two_valves_have_dead_bands_the_others_may_have_one_too() -> None:
-    block = np.repeat(np.arange(10), 10)
-    looking = search(Folds(block % 2, block, 10))
-    looking.joints = ("lift", "turn", "reach")
-    shows, little = candidate("other:dead_band", 2, 50.0), candidate("other:dead_band", 2, 50.0)
-    little = replace(little, share=0.01)
-    looking.found = [SelectedEffect(candidate("other:dead_band", 0, 100.0))]
-    assert looking._further_valves([shows]) == []
-    looking.found.append(SelectedEffect(candidate("other:dead_band", 1, 100.0)))
-    assert [f.candidate for f in looking._further_valves([shows, candidate("gain", 2, 90.0)])] == [shows]
-    assert looking._further_valves([little]) == []
-
-
 @pytest.mark.parametrize(
     ("family", "gain", "share", "is_kept"),
     [
@@ -237,7 +217,6 @@ def test_what_is_left_is_looked_at_with_every_onset_that_was_found(monkeypatch: 
     monkeypatch.setattr(search_module, "encoder_errors", lambda *_: [])
     monkeypatch.setattr(search_module, "refine", lambda simulation, rows, found: found)
     monkeypatch.setattr(search_module, "completed", lambda simulation, of, _: of)
-    monkeypatch.setattr(search_module, "decide_again", lambda simulation, rows, found, *_: found)
     monkeypatch.setattr(looking, "_look_back", lambda: None)
     seen: list[dict] = []
     seconds = [[SelectedEffect(replace(candidate("load", 1, 50.0), onset=7))], []]

@@ -6,7 +6,6 @@ import pytest
 from pipeline.discrepancy.diagnosis.nominal.null_gains import null_gains
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, rows_in_blocks
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
-from pipeline.discrepancy.families.cold_oil import hardly_warms
 from pipeline.discrepancy.families.contract_parameters import describe
 from pipeline.discrepancy.families.plausibility import is_plausible
 from pipeline.discrepancy.selection.candidate import Candidate, Misfit, Nominal
@@ -114,21 +113,3 @@ def test_nominal_logs_that_all_joints_warm_up_in_are_no_evidence_against_it(
     null = null_gains(simulation, rows, (), 3.0)
     assert null.present == (("thermal_drift",) if is_there else ())
     assert is_there != any(family == "thermal_drift" for family, *_ in null.misfits)
-
-
-@pytest.mark.parametrize(
-    ("loss", "constant_s", "change", "is_constant"),
-    [(0.3, 230.0, 0.0, False), (0.1, 500.0, 0.0, False), (0.3, 1e5, 0.0, True), (0.0, 230.0, -0.2, True)],
-)
-def test_oil_that_hardly_warms_within_the_log_is_none(
-    loss: float, constant_s: float, change: float, is_constant: bool
-) -> None:
-    simulation, rows = drifting(loss, constant_s, change=change, families=("thermal_drift", "gain", "lag"))
-    oil = [c for c in found_of(simulation, rows) if c.family == "thermal_drift"]
-    found = refine(simulation, rows, [SelectedEffect(completed(simulation, c)) for c in oil])
-    assert hardly_warms(simulation, rows, found) == is_constant
-
-
-def test_without_oil_nothing_is_asked_of_it() -> None:
-    simulation, rows = drifting(0.0, 230.0, change=-0.2, families=("gain",))
-    assert not hardly_warms(simulation, rows, list(map(SelectedEffect, found_of(simulation, rows))))
