@@ -13,7 +13,6 @@ from pipeline.deployment.evaluate_in_graph import evaluate_in_graph
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_json, write_whole
 from pipeline.reporting.figures.delay_sweep import delay_sweep_figure
-from pipeline.reporting.report import write_table
 from pipeline.reporting.tables.delay_sweep import delay_sweep_table
 from pipeline.tracking import StageRun, progress_bar
 
@@ -45,7 +44,7 @@ def main(configuration: SweepDelaysStage, run: StageRun) -> None:
     write_json(output / "metrics.json", {f"{delay_s:g}": metrics for delay_s, metrics in swept.items()})
     write_whole(output / "delay_sweep.svg", delay_sweep_figure(swept))
     table = delay_sweep_table(swept)
-    write_table(table, output, "delay_sweep")
+    table.write(output, "delay_sweep")
     print(table.markdown())
     run.artifact(output, "delay_sweep")
 

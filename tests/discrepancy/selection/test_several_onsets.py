@@ -149,7 +149,7 @@ def test_the_model_afterwards_has_each_joints_own_onset() -> None:
         MachineEffect("leakage", [SelectedEffect(leakage(0, None)), SelectedEffect(leakage(1, EARLY))]),
     ]
     active = active_effects(machine, effects)
-    assert active is not None and active.setting is SETTING
+    assert active is not None and active.setting.speed_scale is SETTING.speed_scale
     assert active.onset_ns == {"gain": {0: at(EARLY), 1: at(LATE)}, "leakage": {1: at(EARLY)}}
     np.testing.assert_allclose(active.values["gain"]["ratio_positive"], [RATIO, RATIO])
     always = active_effects(machine, [MachineEffect("gain", [SelectedEffect(gain(0, None))])])
