@@ -29,7 +29,7 @@ RIVAL_SHARE = 0.7  # of what the best explains on its joint
 BESIDE_A_COURSE = 0.5  # the same of a course in time, which follows a joint whether it is alone or not
 # A cause with an equation comes before a dependence, and both before one that nobody can observe. A payload's slopes
 # over all positions fit something of any slow change: it has to explain clearly more than other causes in common.
-COMMON_PENALTY = {ACTIVITY: 1.1, CHANNEL: 1.1, LOAD: 1.2, SUPPLY: 1.25}
+COMMON_PENALTY = {ACTIVITY: 1.1, LOAD: 1.2, SUPPLY: 1.25}
 
 
 def of_one_cause(candidates: Sequence[Candidate], excited: Collection[int]) -> list[str]:
