@@ -19,7 +19,8 @@ from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.selection.select import Selection
 
 LEAST = 1.0  # evidence of a plan, or of all manoeuvres together: less decides nothing
-ATTEMPTS = 6  # at a plan that stays inside; each leaves out what left the envelope
+LESS = 0.9  # of the time, where a plan takes too long: with more of it the same one might be chosen again
+ATTEMPTS = 10  # at a plan that stays inside; each leaves out what left the envelope
 
 
 def plan_experiment(
@@ -33,7 +34,7 @@ def plan_experiment(
         correction: What was found in them.
         journal: Told what remains.
     """
-    remaining = rivals_of(diagnosis.simulation, correction.effects, diagnosis.logs.joints)
+    remaining = rivals_of(diagnosis, correction.effects)
     if remaining is None and not correction.new:
         joints = joints_in_doubt(diagnosis, selection)
         remaining = unseen_in(diagnosis, joints) if joints else None
@@ -73,7 +74,7 @@ def _planned(diagnosis: Diagnosis, remaining: Remaining, error: np.ndarray) -> P
             at = sum(bool(step.goal) for step in plan.steps[: played.leaves + 1]) - 1
             del sums[chosen[at % len(chosen)]]
         elif played.motion_s > config.motion_s:
-            motion_s *= config.motion_s / played.motion_s
+            motion_s *= min(config.motion_s / played.motion_s, LESS)
         else:
             separations = _separations(remaining, [sums[of] for of in chosen], config.rounds)
             told = [of for of in separations if of.evidence >= LEAST]
