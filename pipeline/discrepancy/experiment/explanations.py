@@ -19,7 +19,6 @@ from pipeline.effects.catalogue import WITH_AN_EQUATION
 from pipeline.effects.effect import Effect
 
 NOTHING = "no change"
-FIRST_STEP = 0.1  # of a value's deviation, by which it is moved for its derivative
 SMALL = 1 / 3  # of a usual size, as the smallest of those that the posterior weighs
 # Natural logarithm of 1000: odds beyond which evidence is called decisive, Kass and Raftery (1995), Bayes Factors,
 # Journal of the American Statistical Association 90, take 150; here many families are weighed at once.
@@ -95,56 +94,27 @@ class Remaining(NamedTuple):
     left_out: Sequence[str]
 
 
-def rivals_of(diagnosis: Diagnosis, effects: Sequence[MachineEffect]) -> Remaining | None:
+def rivals_of(
+    simulation: Simulation, effects: Sequence[MachineEffect], joints: Sequence[str]
+) -> Remaining | None:
     """The first effect with equivalents, and these, each beside all other effects; None: there is none.
 
     Args:
-        diagnosis: Of the measured logs, which say how far values may yet be chosen anew.
+        simulation: Which knows the effects.
         effects: Of the verdict.
+        joints: Names of the machine's joints.
     """
     doubted = next((effect for effect in effects if effect.equivalents), None)
     if doubted is None:
         return None
-    simulation, joints = diagnosis.simulation, diagnosis.logs.joints
     beside = [member for effect in effects if effect is not doubted for member in effect.members]
     certain = Hypothesis(hypothesis_of(simulation, beside).values)
     rivals = [[member.candidate for member in doubted.members], *([c] for c in doubted.equivalents)]
     known = [of for of in rivals if all(has_wrapper(c) and c.family != CHANNEL for c in of)]
     left_out = [_name(of, joints) for of in rivals if of not in known]
-    correlated = noise_of(diagnosis.nominal, diagnosis.logs.machine.dt_s).correlated
-    explanations = []
-    for of in known:
-        explanation = _explanation(simulation, certain, of, joints)
-        deviations = left_by_logs(diagnosis, explanation, correlated)
-        freedoms = [
-            freedom._replace(deviation=deviation)
-            for freedom, deviation in zip(explanation.freedoms, deviations, strict=True)
-        ]
-        explanations.append(explanation._replace(freedoms=tuple(freedoms)))
+    explanations = [_explanation(simulation, certain, of, joints) for of in known]
     pairs = [(a, b) for a in range(len(known)) for b in range(len(known)) if a != b]
     return Remaining(explanations, pairs, left_out) if pairs else None
-
-
-def left_by_logs(diagnosis: Diagnosis, explanation: Explanation, correlated: np.ndarray) -> list[float]:
-    """Standard deviations of an explanation's values after the rows for fitting and selection, beside one another.
-
-    Before them values deviate as their freedoms say, and so they still do where rows say nothing. What a card idealises
-    stays. So many rows count as one as errors follow one another: `correlated`, (n_joint,).
-    """
-    rows, simulation = diagnosis.rows, diagnosis.simulation
-    moved = [explanation.varied(one, one.way * FIRST_STEP) for one in explanation.freedoms]
-    base, *others = simulation.velocities([explanation.hypothesis, *moved])
-    scale = rows.weight / np.sqrt(rows.floor * correlated)
-    columns = [(scale * rows.averaged(of - base)).ravel() / FIRST_STEP for of in others]  # per deviation
-    x = np.stack(columns, axis=1) if columns else np.zeros((1, 0))
-    variances = np.linalg.inv(np.eye(x.shape[1]) + x.T @ x).diagonal()
-    found, error = [], diagnosis.logs.config.gate.model_error
-    for of, variance in zip(explanation.freedoms, variances.tolist(), strict=True):
-        name, place = of.places[0]
-        neutral = simulation.effects[of.family].neutral()[name][place]
-        size = abs(float(explanation.hypothesis.values[of.family][name][place] - neutral))
-        found.append(min(of.deviation, float(np.hypot(of.deviation * np.sqrt(variance), error * size))))
-    return found
 
 
 def _name(candidates: Sequence[Candidate], joints: Sequence[str]) -> str:

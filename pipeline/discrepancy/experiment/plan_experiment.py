@@ -34,7 +34,7 @@ def plan_experiment(
         correction: What was found in them.
         journal: Told what remains.
     """
-    remaining = rivals_of(diagnosis, correction.effects)
+    remaining = rivals_of(diagnosis.simulation, correction.effects, diagnosis.logs.joints)
     if remaining is None and not correction.new:
         joints = joints_in_doubt(diagnosis, selection)
         remaining = unseen_in(diagnosis, joints) if joints else None

@@ -6,14 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis
-from pipeline.discrepancy.experiment.explanations import Explanation, Freedom, left_by_logs
+from pipeline.discrepancy.diagnosis.simulation import NOMINAL
+from pipeline.discrepancy.experiment.explanations import Explanation, Freedom
 from pipeline.discrepancy.experiment.plan_experiment import joints_in_doubt
 from pipeline.discrepancy.experiment.predictions import STEP, at_every_value
 from pipeline.discrepancy.selection.selected_effect import Known, SelectedEffect
-from pipeline.effects.effect import Parameter
 from tests.discrepancy.bare_candidate import bare_candidate
-from tests.discrepancy.selection.test_refine import FAMILY, N_ROWS, machine
 
 NEW = SelectedEffect(bare_candidate("gain", 2))
 KNOWN = SelectedEffect(NEW.candidate, known=Known(NEW.candidate))
@@ -54,20 +52,3 @@ def test_positions_are_told_for_every_value_as_far_as_it_is_plausible() -> None:
     at = np.array(moved)[None, :, None]
     expected = [base, base - 2.0 * 0.4, base + 2.0 * 0.2, base + 3.0 * 0.1, base]
     np.testing.assert_allclose(at_every_value(at, [explanation], [0])[0, :, 0], expected)
-
-
-@pytest.mark.parametrize("size", [1.0, 0.0])
-def test_a_value_deviates_by_what_the_logs_leave_of_its_prior(size: float) -> None:
-    """Of a velocity that is linear in its value, in closed form; rows that do not show it leave the prior."""
-    drive, correlated, deviation = size * np.sin(0.21 * np.arange(N_ROWS)), 4.0, 0.3
-    simulation, rows = machine(lambda c: c * drive, drive, [Parameter("c", "1", 0.0, -2.0, 2.0)])
-    gate = SimpleNamespace(model_error=0.0)
-    diagnosis: Any = SimpleNamespace(
-        simulation=simulation, rows=rows, logs=SimpleNamespace(config=SimpleNamespace(gate=gate))
-    )
-    freedom = Freedom(FAMILY, (("c", (0,)),), deviation, lower=-9.0, upper=9.0)
-    hypothesis = Hypothesis({FAMILY: {"c": np.array([0.5])}})
-    explanation = Explanation("one", (0,), hypothesis, (freedom,))
-    x = rows.averaged(drive[None, :, None])[:, 0]
-    expected = 1.0 / np.sqrt(1.0 / deviation**2 + x @ x / correlated)
-    assert left_by_logs(diagnosis, explanation, np.array([correlated])) == pytest.approx([expected])
