@@ -69,8 +69,8 @@ def test_examples_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         Path("policy").mkdir()
         return SimpleNamespace(save=lambda output: (output / "policy.msgpack").touch())
 
-    def unsearched(*arguments: object) -> SimpleNamespace:
-        inspect.signature(search).bind(*arguments)
+    def unsearched(*arguments: object, **named: object) -> SimpleNamespace:
+        inspect.signature(search).bind(*arguments, **named)
         called.append(search)
         return SimpleNamespace(document={"verdict": "no_difference", "effects": {}})
 

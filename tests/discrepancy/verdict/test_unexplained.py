@@ -50,8 +50,9 @@ def entries(
     )
     (nominal, _), (fitting, _), (held_out, _) = parts
     config = SimpleNamespace(gate=SimpleNamespace(largest_p=0.01))
+    machine = SimpleNamespace(joint_names=JOINTS, channel_names=())
     diagnosis: Any = SimpleNamespace(
-        logs=SimpleNamespace(joints=JOINTS, config=config),
+        logs=SimpleNamespace(joints=JOINTS, config=config, machine=machine),
         nominal=SimpleNamespace(simulation=None, rows=nominal),
         simulation=None,
         rows=fitting,
