@@ -2,10 +2,12 @@
 node per process. What was seen goes to FOLDER/trial.json; the time to zero outputs is printed.
 """
 
+import contextlib
 import json
 import socket
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -110,7 +112,8 @@ def end_early(operator: Operator) -> tuple[dict[str, str | None], list[tuple[flo
     time.sleep(MOVING_S)
     other.cancel()
     cancelled, feedback = other.result(PATIENCE_S), other.feedback
-    operator.give(goal(6, height_m=np.nan))
+    with slow_sending():
+        operator.give(goal(6, height_m=np.nan))
     refused = operator.result(PATIENCE_S)
     assert cancelled is not None
     return {
@@ -118,6 +121,25 @@ def end_early(operator: Operator) -> tuple[dict[str, str | None], list[tuple[flo
         "cancelled": cancelled.outcome,
         "refused": refused.outcome,
     }, feedback
+
+
+@contextlib.contextmanager
+def slow_sending() -> Iterator[None]:
+    """As on a busy computer: the server has answered before the call that sends a goal returns."""
+    import actionlib
+
+    send = actionlib.ActionClient.send_goal
+
+    def slowly(*arguments, **named):
+        handle = send(*arguments, **named)
+        time.sleep(MOVING_S)
+        return handle
+
+    actionlib.ActionClient.send_goal = slowly
+    try:
+        yield
+    finally:
+        actionlib.ActionClient.send_goal = send
 
 
 def wait_for_states(operator: Operator) -> None:

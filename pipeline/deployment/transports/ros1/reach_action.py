@@ -177,9 +177,11 @@ class ReachClient:
         self.feedback = []
         ros_goal = self._types[f"{PACKAGE}/ReachGoal"]()
         fill_pose(ros_goal.target, 0, goal.position, goal.quaternion)
-        self._client.send_goal(
-            ros_goal, feedback_cb=lambda ros: self.feedback.append((ros.position_error, ros.pitch_error))
-        )
+        # actionlib drops what a quick server answers before `send_goal` has returned; its threads wait here instead.
+        with self._client.action_client.manager.list_mutex:
+            self._client.send_goal(
+                ros_goal, feedback_cb=lambda ros: self.feedback.append((ros.position_error, ros.pitch_error))
+            )
 
     def cancel(self) -> None:
         """Cancel the goal; its result follows."""
