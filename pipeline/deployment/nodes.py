@@ -4,7 +4,6 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.deployment.components.machine_watch import MachineWatch
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick
 from pipeline.deployment.compose import GraphSettings
 from pipeline.deployment.settings import CoverageConfig
@@ -20,7 +19,7 @@ AUTONOMOUS = ("autonomous_server",)
 TELEOPERATED = ("teleoperation_server",)
 JOYSTICK = ScriptedJoystick.name
 OPERATOR = "operator"  # gives the targets
-WATCH = MachineWatch.name
+WATCH = "machine_watch"
 
 
 class Driver(enum.StrEnum):

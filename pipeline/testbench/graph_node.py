@@ -11,7 +11,6 @@ import numpy as np
 from pipeline.deployment.component import Component, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.controllers import at_rest
-from pipeline.deployment.components.machine_watch import MachineWatch
 from pipeline.deployment.components.scripted_joystick import ScriptedJoystick, Teleoperator
 from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
@@ -68,6 +67,9 @@ def component(settings: NodeSettings, name: str) -> Component:
     if name == JOYSTICK:
         return ScriptedJoystick(machine, deployment.teleoperation, _operator(settings))
     if name == WATCH:
+        # Other nodes need not wait for what finds causes to be imported.
+        from pipeline.deployment.components.machine_watch import MachineWatch
+
         return MachineWatch(Path(str(settings.watch_state)), settings.watch_settings)
     if name == "emcb_200u_driver":
         return CanDriver(open_bus(settings.can), deployment.driver)

@@ -199,14 +199,6 @@ def course_of_the_supply(
     return Course(gain, motion, time_s if variance > 0.0 else np.inf)
 
 
-def gains_of_the_supply(
-    simulation: Simulation, active: Hypothesis, rows: ScoredRows, widths_s: Mapping[int, float]
-) -> dict[int, np.ndarray]:
-    """Per joint (N,) what it explains when, in units of the noise floor; arguments as of `course_of_the_supply`."""
-    common = _Common(simulation, active, rows)
-    return {joint: common.gain(joint, width_s) for joint, width_s in widths_s.items()}
-
-
 def _covariance(common: _Common) -> np.ndarray:
     """Of the common change of speed, at `LAGS`."""
     numerator, denominator = common.product.sum(axis=-1), common.square.sum(axis=-1)

@@ -15,7 +15,6 @@ from types import MappingProxyType
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import fftconvolve, find_peaks
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, spread
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
@@ -68,6 +67,8 @@ class _Course(ChangeOfSpeed):
 
     def of(self, joint: int, width: float, period: float | None = None) -> np.ndarray:
         """By a kernel's means over the seconds around, the nearest left out; of a cycle over all its other rounds."""
+        from scipy.signal import fftconvolve  # takes 0.4 s, which nodes that only name the family do without
+
         kernel = self._around(width) if period is None else self._at_the_same_phase(width, period)
         half = len(kernel) // 2
         product, square = (
@@ -115,6 +116,8 @@ class _Course(ChangeOfSpeed):
         if not within.any():
             return []
         is_work = np.any([of > WORK_FACTOR * np.median(of[within]) for of in of_work], axis=0)
+        from scipy.signal import find_peaks
+
         peaks = find_peaks(power, distance=max(1, round(n * self.dt_s / longest_s)))[0]
         peaks = peaks[within[peaks] & ~is_work[peaks]]
         highest = peaks[np.argsort(-power[peaks])[:N_PERIODS]]

@@ -161,6 +161,11 @@ def source_of(candidate: Candidate, machine: MachineSpecification) -> str | None
     return None if candidate.source is None else names[candidate.source]
 
 
+def candidate_depends_on(candidate: Candidate, machine: MachineSpecification) -> list[str]:
+    """As `depends_on`, of what nothing has named."""
+    return depends_on(MachineEffect(OTHER, [SelectedEffect(candidate)]), machine)
+
+
 def depends_on(effect: MachineEffect, machine: MachineSpecification) -> list[str]:
     """Entries as in the contract: `variable`, `variable:joint` or `channel:name`."""
     entries: list[str] = []

@@ -143,7 +143,7 @@ class Search:
         self.found = of_one_moment(self.simulation, self.rows, self.found, OF_ONE_CAUSE)
 
     def _second_cause(self, candidates: Sequence[Candidate]) -> list[SelectedEffect]:
-        """A payload, a shared pump or a late channel, beside what makes the whole machine faster or slower.
+        """A payload, a shared pump or dead bands, beside what makes the whole machine faster or slower.
 
         On single joints little that is left is worth a name then: no wrapper fits every joint so well. What joints
         bear each other out on is.

@@ -11,8 +11,13 @@ from pipeline.discrepancy.correction.correct import Alternative
 from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.posterior.e_values import e_value_of
 from pipeline.discrepancy.posterior.select_by_posterior import CREDIBLE
-from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, contract_family, depends_on
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect
+from pipeline.discrepancy.selection.grouping import (
+    OTHER,
+    MachineEffect,
+    candidate_depends_on,
+    contract_family,
+    depends_on,
+)
 from pipeline.discrepancy.verdict.known import known_entries
 from pipeline.discrepancy.verdict.next_experiment import next_experiment
 from pipeline.discrepancy.verdict.trace import trace_of
@@ -152,17 +157,17 @@ def _onset(measured: Sequence[Trajectory], stamp_ns: int | None) -> dict[str, An
     return {"trajectory": measured[number].name, "t": float(measured[number].t_s[place])}
 
 
-def _depends_on(verdict: Verdict, of: Alternative) -> list[str]:
-    return depends_on(MachineEffect(OTHER, [SelectedEffect(of.candidate)]), verdict.logs.machine)
-
-
 def _alternative(verdict: Verdict, of: Alternative) -> dict[str, Any]:
     family, joint = contract_family(of.candidate), of.candidate.joint
     probability = verdict.acceptance.of_rivals.get((family, joint))
     entry: dict[str, Any] = {
         "family": family,
         "joints": [verdict.logs.joints[joint]],
-        **({"depends_on": _depends_on(verdict, of)} if family == OTHER else {}),
+        **(
+            {"depends_on": candidate_depends_on(of.candidate, verdict.logs.machine)}
+            if family == OTHER
+            else {}
+        ),
         **({} if probability is None else {"probability": probability}),
         "error_reduction": of.error_reduction,
         "why_not": of.why_not or f"these logs cannot tell it from {of.chosen}",

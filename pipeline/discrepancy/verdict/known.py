@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects, grouped
 from pipeline.discrepancy.acceptance.parameters import parameters_of
 from pipeline.discrepancy.families.contract_parameters import spreads
-from pipeline.discrepancy.selection.free_parameters import Coordinate, coordinates_of
+from pipeline.discrepancy.selection.free_parameters import Coordinate, coordinates_of, value_of
 from pipeline.discrepancy.selection.grouping import MachineEffect, depends_on
 from pipeline.discrepancy.selection.known.prior import name_of
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
@@ -80,9 +80,7 @@ def _state(fit: FittedEffects, effect: SelectedEffect | None) -> str:
     for coordinate in (of for of in coordinates if of.effect == number):
         name = name_of(coordinate)
         was = effect.known.value_of(coordinate.name, coordinate.index)
-        of_fit = (
-            candidate.point[coordinate.name] if coordinate.name else candidate.coefficients[coordinate.index]
-        )
+        of_fit = value_of(fit.found, coordinate)
         deviation = float(np.hypot(spread[name].deviation, effect.known.deviations.get(name, 0.0)))
         off = abs(of_fit - was) / max(deviation, 1e-12)
         if off > largest:

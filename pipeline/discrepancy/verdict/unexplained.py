@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import gammaln
 
-from pipeline.discrepancy.acceptance.accept import Acceptance
+from pipeline.discrepancy.acceptance.accept import Acceptance, is_given
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.plausibility import is_dependence
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
-from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, depends_on
+from pipeline.discrepancy.selection.grouping import OTHER, candidate_depends_on
 from pipeline.discrepancy.selection.select import Selection
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 
@@ -41,7 +41,7 @@ def unexplained(diagnosis: Diagnosis, selection: Selection, acceptance: Acceptan
     """
     joints = diagnosis.logs.joints
     # What is left of a joint beside a known effect, as beside one that is named, is the form that its card idealises.
-    known = [f for f in selection.found if f.known is not None and has_wrapper(f.candidate)]
+    known = [f for f in selection.found if is_given(f)]
     idealised = {f.candidate.joint for f in known}
     parts = [_excess_of(diagnosis.simulation, rows, known) for rows in (diagnosis.rows, diagnosis.held_out)]
     nominal = _excess_of(diagnosis.nominal.simulation, diagnosis.nominal.rows, [])
@@ -68,9 +68,7 @@ def unexplained(diagnosis: Diagnosis, selection: Selection, acceptance: Acceptan
             {
                 "family": OTHER,
                 "joints": [name],
-                "depends_on": []
-                if best is None
-                else depends_on(MachineEffect(OTHER, [SelectedEffect(best)]), diagnosis.logs.machine),
+                "depends_on": [] if best is None else candidate_depends_on(best, diagnosis.logs.machine),
                 "parameters": {},
                 "onset": None,
                 "certain": False,
