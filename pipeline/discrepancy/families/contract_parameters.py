@@ -1,6 +1,6 @@
 """From a candidate's values to the parameters that the contract names (section 4), with 95 % intervals."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,39 +14,8 @@ from pipeline.effects.effect import Effect
 
 Quantity = dict[str, Any]
 
-# Parameters that are not below zero on any machine; the others have a sign.
-NOT_NEGATIVE = {
-    "added_delay",
-    "cold_lag",
-    "correlation_time",
-    "damping_ratio",
-    "fall_share",
-    "frequency",
-    "lag_time_ratio",
-    "latency",
-    "loss_alone_negative",
-    "loss_alone_positive",
-    "loss_fraction",
-    "loss_fraction_to",
-    "mean_extra_time",
-    "mean_extra_time_of_command",
-    "mean_speed_ratio_down",
-    "mean_speed_ratio_up",
-    "min_speed_ratio",
-    "rest_threshold",
-    "rest_threshold_of_command",
-    "scale",
-    "share",
-    "share_in_negative_motion",
-    "share_in_positive_motion",
-    "speed_ratio",
-    "speed_ratio_negative",
-    "speed_ratio_positive",
-    "std_log_speed",
-    "time_constant",
-    "width",
-    "zone_length",
-}
+# Parameters that have a sign; no other is below zero on any machine.
+SIGNED = {"added_time_constant", "added_time_constant_starting", "cold_speed_loss", "offset", "sag_rate"}
 
 WIDEST = "widest"  # of a quantity under way: what `Spread` says
 
@@ -82,107 +51,88 @@ def describe(
         joints: All joints' names.
         unit: `rad` or `m`.
     """
-    point, coefficients = candidate.point, candidate.coefficients
-    setting, joint = effect.setting, candidate.joint
-    span = float(setting.upper[joint] - setting.lower[joint])
-    family = candidate.family
+    if candidate.family in DEPENDENCES:
+        return {}
 
     def of(value: float, unit: str, name: str, factor: float = 1.0) -> Quantity:
         deviation, widest = spread.get(name, UNKNOWN)
         return quantity(value, unit, abs(factor) * deviation, abs(factor) * widest)
 
-    if family == "gain":
-        freed = [name for one in candidate.freed for name, _ in one]
-        direction = 0 if len(freed) == 2 else (1 if freed[0] == "ratio_positive" else -1)
-        value = 1.0 + float(np.mean(coefficients))
-        sign: Quantity = {"value": direction, "unit": "sign"}
-        result = {"speed_ratio": of(value, "1", "coefficient:0"), "direction": sign}
-        if len(coefficients) == 2:
-            result["speed_ratio_positive"] = of(1.0 + float(coefficients[0]), "1", "coefficient:0")
-            result["speed_ratio_negative"] = of(1.0 + float(coefficients[1]), "1", "coefficient:1")
-        return result
-    if family == "load":
-        return {
-            "mean_speed_ratio_up": of(1.0 + float(coefficients[0]), "1", "coefficient:0"),
-            "mean_speed_ratio_down": of(1.0 + float(coefficients[1]), "1", "coefficient:1"),
-        }
-    if family == "flow_coupling":
-        by_source = coefficients_by_source(candidate)
-        result = {
-            f"loss_fraction_to:{joints[source]}": of(float(coefficients[index]), "1", f"coefficient:{index}")
-            for source, index in by_source.items()
-        }
-        for index, ((name, source), *_) in enumerate(candidate.freed):
-            if source is None:  # by itself
-                result[name] = of(float(coefficients[index]), "1", f"coefficient:{index}")
-        indices = list(by_source.values())
-        deviations = np.array([spread.get(f"coefficient:{index}", UNKNOWN) for index in indices]).reshape(
-            -1, 2
-        )
-        total = quantity(
-            float(coefficients[indices].sum()), "1", *np.linalg.norm(deviations, axis=0).tolist()
-        )
-        return {"loss_fraction": total, **result}
-    if family == "thermal_drift":
-        cold, lag = candidate.index_of("cold_speed_loss"), candidate.index_of("cold_lag")
-        warm = 1.0 + candidate.coefficient_of("warm_gain")
-        loss = candidate.coefficient_of("cold_speed_loss") / warm
-        result = {
-            "cold_speed_loss": of(loss, "1", f"coefficient:{cold}", 1.0 / warm),
-            "time_constant": of(point["time_constant"], "s", "time_constant"),
-        }
-        if lag is not None:
-            result["cold_lag"] = of(float(coefficients[lag]), "s", f"coefficient:{lag}")
-        for name in ("fall_share", "lag_time_ratio"):
-            if name in point:
-                result[name] = of(point[name], "1", name)
-        return result
-    if family == "leakage":
-        result = {"sag_rate": of(float(coefficients[0]), f"{unit}/s", "coefficient:0")}
-        for index, one in enumerate(candidate.freed[1:], start=1):
-            result[one[0][0]] = of(float(coefficients[index]), "1", f"coefficient:{index}")
-        return result
-    if family == "end_cushion":
-        upper = candidate.freed[0][0][0] == "loss_upper"
-        return {
-            "zone_length": of(point["zone_share"] * span, unit, "zone_share", span),
-            "min_speed_ratio": of(1.0 - float(coefficients[0]), "1", "coefficient:0"),
-            "side": {"value": 1 if upper else -1, "unit": "sign"},
-        }
-    if family == "oscillation":
-        return {
-            "frequency": of(point["frequency"], "Hz", "frequency"),
-            "damping_ratio": of(point["damping_ratio"], "1", "damping_ratio"),
-            "share": of(float(coefficients[0]), "1", "coefficient:0"),
-        }
-    if family == "sensor_bias":
-        return {
-            "offset": of(point.get("offset", 0.0), unit, "offset"),
-            "scale": of(point.get("scale", 1.0), "1", "scale"),
-        }
-    if family in DEPENDENCES:
-        return {}
-    if family == "lag":
-        # A valve that closes within its overlap stops sooner than it starts, with one and the same time constant of its
-        # pilot: how far starts and stops bear that one out, speeds do not say. It is somewhere between what starts
-        # show and the mean of both, each as likely.
-        starting = point["added_time_constant"]
-        mean_share = 0.5 * (1.0 + point["fall_share"])
-        between = 0.5 * (1.0 + mean_share)
-        deviation, widest = spread.get("added_time_constant", UNKNOWN)
-        unknown = abs(1.0 - mean_share) * abs(starting) / np.sqrt(12.0)
-        return {
-            "added_time_constant": quantity(
-                between * starting, "s", float(np.hypot(between * deviation, unknown)), between * widest
-            ),
-            "added_time_constant_starting": of(starting, "s", "added_time_constant"),
-            "fall_share": of(point["fall_share"], "1", "fall_share"),
-        }
-    units = {
-        parameter.name: {"length": unit, "speed": f"{unit}/s"}.get(parameter.unit, parameter.unit)
-        for parameter in effect.card.parameters
+    units = {"length": unit, "speed": f"{unit}/s"}
+    told = {}
+    for parameter in effect.card.parameters:
+        name, index = parameter.name, candidate.index_of(parameter.name)
+        value, place = candidate.point.get(name, parameter.neutral), name
+        if index is not None:
+            value, place = parameter.neutral + float(candidate.coefficients[index]), f"coefficient:{index}"
+        elif not parameter.grid and name not in candidate.point:
+            continue
+        if not parameter.per_source:
+            told[name] = of(value, units.get(parameter.unit, parameter.unit), place)
+    span = float(np.ptp([effect.setting.lower[candidate.joint], effect.setting.upper[candidate.joint]]))
+    return _as_in_the_contract(candidate, told, of, joints, (span, unit))
+
+
+def _as_in_the_contract(
+    candidate: Candidate,
+    told: dict[str, Quantity],
+    of: Callable[..., Quantity],
+    joints: Sequence[str],
+    range_: tuple[float, str],
+) -> dict[str, Quantity]:
+    """Values that the contract does not name as the card does; `range_` is the joint's, with its unit."""
+    coefficients = candidate.coefficients
+    match candidate.family:
+        case "gain":
+            freed = [name for one in candidate.freed for name, _ in one]
+            direction = 0 if len(freed) == 2 else (1 if freed[0] == "ratio_positive" else -1)
+            ratio = of(1.0 + float(np.mean(coefficients)), "1", "coefficient:0")
+            by_way = {f"speed_{name}": value for name, value in told.items() if len(coefficients) == 2}
+            return {"speed_ratio": ratio, "direction": {"value": direction, "unit": "sign"}, **by_way}
+        case "flow_coupling":
+            by_source = {
+                f"loss_fraction_to:{joints[source]}": of(
+                    float(coefficients[index]), "1", f"coefficient:{index}"
+                )
+                for source, index in coefficients_by_source(candidate).items()
+            }
+            losses = [(loss["value"], deviation_of(loss), loss[WIDEST]) for loss in by_source.values()]
+            values, *spread = np.reshape(losses, (-1, 3)).T
+            total = quantity(values.sum(), "1", *np.linalg.norm(spread, axis=1).tolist())
+            return {"loss_fraction": total, **by_source, **told}
+        case "thermal_drift":
+            warm = 1.0 + candidate.coefficient_of("warm_gain")
+            place = f"coefficient:{candidate.index_of('cold_speed_loss')}"
+            loss = of(candidate.coefficient_of("cold_speed_loss") / warm, "1", place, 1.0 / warm)
+            return {name: value for name, value in told.items() if name != "warm_gain"} | {
+                "cold_speed_loss": loss
+            }
+        case "end_cushion":
+            span, unit = range_
+            return {
+                "zone_length": of(candidate.point["zone_share"] * span, unit, "zone_share", span),
+                "min_speed_ratio": of(1.0 - float(coefficients[0]), "1", "coefficient:0"),
+                "side": {"value": 1 if candidate.freed[0][0][0] == "loss_upper" else -1, "unit": "sign"},
+            }
+        case "lag":
+            return {**told, **_lag(candidate.point["fall_share"], told["added_time_constant"])}
+    return told
+
+
+def _lag(fall_share: float, starting: Quantity) -> dict[str, Quantity]:
+    """Of a valve that closes within its overlap, and so stops sooner than it starts.
+
+    It has one and the same time constant of its pilot: how far starts and stops bear that one out, speeds do not say.
+    It is somewhere between what starts show and the mean of both, each as likely.
+    """
+    value, mean_share = starting["value"], 0.5 * (1.0 + fall_share)
+    between = 0.5 * (1.0 + mean_share)
+    unknown = abs(1.0 - mean_share) * abs(value) / np.sqrt(12.0)
+    deviation = float(np.hypot(between * deviation_of(starting), unknown))
+    return {
+        "added_time_constant": quantity(between * value, "s", deviation, between * starting[WIDEST]),
+        "added_time_constant_starting": starting,
     }
-    return {name: of(value, units[name], name) for name, value in point.items()}
 
 
 def quantity(value: float, unit: str, deviation: float, widest: float = np.inf) -> Quantity:
@@ -208,8 +158,7 @@ def plausible(parameters: Mapping[str, Quantity]) -> dict[str, Quantity]:
             continue
         half = OF_95_PERCENT * within_plausible(deviation_of(of), float(of.get(WIDEST, np.inf)))
         ends = [float(of["value"]) - half, float(of["value"]) + half]
-        is_never_negative = name.partition(":")[0] in NOT_NEGATIVE
-        result[name]["ci95"] = [max(end, 0.0) for end in ends] if is_never_negative else ends
+        result[name]["ci95"] = ends if name.partition(":")[0] in SIGNED else [max(end, 0.0) for end in ends]
     return result
 
 
