@@ -60,7 +60,6 @@ TOLD_LOSERS = 6  # of a joint's candidates
 ONSET_FACTOR, ONSET_T = 1.2, 1.5  # times the gain without onset; of the gain by blocks
 WHOLE_SECOND_SHARE = 0.5
 REST_SHARE = 0.4  # net, of the squares that earlier effects leave, for a name that is not refined yet
-SECOND_CAUSE_SHARE = 0.2  # of what the first explains on all its joints
 # What an effect has to do beside the others: of the smallest share, and by blocks.
 STILL_SHARE, STILL_T = 0.4, 2.5
 
@@ -121,11 +120,6 @@ class Search:
             self.found = with_gains(self.simulation, self.rows, self._refitted(self.found))
         for _ in range(self.config.maximum_effects):
             candidates = self._candidates()
-            if second := self._second_cause(candidates):
-                self.found += second
-                self._refit()
-                self._let_set_in()
-                continue
             passing = [candidate for candidate in candidates if self.passes(candidate)]
             if any(f.candidate.family in COMMON_CAUSES for f in self.found):
                 passing = [c for c in passing if c.family not in COMMON_CAUSES]
@@ -136,32 +130,8 @@ class Search:
                 break
             self.found += self._choose(passing, candidates)
             self._refit()
-            self._let_set_in()
-
-    def _let_set_in(self) -> None:
-        """One cause sets in once, on all its joints."""
-        self.found = of_one_moment(self.simulation, self.rows, self.found, OF_ONE_CAUSE)
-
-    def _second_cause(self, candidates: Sequence[Candidate]) -> list[SelectedEffect]:
-        """A payload, a shared pump or dead bands, beside what makes the whole machine faster or slower.
-
-        On single joints little that is left is worth a name then: no wrapper fits every joint so well. What joints
-        bear each other out on is.
-        """
-        whole = sum(f.candidate.gain for f in self.found if f.candidate.family in COMMON_CAUSES)
-        if not whole:
-            return []
-        for family in ON_SEVERAL_JOINTS:
-            showing = [c for c in candidates if c.family == family and self.comparison.shows(c)]
-            if (
-                len(showing) > 1
-                and all(is_plausible(family, [c]) for c in showing)  # else it is what the first leaves over
-                and any(map(self.passes, showing))
-                and sum(map(self.comparison.net, showing)) > SECOND_CAUSE_SHARE * whole
-            ):
-                self._log(f"{family} on {len(showing)} joints is there besides")
-                return [SelectedEffect(c) for c in showing]
-        return []
+            # One cause sets in once, on all its joints.
+            self.found = of_one_moment(self.simulation, self.rows, self.found, OF_ONE_CAUSE)
 
     def _may_stand_alone(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
         """Whether it is plausible on its joint, and shows on another joint, too, where all have the same oil."""

@@ -8,7 +8,6 @@ import pytest
 
 from pipeline.configuration.load import load_section
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
-from pipeline.discrepancy.diagnosis.simulation import Hypothesis
 from pipeline.discrepancy.families import uncorrectable
 from pipeline.discrepancy.families.plausibility import is_at_bound, is_plausible
 from pipeline.discrepancy.families.whole_machine import common_causes
@@ -212,20 +211,21 @@ def test_what_a_common_change_of_speed_leaves_is_no_joints_own_course(
 
 
 def test_what_is_left_is_looked_at_with_every_onset_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """That of a second cause, too, which is taken without a choice."""
     looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
     monkeypatch.setattr(search_module, "encoder_errors", lambda *_: [])
     monkeypatch.setattr(search_module, "refine", lambda simulation, rows, found: found)
     monkeypatch.setattr(search_module, "completed", lambda simulation, of, _: of)
     monkeypatch.setattr(looking, "_look_back", lambda: None)
     seen: list[dict] = []
-    seconds = [[SelectedEffect(replace(candidate("load", 1, 50.0), onset=7))], []]
-    monkeypatch.setattr(looking, "_candidates", lambda: seen.append(active(looking).onsets) or [])
-    monkeypatch.setattr(looking, "_second_cause", lambda _: seconds[len(seen) - 1])
+    sets_in = replace(candidate("load", 1, 50.0), onset=7)
 
-    def active(looking: Search) -> Hypothesis:
-        return hypothesis_of(looking.simulation, looking.found)
+    def candidates() -> list[Candidate]:
+        seen.append(hypothesis_of(looking.simulation, looking.found).onsets)
+        return [sets_in] if len(seen) == 1 else []
 
+    monkeypatch.setattr(looking, "_candidates", candidates)
+    monkeypatch.setattr(looking, "_may_stand_alone", lambda *_: True)
+    monkeypatch.setattr(looking, "_choose", lambda passing, _: [SelectedEffect(c) for c in passing])
     looking.run()
     assert seen == [{}, {("load", 1): 7}]
 
