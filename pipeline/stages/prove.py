@@ -13,12 +13,12 @@ from pipeline.control.repair.logged_comparison import compare_logged
 from pipeline.deployment.compose import GraphSettings
 from pipeline.errors import InputError
 from pipeline.logs.ingest_config import IngestConfig
-from pipeline.testbench.alternating_trials import Turns, nothing_to_drive, take_turns
+from pipeline.testbench.paired_trials import PairedTrials, drive_in_pairs, nothing_to_drive
 from pipeline.tracking import StageRun, flatten_metrics, progress_bar
 
 
 @dataclass
-class ProveStage(Turns, ControllerKeys):
+class ProveStage(PairedTrials, ControllerKeys):
     """Keys of `conf/prove.yaml`."""
 
     ingest: IngestConfig = MISSING
@@ -46,7 +46,7 @@ def main(configuration: ProveStage, run: StageRun) -> None:
     if former is None or new is None:
         settings = settings_of(GraphSettings, configuration)
         with progress_bar("prove", total=2 * configuration.targets, unit="target") as bar:
-            former, new = take_turns(settings, policies, configuration, output, bar.reach)
+            former, new = drive_in_pairs(settings, policies, configuration, output, bar.reach)
     read_by = configuration.reaching, configuration.ingest, configuration.control.loop_tracker
     shown, told = add_machine_trials(folder, compare_logged(Path(former), Path(new), *read_by))
     print(f"prove: {told}")

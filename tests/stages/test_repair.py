@@ -143,13 +143,13 @@ def test_only_what_may_be_promoted_becomes_champion_and_one_command_takes_it_bac
     assert status == 2  # no registry
 
 
-def test_both_policies_take_turns_on_the_machine_and_logs_of_it_say_the_same(
+def test_both_policies_pursue_the_same_targets_on_the_machine_and_logs_of_it_say_the_same(
     repaired: Path, folder: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(repaired, tmp_path / "out")
     common = ["repair=out", f"model={folder / 'after'}", "profile=smoke", "episodes.steps=40"]
     delays = f"deployment.delays={DELAYS}"
-    done = run_stage("prove", *common, delays, "targets=3", "block=2", folder=tmp_path)
+    done = run_stage("prove", *common, delays, "targets=3", "session_targets=2", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     document = json.loads((tmp_path / "out/repair.json").read_text())
     on_machine = document["on_machine"]
@@ -160,7 +160,7 @@ def test_both_policies_take_turns_on_the_machine_and_logs_of_it_say_the_same(
         for name in ("former", "policy")
     }
     in_turn = sorted((bag, name) for name in bags for bag in bags[name])
-    assert [name for _, name in in_turn] == ["former", "policy", "policy", "former"]
+    assert [name for _, name in in_turn] == ["former", "policy", "former", "policy"]
     write_back = (tmp_path / "out/repair.json").read_text()
     logs = [f"former={tmp_path}/out/trials/former", f"new={tmp_path}/out/trials/policy"]
     done = run_stage("prove", *common, *logs, folder=tmp_path)

@@ -1,7 +1,8 @@
-"""Two policies drive one machine over the same targets in alternating blocks, recorded as bags.
+"""Policies drive one machine over the same targets in short sessions, recorded as bags.
 
-What drifts in the machine, such as the temperature of its oil, then meets both alike: block by block they take turns to
-go first.
+A session begins with the machine at rest and its oil at the temperature of a recording's start, as the logs that the
+model was corrected by, and is simulated once per policy with the same chances. So what one policy heats or wears meets
+no other trial but those of its own session.
 """
 
 import shutil
@@ -29,22 +30,22 @@ PAUSE_S = 1  # between two bags, which are named by the second that they begin i
 
 
 @dataclass(kw_only=True)
-class Turns(ChangedPlant):
+class PairedTrials(ChangedPlant):
     """Trials on the plant.
 
     Attributes:
         targets: How many each policy pursues.
-        block: Targets that a policy pursues before the next one takes over.
+        session_targets: Targets that are pursued one after the other before the machine rests.
     """
 
     targets: int
-    block: int
+    session_targets: int
 
 
-def take_turns(
+def drive_in_pairs(
     settings: GraphSettings,
     policies: Mapping[str, Policy],
-    turns: Turns,
+    trials: PairedTrials,
     output: Path,
     progress: Callable[[int], None] = lambda n: None,
 ) -> list[str]:
@@ -53,7 +54,7 @@ def take_turns(
     Args:
         settings: Of the graph; the policy that it names counts for its kind alone.
         policies: By the name of the folder that its bags go to.
-        turns: The plant, and how many targets are pursued on it.
+        trials: The plant, and how many targets are pursued on it.
         output: Parent of the bags' folders, which are made anew.
         progress: Called with the number of targets done, over all policies.
 
@@ -63,8 +64,8 @@ def take_turns(
     Raises:
         InputError: A number of targets is below 1, or above that of the evaluation.
     """
-    n_targets, block = turns.targets, turns.block
-    for name, value in {"targets": n_targets, "block": block}.items():
+    n_targets, n_session = trials.targets, trials.session_targets
+    for name, value in {"targets": n_targets, "session_targets": n_session}.items():
         if value < 1:
             raise InputError(f"{name} is {value}; it must be at least 1")
     dispatch_synchronously()
@@ -73,15 +74,15 @@ def take_turns(
         raise InputError(f"targets is {n_targets}; the evaluation has {known} (episodes.evaluation_episodes)")
     parts = {name: graph_parts(settings, policy) for name, policy in policies.items()}
     delays = controller_delays(settings)
-    parameters, start = turns.parameters(settings.machine.name), turns.start()
-    plant = PlantMachine(parameters, turns.plant_seed, np.asarray(episodes.starts[0], float))
+    parameters, start = trials.parameters(settings.machine.name), trials.start()
     for name in policies:
         shutil.rmtree(output / name, ignore_errors=True)
-    done, order = 0, list(policies)
-    for first in range(0, n_targets, block):
-        targets = episodes.targets[first : first + block]
-        for name in order:
-            own = parts[name]
+    done = 0
+    for session, first in enumerate(range(0, n_targets, n_session)):
+        targets = episodes.targets[first : first + n_session]
+        for name, own in parts.items():
+            at_rest = np.asarray(episodes.starts[first], float)
+            plant = PlantMachine(parameters, trials.plant_seed + session, at_rest)
             recorder = run_successive(
                 own.with_goals(known_configurations(own.task.arm, targets)),
                 delays,
@@ -95,7 +96,6 @@ def take_turns(
             done += len(targets)
             took_s = (recorder.states[-1][0] / NANOSECONDS) - start.timestamp()
             start += timedelta(seconds=int(took_s) + 1 + PAUSE_S)
-        order.reverse()
     return [str(output / name) for name in policies]
 
 
