@@ -9,13 +9,15 @@ case: logs of the changed machine, `close_loop`, `repair`, `prove`. Anew: a mode
 machine, APG on it, and the same targets.
 
     restored = (after - before) / (anew - before), of SR(0.04, 0.04)
+    seconds: of a core, of `close_loop` and of `repair`; the first `close_loop` learns the nominal logs for all
 
 A case whose policy loses little says nothing of a repair: its rate before tells. What stands in DIR is not done again.
-Some seven minutes of a core per case and seed.
+Some ten minutes of a core per case and seed.
 """
 
 import argparse
 import json
+import resource
 import statistics
 import subprocess
 import sys
@@ -41,7 +43,7 @@ class Case:
         measured, loop, repair = folder / "measured", folder / "loop", folder / "repair"
         self._stage("record_changed", measured, *self._effect)
         before = f"nominal={given.nominal}", f"measured={measured}/sessions", f"model={given.model}"
-        self._stage("close_loop", loop, *before, "page=false")
+        self._stage("close_loop", loop, *before, f"learned={given.output}/learned", "page=false")
         after = loop / "model_after"
         if not (after / "effects.json").exists():
             return {"found": json.loads((loop / "closed_loop.json").read_text())["verdict"]}
@@ -57,6 +59,7 @@ class Case:
             "anew": self._anew(),
             "oow": (found["oow_before"], found["oow_after"]),
             "promotable": document["promotable"],
+            "seconds": tuple(float((folder / f"{name}.done").read_text()) for name in ("loop", "repair")),
         }
 
     def _anew(self) -> float:
@@ -81,8 +84,14 @@ class Case:
             return
         self._folder.mkdir(parents=True, exist_ok=True)
         command = [sys.executable, "-m", f"pipeline.stages.{stage}", f"output={output}", *overrides]
+        since = _children_s()
         subprocess.run([*command, f"profile={self._given.profile}", "tracking=none"], check=True)
-        done.touch()
+        done.write_text(str(_children_s() - since))
+
+
+def _children_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def restored(row: dict[str, Any]) -> float:
@@ -105,15 +114,18 @@ def main() -> None:
     given = parser.parse_args()
     cases = [Case(given, case, seed) for case in given.cases for seed in given.seeds]
     rows = {case.name: case.row() for case in cases}
-    print("\n| effect | before | after | anew | OOW before | after | restored | promotable |")
-    print("|---|---|---|---|---|---|---|---|")
+    print(
+        "\n| effect | before | after | anew | OOW before | after | restored | promotable | loop, repair [s] |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
     for name, row in rows.items():
         if "found" in row:
             print(f"| {name} | not found: {row['found']} |")
             continue
         rates = " | ".join(f"{row[key]:.2f}" for key in ("before", "after", "anew"))
         outside = " | ".join(f"{rate:.2f}" for rate in row["oow"])
-        print(f"| {name} | {rates} | {outside} | {restored(row):.0%} | {row['promotable']} |")
+        seconds = ", ".join(f"{each:.0f}" for each in row["seconds"])
+        print(f"| {name} | {rates} | {outside} | {restored(row):.0%} | {row['promotable']} | {seconds} |")
     shares = [restored(row) for row in rows.values() if "found" not in row and row["anew"] > row["before"]]
     if shares:
         print(f"\nrestored, median of {len(shares)}: {statistics.median(shares):.0%}")
