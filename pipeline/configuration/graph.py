@@ -48,6 +48,7 @@ class GraphKeys(ControllerKeys):
     effects: list[str] = field(default_factory=list)
     effects_seed: int = MISSING
     effect_size: float = MISSING
+    condition: str = MISSING
     coverage: CoverageConfig = MISSING
     live_port: int | None = None
     ingest: IngestConfig = MISSING

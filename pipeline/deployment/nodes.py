@@ -53,6 +53,7 @@ class NodeSettings(GraphSettings):
         live_port: Of a live view; None: nobody watches.
         plan: File of an experiment that the scripted operator plays; None: none.
         effects: What has changed in the plant, drawn with `effects_seed` and `effect_size` as `record_changed` does.
+        condition: Of the plant: workshop or field.
         watch_state: Folder that `watch` keeps; None: nobody watches.
     """
 
@@ -71,6 +72,7 @@ class NodeSettings(GraphSettings):
     effects: Sequence[str] = ()
     effects_seed: int = 0
     effect_size: float = 1.0
+    condition: str = "workshop"
     watch_state: str | None = None
 
     @property

@@ -30,6 +30,8 @@ from pipeline.deployment.transports.ros1.observed_plc import ObservedPlc
 from pipeline.discrepancy.experiment.plan import read_plan
 from pipeline.discrepancy.experiment.player import PlanPlayer
 from pipeline.effects.store import load_dynamics
+from pipeline.errors import InputError
+from pipeline.plant.machines.simulated import Condition
 from pipeline.plant.recording.operator import ScriptedOperator as Painter
 from pipeline.plant.recording.operator import draw_style
 from pipeline.testbench.plant_machine import PlantMachine, changed_parameters
@@ -119,7 +121,9 @@ def plant(settings: NodeSettings) -> tuple[PlantMachine, VelocityEstimator]:
     """The plant, compiled, and what estimates its velocities."""
     machine = settings.machine
     draw = settings.effects, settings.effects_seed, settings.effect_size
-    parameters = changed_parameters(machine.name, *draw)
+    if settings.condition not in list(Condition):
+        raise InputError(f"condition={settings.condition}: the plant has these: {', '.join(Condition)}")
+    parameters = changed_parameters(machine.name, *draw, Condition(settings.condition), settings.plant_seed)
     start = _start(settings).astype(float)
     PlantMachine(parameters, settings.plant_seed, start).advance(np.zeros(machine.n_joint))
     estimator = VelocityEstimator(nanoseconds(machine.dt_s), settings.loop_tracker)

@@ -49,13 +49,11 @@ class PlantMachine:
 
 
 def changed_parameters(
-    machine: str,
-    effects: Sequence[str],
-    seed: int,
-    size: float,
-    condition: Condition = Condition.workshop,
+    machine: str, effects: Sequence[str], seed: int, size: float, condition: Condition, plant_seed: int
 ) -> Parameters:
     """Of the plant with effects that have all set in, drawn as `record_changed` draws them.
+
+    In the field, `plant_seed` draws what differs from start to start of its engine.
 
     Raises:
         InputError: There is no plant of this machine, or no such effect.
@@ -63,7 +61,9 @@ def changed_parameters(
     parameters = simulated_machine(machine, condition)
     for effect in draw_effects(effects, seed, parameters, size, math.inf):
         parameters = effect.apply(parameters)
-    return parameters
+    if condition is Condition.workshop:
+        return parameters
+    return Shift((), plant_seed).started(parameters, 1)
 
 
 @dataclass(kw_only=True)
@@ -76,7 +76,7 @@ class ChangedPlant:
         effects: Kinds of the effects.
         effects_seed: Of their values.
         effect_size: Factor on them.
-        condition: Of the plant; in the field, `plant_seed` draws what differs from start to start of its engine, too.
+        condition: Of the plant.
     """
 
     start_time: str
@@ -93,7 +93,4 @@ class ChangedPlant:
     def parameters(self, machine: str) -> Parameters:
         """Those of the machine of this name, with the effects; raises as `changed_parameters`."""
         draw = self.effects, self.effects_seed, self.effect_size
-        parameters = changed_parameters(machine, *draw, self.condition)
-        if self.condition is Condition.workshop:
-            return parameters
-        return Shift((), self.plant_seed).started(parameters, 1)
+        return changed_parameters(machine, *draw, self.condition, self.plant_seed)

@@ -169,6 +169,11 @@ def test_a_value_out_of_range_is_refused_before_work_starts(logs: Path, tmp_path
             "write date and time with zone",
         ),
         (
+            "teleoperate",
+            ["output=b", "graph=simulated_time", "condition=attic"],
+            "condition=attic: the plant has these: workshop, field",
+        ),
+        (
             "run_graph",
             ["model=a", "output=b", "policy=c", "targets=0"],
             "targets is 0; it must be at least 1",
