@@ -9,7 +9,8 @@ from typing import Any
 from pipeline.discrepancy.close_loop import close_loop
 from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.discrepancy.verdict.files import DOCUMENT, LoopReport, write_closed_loop
-from pipeline.effects.unaugmented_model import load_plain_model_of
+from pipeline.dynamics.model.store import load_model_of
+from pipeline.effects.store import load_active
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_json
 from pipeline.logs.formats.discovery.discover import find_logs
@@ -92,7 +93,9 @@ def _close(
         for trajectory in read_session(entry, settings).trajectories
     ]
     machine = settings.machine
-    model = None if inputs.model is None else load_plain_model_of(inputs.model, machine)
+    given = inputs.model
+    model = None if given is None else load_model_of(given, machine)
+    effects = None if given is None else load_active(given)
     result = close_loop(
         nominal,
         measured,
@@ -102,6 +105,7 @@ def _close(
         settings.identify,
         log,
         kept=inputs.state / LEARNED,
+        given=effects,
     )
     report = LoopReport(machine.name, str(inputs.nominal), str(inputs.sessions), result.evidence)
     write_closed_loop(folder, result, nominal, report)

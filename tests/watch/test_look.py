@@ -128,6 +128,12 @@ def test_a_change_is_told_with_its_session_and_its_cause(root: Path) -> None:
     (effect,) = finding["cause"]["closed_loop"]["effects"]
     assert (effect["family"], effect["joints"]) == ("gain", ["turn"])
     assert effect["parameters"]["speed_ratio"]["value"] == pytest.approx(0.7, abs=0.05)
+    corrected = root / "corrected"  # yesterday's model, which has the effect already
+    (root / "output" / finding["cause"]["folder"] / "model_after").rename(corrected)
+    shutil.rmtree(root / "output")
+    (again,) = look(replace(paths(root), model=corrected), settings())["findings"]
+    answer = again["cause"]["closed_loop"]
+    assert answer["effects"] == [] and [of["family"] for of in answer["known"]] == ["gain"]
     for day in (18, 19):
         write_session(root / "sessions", day)
     repaired = look(paths(root), settings())
