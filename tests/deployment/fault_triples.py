@@ -22,7 +22,8 @@ from tests.deployment.machines import bobcat, supervised
 CONTROL_PERIOD_S = bobcat().dt_s
 # when the PLC stops by itself: its time-out, begun with a command of up to a period before, seen in its next cycle
 PLC_STOPS_S = supervised().driver.command_timeout_s + CONTROL_PERIOD_S + supervised().driver.can_period_s
-LOSSES = ("a command lost", "all commands lost")
+# of the server's commands: its last one, zero, is not heard in time either
+DISTURBED = ("a command lost", "all commands lost", "commands late by 0.1 s", "commands reordered")
 COMMAND_GAP_S = supervised().supervisor.maximum_command_gap_s
 LATEST_S = 0.2  # one decision; the first fault sets in at a phase of it, too
 
@@ -50,9 +51,7 @@ def findings(names: Sequence[str], later_ns: Sequence[int], run: FaultRun) -> li
     cut_s = [ns / NANOSECONDS for name, ns in zip(names, later_ns, strict=True) if name in CUTS]
     # what cuts the way to the valves cuts the supervisor's order too: the PLC then stops by itself
     latest_s = max([run.known_s + CONTROL_PERIOD_S, *(s + PLC_STOPS_S for s in cut_s)])
-    if run.reaction.startswith("autonomous_server") and set(names) & set(
-        LOSSES
-    ):  # its last command, zero, may be lost
+    if run.reaction.startswith("autonomous_server") and set(names) & set(DISTURBED):
         latest_s = max(latest_s, run.known_s + COMMAND_GAP_S + CONTROL_PERIOD_S)
     found = []
     if run.reaction == "none":

@@ -31,7 +31,7 @@ from pipeline.machine.specification import MachineSpecification
 
 SPEED = 0.2  # rad/s of every joint
 NOISE = 2e-4  # rad
-MIDDLE = np.array([0.0, 0.9, -1.6, -0.7])  # in W+, chisel about straight down
+MIDDLE = np.array([0.0, 1.0, -1.6, -0.7])  # joints 0.18 rad about it stay in W+
 
 
 @cache

@@ -1,10 +1,11 @@
-"""A graph whose nodes are killed: `python -m tests.deployment.ros_kills FOLDER PORT`, a process of its own.
+"""A graph whose nodes are killed: `python -m tests.deployment.ros_kills FOLDER PORT RULES`.
 
 The machine is not part of it, as in reality: its PLC is somebody else's, at the other end of the bus. Stops are reset,
 goals are given one after the other, and all is recorded as it is heard.
 """
 
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -17,19 +18,19 @@ from pipeline.deployment.transports.ros1.message_types import carriers
 from pipeline.deployment.transports.ros1.operator import Operator
 from pipeline.deployment.transports.unfinished_bag import UnfinishedBag, unfinished
 from pipeline.files.atomic import write_whole
-from tests.deployment.ros_node import CAN, NODES, SUPERVISED
+from tests.deployment.ros_node import CAN, NODES
 from tests.deployment.ros_trial import START_S, goal
 
 KILLED = (*NODES, *CAN[1:])  # all but the PLC
-PIDS, BAG = "pids.json", "logs/kills"
+OPERATOR, PIDS, BAG = "operator", "pids.json", "logs/kills"
 POLL_S = 0.05
 
 
-def run(folder: Path, port: str) -> None:
+def run(folder: Path, port: str, rules: str) -> None:
     """Until somebody ends it."""
     rospy, machine = require_ros(), load_machine("bobcat_e10")
     commands = {
-        name: [sys.executable, "-m", "tests.deployment.ros_node", name, str(folder), port, SUPERVISED]
+        name: [sys.executable, "-m", "tests.deployment.ros_node", name, str(folder), port, rules]
         for name in KILLED
     }
     with graph(commands, folder) as processes:
@@ -42,7 +43,7 @@ def run(folder: Path, port: str) -> None:
         )
         resets = rospy.Publisher(reset.name, reset.ros_type, queue_size=10)
         operator.wait_for_server(START_S, lambda: None)
-        pids = {name: process.pid for name, process in processes.items()}
+        pids = {name: process.pid for name, process in processes.items()} | {OPERATOR: os.getpid()}
         write_whole(folder / PIDS, json.dumps(pids).encode())
         pursued, number = False, 0
         while True:
@@ -60,4 +61,4 @@ def run(folder: Path, port: str) -> None:
 
 
 if __name__ == "__main__":
-    run(Path(sys.argv[1]), sys.argv[2])
+    run(Path(sys.argv[1]), *sys.argv[2:])

@@ -1,4 +1,4 @@
-"""One node of the tests' real graph: `python -m tests.deployment.ros_node NAME FOLDER PORT [supervised]`.
+"""One node of the tests' real graph: `python -m tests.deployment.ros_node NAME FOLDER PORT [supervised|all_rules]`.
 
 What a node does not need is not imported: each one is a process of its own.
 """
@@ -17,7 +17,7 @@ NODES = ("control_interface", "control_supervisor", "autonomous_server")
 SIMULATED = ("bobcat_e10_sim_driver",)
 CAN = ("plc", "emcb_200u_driver", "bobcat_e10_driver")  # the machine's own drivers, and a PLC
 GOAL_TICKS, LONG_GOAL_TICKS = 30, 200
-SUPERVISED = "supervised"
+SUPERVISED, ALL_RULES = "supervised", "all_rules"
 OF_TIME = ("command_frequency", "command_delay", "state_frequency")
 
 
@@ -25,27 +25,27 @@ def bus_config(port: int) -> CanBusConfig:
     return CanBusConfig("udp_multicast", "239.74.163.2", {"port": port, "hop_limit": 0})
 
 
-def config(supervised: bool = False) -> DeploymentConfig:
-    """One rule is on, which does not depend on how busy this computer is; or all that do not.
+def config(rules: str = "") -> DeploymentConfig:
+    """One rule is on, which does not depend on how busy this computer is; or all that do not; or all.
 
     The interface then waits for the supervisor as long as the PLC for frames.
     """
     default = load_section("deployment", DeploymentConfig, "default")
-    rules = (
-        [name for name in default.supervisor.rules if name not in OF_TIME]
-        if supervised
-        else ["command_value"]
-    )
-    supervisor = dataclasses.replace(default.supervisor, rules=rules)
+    active = {
+        ALL_RULES: default.supervisor.rules,
+        SUPERVISED: [name for name in default.supervisor.rules if name not in OF_TIME],
+        "": ["command_value"],
+    }
+    supervisor = dataclasses.replace(default.supervisor, rules=active[rules])
     silence_s = default.driver.command_timeout_s
     interface = dataclasses.replace(
-        default.interface, supervised=supervised, maximum_supervisor_silence_s=silence_s
+        default.interface, supervised=bool(rules), maximum_supervisor_silence_s=silence_s
     )
     return dataclasses.replace(default, supervisor=supervisor, interface=interface)
 
 
-def build(name: str, port: int, supervised: bool) -> Component:
-    machine, settings = load_machine("bobcat_e10"), config(supervised)
+def build(name: str, port: int, rules: str = "") -> Component:
+    machine, settings = load_machine("bobcat_e10"), config(rules)
     if name == "control_interface":
         from pipeline.deployment.components.control_interface import ControlInterface
 
@@ -70,7 +70,7 @@ def build(name: str, port: int, supervised: bool) -> Component:
     from tests.deployment.machines import BackAndForth, Integrator, estimator, server
 
     if name == "autonomous_server":
-        return server(BackAndForth(), settings, LONG_GOAL_TICKS if supervised else GOAL_TICKS)
+        return server(BackAndForth(), settings, LONG_GOAL_TICKS if rules else GOAL_TICKS)
     moving = Integrator(period_s=machine.dt_s)
     if name == "plc":
         from pipeline.deployment.transports.ros1.observed_plc import ObservedPlc
@@ -90,6 +90,6 @@ if __name__ == "__main__":
         from tests.deployment.machines import arm
 
         errors = goal_errors(arm())
-    node = Node(build(name, int(port), rules == [SUPERVISED]), load_machine("bobcat_e10"), errors)
+    node = Node(build(name, int(port), *rules), load_machine("bobcat_e10"), errors)
     node.spin()
     node.save(Path(folder) / f"{name}.json")

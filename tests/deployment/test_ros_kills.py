@@ -1,4 +1,4 @@
-"""Whichever node of the ROS graph is killed, at any phase: the machine stands within one time-out.
+"""Whatever of the ROS graph is killed, at any phase: the machine stands within one time-out, and the log can be read.
 
 The machine is here, a PLC at the other end of the CAN bus, by whose clock and outputs everything is measured.
 """
@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,15 @@ import pytest
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.drivers.can_frames import CanFrames
 from pipeline.deployment.drivers.programmable_controller import ProgrammableController
+from pipeline.deployment.graph_logs.graph_topics import read_graph_topics
 from pipeline.deployment.transports.ros1.can_bus import open_bus
+from pipeline.logs.formats.bags import read_log
+from pipeline.logs.formats.discovery.discover import find_logs
+from pipeline.logs.messages.columns import as_array
 from tests.deployment.fault_triples import PLC_STOPS_S
 from tests.deployment.machines import Integrator, bobcat, supervised
-from tests.deployment.ros_kills import KILLED, PIDS
-from tests.deployment.ros_node import bus_config
+from tests.deployment.ros_kills import BAG, KILLED, OPERATOR, PIDS
+from tests.deployment.ros_node import ALL_RULES, OF_TIME, SUPERVISED, bus_config
 from tests.deployment.ros_trial import START_S, carries_frames
 from tests.deployment.test_ros_trial import PACKAGES
 from tests.ros_graph import requires_debian
@@ -33,6 +38,8 @@ ROOT = Path(__file__).parents[2]
 LATEST_PHASE_S = 0.4  # two decisions
 WATCHED_S = 1.0
 MOVING_S = 0.3  # for so long before a kill
+DRIVEN_S = 60.0
+LATE_S = supervised().supervisor.maximum_command_delay_s
 
 
 class Machine:
@@ -86,14 +93,14 @@ class Machine:
 class Killing:
     """A machine, and a graph in another process that drives it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, rules: str = SUPERVISED) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
             free.bind(("", 0))
             port = free.getsockname()[1]
         if not carries_frames(bus_config(port)):
             pytest.skip("no multicast between processes here, so no CAN bus")
         self.folder, self.machine = folder, Machine(port)
-        command = [sys.executable, "-m", "tests.deployment.ros_kills", str(folder), str(port)]
+        command = [sys.executable, "-m", "tests.deployment.ros_kills", str(folder), str(port), rules]
         with (folder / "operator.log").open("wb") as log:
             self.operator = subprocess.Popen(command, cwd=ROOT, stdout=log, stderr=log)
 
@@ -109,23 +116,47 @@ class Killing:
     def pids(self) -> dict[str, int]:
         return json.loads((self.folder / PIDS).read_text())
 
-    def kill(self, name: str, phase_s: float) -> float:
-        """Kill a node while the machine moves; how long it moves on, less this computer's lateness, s."""
+    def kill(self, names: Sequence[str], phase_s: float) -> float:
+        """Kill processes while the machine moves; how long it moves on, less this computer's lateness, s."""
         while True:
             self.machine.wait_for_motion()
             time.sleep(phase_s)
-            pid = self.pids()[name]
+            pids = self.pids()
             if self.machine.cycles[-1][1]:
                 break  # else it was stopped, or a goal ended
         since_s = time.monotonic()
-        os.kill(pid, signal.SIGKILL)
+        for name in names:
+            os.kill(pids[name], signal.SIGKILL)
         stopped_s, late_s = self.machine.standstill_s(since_s)
-        print(f"killed {name} after {phase_s:.3f} s: stood after {stopped_s:.3f} s, cycles to {late_s:.3f} s")
+        print(
+            f"killed {names} after {phase_s:.3f} s: stood after {stopped_s:.3f} s, cycles to {late_s:.3f} s"
+        )
         return stopped_s - late_s
 
+    def recorded(self) -> tuple[int, set[str]]:
+        """Of what the operator has recorded so far: the number of joint states, and the rules that stopped it."""
+        (entry,) = find_logs((self.folder / BAG).parent)
+        n_states = len(as_array(read_log(entry, bobcat()).q))
+        return n_states, {stop.rule for _, stop in read_graph_topics(entry).stops}
 
-@pytest.mark.parametrize("name", KILLED)
-def test_the_machine_stands_within_a_time_out_of_a_node_s_death(tmp_path: Path, name: str) -> None:
-    phase_s = np.random.default_rng([*name.encode()]).uniform(0.0, LATEST_PHASE_S)
+
+@pytest.mark.parametrize(
+    "names", [*((name,) for name in KILLED), (OPERATOR,), (*KILLED, OPERATOR)], ids=" ".join
+)
+def test_the_machine_stands_within_a_time_out_of_a_death(tmp_path: Path, names: tuple[str, ...]) -> None:
+    phase_s = np.random.default_rng([*"".join(names).encode()]).uniform(0.0, LATEST_PHASE_S)
     with Killing(tmp_path) as killing:
-        assert killing.kill(name, phase_s) <= PLC_STOPS_S
+        assert killing.kill(names, phase_s) <= PLC_STOPS_S
+        assert killing.recorded()[0] * supervised().driver.can_period_s > MOVING_S
+
+
+def test_no_rule_objects_to_a_minute_of_sound_driving(tmp_path: Path) -> None:
+    with Killing(tmp_path, ALL_RULES) as killing:
+        killing.machine.wait_for_motion()
+        time.sleep(DRIVEN_S)
+        late_s = np.diff([at_s for at_s, _ in killing.machine.cycles]).max()
+        states, rules = killing.recorded()
+    assert states * bobcat().dt_s > DRIVEN_S / 2
+    print(f"cycles to {late_s:.3f} s, stopped by {sorted(rules) or 'nobody'}")
+    # rules of time stop with reason where this computer is late
+    assert rules <= (set(OF_TIME) if late_s > LATE_S else set())
