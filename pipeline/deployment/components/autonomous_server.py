@@ -162,7 +162,7 @@ class AutonomousServer(ComputingComponent):
                 return self._finish(GoalOutcome.cancelled, now_ns)
         elif isinstance(message, EmergencyStop):
             self._latch.hear(message)
-            return self._end_all(now_ns)
+            return self._end_all(now_ns) if self._latch.is_closed else ()
         elif isinstance(message, Release):
             self._latch.hear(message)
         return ()

@@ -46,7 +46,6 @@ class ControlInterface(Component):
         self._zero = np.zeros(machine.n_joint, np.float32)
         self._alive_ns: int | None = None
         self._latch = StopLatch()
-        self._known = EmergencyStop(0, "", "")
         self._said_ns = 0  # when the supervisor was last told of it, or told of it
 
     @property
@@ -97,9 +96,9 @@ class ControlInterface(Component):
             return self._take(EmergencyStop(state.stop_ns, state.rule, "signal lost"), now_ns)
         # a sign of life that was on its way meanwhile tells nothing
         has_heard = state.rule or state.stamp_ns - self._said_ns <= self._maximum_silence_ns
-        if self.is_muted and not has_heard:
+        if self.is_muted and self._latch.last is not None and not has_heard:
             self._said_ns = now_ns
-            return (Publication(Topic.emergency_stop, self._known),)
+            return (Publication(Topic.emergency_stop, self._latch.last),)
         return ()
 
     def _is_supervisor_silent(self, now_ns: int) -> bool:
@@ -109,14 +108,13 @@ class ControlInterface(Component):
         return self._stop(InterfaceRule.supervisor_silence, "no sign of life of the supervisor", now_ns)
 
     def _stop(self, rule: str, detail: str, now_ns: int) -> Sequence[Output]:
-        stop = EmergencyStop(now_ns, rule, detail)
+        stop = EmergencyStop(self._latch.later_than_known(now_ns), rule, detail)
         return (Publication(Topic.emergency_stop, stop), *self._take(stop, now_ns))
 
     def _take(self, stop: EmergencyStop, now_ns: int) -> Sequence[Output]:
         self._latch.hear(stop)
         self._said_ns = now_ns
-        self._known = max(self._known, stop, key=lambda known: known.stamp_ns)
-        return self._zeros(now_ns)
+        return self._zeros(now_ns) if self.is_muted else ()
 
     def _zeros(self, now_ns: int) -> Sequence[Output]:
         return (Publication(Topic.joint_commands, MachineCommand(now_ns, self._zero)),)

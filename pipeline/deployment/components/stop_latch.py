@@ -7,30 +7,35 @@ from pipeline.deployment.messages import EmergencyStop, Level, Message, Release
 class StopLatch:
     """Closes at an emergency stop; opens at the release of that stop or of a later one.
 
+    Topics keep no order among each other: a stop that comes after its release stays released.
+
     Attributes:
-        stop_ns: stamp of the latest stop that is not released; None while open.
         last: the latest stop that was heard, in force or released.
         closings: how often it has closed, so that what was asked for before a stop is recognised after it.
     """
 
     def __init__(self) -> None:
-        self.stop_ns: int | None = None
         self.last: EmergencyStop | None = None
         self.closings = 0
+        self._released_ns = -1
 
     @property
     def is_closed(self) -> bool:
         """Whether a stop is in force."""
-        return self.stop_ns is not None
+        return self.last is not None and self.last.stamp_ns > self._released_ns
 
     def hear(self, message: Message) -> None:
         """Take account of a stop or a release; ignore other messages."""
         if isinstance(message, EmergencyStop):
-            if self.stop_ns is None or message.stamp_ns > self.stop_ns:
+            if self.last is None or message.stamp_ns > self.last.stamp_ns:
                 self.closings += 1
-                self.stop_ns, self.last = message.stamp_ns, message
-        elif isinstance(message, Release) and self.stop_ns is not None and message.stop_ns >= self.stop_ns:
-            self.stop_ns = None
+                self.last = message
+        elif isinstance(message, Release):
+            self._released_ns = max(self._released_ns, message.stop_ns)
+
+    def later_than_known(self, now_ns: int) -> int:
+        """The stamp of a stop that begins now, even if the clock was set back."""
+        return now_ns if self.last is None else max(now_ns, self.last.stamp_ns + 1)
 
     def condition(self, otherwise: Condition) -> Condition:
         """An error while a stop is in force, `otherwise` without one; both name the last stop."""

@@ -51,7 +51,7 @@ class TeleoperationServer(Component):
             self._sticks, self._received_ns = message, now_ns
         elif isinstance(message, EmergencyStop | Release):
             self._latch.hear(message)
-            self._is_moving = False
+            self._is_moving &= not self._latch.is_closed
         return ()
 
     def on_timer(self, now_ns: int) -> Sequence[Output]:

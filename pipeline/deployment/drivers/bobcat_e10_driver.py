@@ -49,7 +49,8 @@ class MachineDriver(Component):
             return (Publication(Topic.can_to_machine, frame),)
         if isinstance(message, EmergencyStop):
             self._latch.hear(message)
-            return (Publication(Topic.can_to_machine, self._frames.emergency(now_ns)),)
+            emergency = Publication(Topic.can_to_machine, self._frames.emergency(now_ns))
+            return (emergency,) if self._latch.is_closed else ()
         if isinstance(message, Release):
             self._latch.hear(message)
             frame_of_release = None if self._latch.is_closed else self._frames.release(now_ns)

@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
@@ -13,16 +13,21 @@ from pipeline.deployment.component import Component, Publication, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
+from pipeline.deployment.drivers.bobcat_e10_driver import MachineDriver
+from pipeline.deployment.drivers.can_frames import CanFrames
 from pipeline.deployment.messages import (
     EmergencyStop,
     JointCommand,
     Joystick,
+    Level,
     MachineCommand,
+    Message,
+    Release,
     Reset,
     SupervisorState,
     Topic,
 )
-from tests.deployment.machines import bobcat, paper
+from tests.deployment.machines import BackAndForth, bobcat, estimator, paper, server
 
 MACHINE, PAPER = bobcat(), paper()
 TICK_S = MACHINE.dt_s
@@ -162,6 +167,48 @@ def test_a_repeated_reset_repeats_a_lost_release() -> None:
     assert graph.supervisor.stop is None and graph.interface.is_muted
     graph.happen("acknowledge")
     assert not graph.interface.is_muted
+
+
+STOP, RELEASE_S = EmergencyStop(nanoseconds(1.0), "invalid_command", ""), 2.0
+AT_RELEASE = (
+    (Topic.supervisor_state, SupervisorState(nanoseconds(RELEASE_S - TICK_S), STOP.rule, STOP.stamp_ns)),
+    (Topic.release, Release(nanoseconds(RELEASE_S), STOP.stamp_ns)),
+    (Topic.supervisor_state, SupervisorState(nanoseconds(RELEASE_S), "")),
+)
+
+
+def stopped(component: Component) -> Component:
+    component.on_message(Topic.emergency_stop, STOP, STOP.stamp_ns)
+    assert component.condition(STOP.stamp_ns).level is Level.error
+    return component
+
+
+@pytest.mark.parametrize("order", [*itertools.permutations(AT_RELEASE)])
+def test_a_release_holds_in_whatever_order_the_topics_arrive(order: Sequence[tuple[Topic, Message]]) -> None:
+    interface = stopped(ControlInterface(MACHINE, CONFIG.interface))
+    said = [out for entry in order for out in interface.on_message(*entry, nanoseconds(RELEASE_S))]
+    repeated = [(out.topic, out.message) for out in said if out.topic is Topic.emergency_stop]
+    for heard in itertools.permutations([AT_RELEASE[1], *repeated]):
+        for component in (
+            interface,
+            stopped(TeleoperationServer(MACHINE, CONFIG.teleoperation)),
+            stopped(server(BackAndForth(), CONFIG)),
+            stopped(MachineDriver(MACHINE, CanFrames(MACHINE, MACHINE_DIRECTORY), estimator())),
+        ):
+            for entry in heard:
+                component.on_message(*entry, nanoseconds(RELEASE_S))
+            assert component.condition(nanoseconds(RELEASE_S)).level is not Level.error
+
+
+def test_an_interface_whose_clock_was_set_back_stops_after_a_release_too() -> None:
+    interface = stopped(ControlInterface(MACHINE, CONFIG.interface))
+    interface.on_message(*AT_RELEASE[1], nanoseconds(RELEASE_S))
+    assert not interface.is_muted
+    now_ns = STOP.stamp_ns // 2
+    interface.on_message(Topic.supervisor_state, SupervisorState(now_ns, ""), now_ns)
+    command = JointCommand(now_ns, "server", 1, now_ns, np.full(MACHINE.n_joint, 2.0))
+    said = interface.on_message(Topic.requested_commands, command, now_ns)
+    assert interface.is_muted and said[0].message.stamp_ns > STOP.stamp_ns
 
 
 def test_a_stop_that_the_supervisor_never_heard_of_is_repeated_but_not_at_every_sign_of_life() -> None:
