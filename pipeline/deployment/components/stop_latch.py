@@ -34,8 +34,9 @@ class StopLatch:
             self._released_ns = max(self._released_ns, message.stop_ns)
 
     def later_than_known(self, now_ns: int) -> int:
-        """The stamp of a stop that begins now, even if the clock was set back."""
-        return now_ns if self.last is None else max(now_ns, self.last.stamp_ns + 1)
+        """The stamp of a stop that begins now, though the clock is behind those of former stops and their releases."""
+        known_ns = -1 if self.last is None else self.last.stamp_ns
+        return max(now_ns, known_ns + 1, self._released_ns + 1)
 
     def condition(self, otherwise: Condition) -> Condition:
         """An error while a stop is in force, `otherwise` without one; both name the last stop."""

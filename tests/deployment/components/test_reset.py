@@ -200,8 +200,11 @@ def test_a_release_holds_in_whatever_order_the_topics_arrive(order: Sequence[tup
             assert component.condition(nanoseconds(RELEASE_S)).level is not Level.error
 
 
-def test_an_interface_whose_clock_was_set_back_stops_after_a_release_too() -> None:
-    interface = stopped(ControlInterface(MACHINE, CONFIG.interface))
+@pytest.mark.parametrize("is_stop_heard", [True, False])
+def test_an_interface_whose_clock_was_set_back_stops_after_a_release_too(is_stop_heard: bool) -> None:
+    interface = ControlInterface(MACHINE, CONFIG.interface)
+    if is_stop_heard:
+        stopped(interface)
     interface.on_message(*AT_RELEASE[1], nanoseconds(RELEASE_S))
     assert not interface.is_muted
     now_ns = STOP.stamp_ns // 2
