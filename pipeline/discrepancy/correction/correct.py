@@ -31,6 +31,7 @@ from pipeline.discrepancy.selection.grouping import (
 )
 from pipeline.discrepancy.selection.select import Selection
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
+from pipeline.dynamics.evaluation.errors import Predictor
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.model.predictor import LearnedPredictor
@@ -133,12 +134,9 @@ def correct(
         for horizon in LEVELS
     }
     journal.end_part("errors before and after")
-    trained, rivals = {}, {}
-    if config.baselines:
-        of = (logs.measured, logs.purposes, logs.machine, config.baselines_budget, config.seed)
-        trained = trained_baselines(model, parameters, *of)
-        wrong = wrong_effect(effects, selection.screened)
-        rivals = trained if wrong is None else {**trained, "wrong_effect": models.with_effects([wrong])}
+    trained = _trained_baselines(model, parameters, diagnosis)
+    wrong = wrong_effect(effects, selection.screened) if trained else None
+    rivals = trained if wrong is None else {**trained, "wrong_effect": models.with_effects([wrong])}
     baselines = {name: {h: held_out_errors(logs, of, h).rmse for h in LEVELS} for name, of in rivals.items()}
     on_nominal = {"effects": nominal_errors(logs, after, 80) if effects else floor[80]}
     on_nominal |= {name: nominal_errors(logs, of, 80) for name, of in trained.items()}
@@ -154,6 +152,17 @@ def correct(
         baselines,
         on_nominal,
     )
+
+
+def _trained_baselines(
+    model: DynamicsModel, parameters: Parameters, diagnosis: Diagnosis
+) -> dict[str, Predictor]:
+    """What else could be done, by name; nothing unless it is asked for."""
+    logs, config = diagnosis.logs, diagnosis.logs.config
+    if not config.baselines:
+        return {}
+    of = logs.measured, logs.purposes, logs.machine, config.baselines_budget, config.seed
+    return trained_baselines(model, parameters, *of)
 
 
 def _alternatives(effects: Sequence[MachineEffect], gate: OpenLoopGate) -> list[Alternative]:

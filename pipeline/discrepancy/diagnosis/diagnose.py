@@ -86,14 +86,7 @@ def diagnose(
         nominal = learn_nominal_behaviour(
             logs.nominal, machine, config, logs.identify, journal.end_part, kept
         )
-    journal.log(
-        "On nominal logs that its members did not see, the diagnosis model is off by "
-        + ", ".join(
-            f"{j} {1e3 * np.sqrt(f):.1f} m{u}/s"
-            for j, f, u in zip(logs.joints, nominal.floor, logs.units, strict=True)
-        )
-        + " (root mean square)."
-    )
+    journal.log(_floor_in_words(logs, nominal))
     runs: DiagnosisModel | GivenModel = nominal.diagnosis
     if model is not None:  # beside which nothing that the logs show is there already
         runs, nominal = GivenModel(*model, nominal.diagnosis), replace(nominal, present=())
@@ -108,11 +101,7 @@ def diagnose(
     phases = sampling_phases(simulation, used) if model is None else nominal.phases
     simulation = simulation.with_phases(phases)
     if np.any(np.abs(phases) > TOLD_STEPS):
-        journal.log(
-            "All joints of the measured logs respond alike by "
-            + ", ".join(f"{1e3 * machine.dt_s * phase:.0f}" for phase in phases)
-            + " ms later than on nominal logs: when their recordings began, which is taken out of what follows."
-        )
+        journal.log(_phases_in_words(phases, machine.dt_s))
     is_known = nominal.shows(sequences)
     block_rows = config.search.block_rows(machine.dt_s)
     in_blocks = functools.partial(
@@ -143,4 +132,23 @@ def diagnose(
         excited,
         given,
         known,
+    )
+
+
+def _floor_in_words(logs: PreparedLogs, nominal: NominalBehaviour) -> str:
+    of_joints = (
+        f"{joint} {1e3 * np.sqrt(square):.1f} m{unit}/s"
+        for joint, square, unit in zip(logs.joints, nominal.floor, logs.units, strict=True)
+    )
+    return (
+        "On nominal logs that its members did not see, the diagnosis model is off by "
+        f"{', '.join(of_joints)} (root mean square)."
+    )
+
+
+def _phases_in_words(phases: np.ndarray, dt_s: float) -> str:
+    late_ms = ", ".join(f"{1e3 * dt_s * phase:.0f}" for phase in phases)
+    return (
+        f"All joints of the measured logs respond alike by {late_ms} ms later than on nominal logs: when their "
+        "recordings began, which is taken out of what follows."
     )

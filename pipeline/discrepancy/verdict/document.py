@@ -25,70 +25,84 @@ from pipeline.discrepancy.verdict.unexplained import unexplained
 from pipeline.discrepancy.verdict.verdict import Verdict
 from pipeline.logs.tuples import Trajectory
 
+LEVEL = "open_loop_rmse_80"
+
 
 def document_of(verdict: Verdict) -> dict[str, Any]:
     """The content of the file."""
-    diagnosis, logs, correction = verdict.diagnosis, verdict.logs, verdict.correction
-    effects, errors = correction.new, correction.errors
-    entries = [
-        _entry(verdict, effect, reduction)
-        for effect, reduction in zip(effects, correction.error_reductions, strict=True)
-    ]
-    strange = unexplained(diagnosis, verdict.selection, verdict.acceptance) if not effects else []
-    is_idle = len(diagnosis.excited) * 2 < len(logs.joints)
-    if entries:
-        word = (
-            "outside_catalogue"
-            if effects[0].family == OTHER
-            else "ambiguous"
-            if effects[0].equivalents
-            else "named"
-        )
-    elif strange:
-        word, entries = "outside_catalogue", strange
-    else:
-        word = "unexcited" if is_idle else "none"
-    held_out = [p == Purpose.confirm for p in logs.purposes]
-    first = entries[0] if entries else None
-    families = [effects[0].card, *(e.family for e in effects[0].equivalents)] if effects else []
-    idle = [name for index, name in enumerate(logs.joints) if index not in diagnosis.excited]
+    diagnosis, joints = verdict.diagnosis, verdict.logs.joints
+    word, entries = _word_and_entries(verdict)
+    idle = [name for index, name in enumerate(joints) if index not in diagnosis.excited]
+    first = next((entry["joints"][0] for entry in entries[:1] if entry["joints"]), None)
     return {
         "detected": None if word == "unexcited" else bool(entries),
         "verdict": word,
         "effects": entries,
         **({"known": known_entries(verdict)} if diagnosis.known else {}),
         **_of_posterior(verdict),
-        "alternatives": [_alternative(verdict, of) for of in correction.alternatives],
-        "error": {
-            "one_step_rmse": {
-                "before": _by_joint(logs.joints, errors[1][0].rmse),
-                "after": _by_joint(logs.joints, errors[1][1].rmse),
-            },
-            "open_loop_rmse_80": {
-                "before": _by_joint(logs.joints, errors[80][0].rmse),
-                "after": _by_joint(logs.joints, errors[80][1].rmse),
-            },
-        },
-        "baselines": {
-            **{
-                name: {"open_loop_rmse_80": _by_joint(logs.joints, of[80])}
-                for name, of in correction.baselines.items()
-            },
-            "nominal_floor": {"open_loop_rmse_80": _by_joint(logs.joints, correction.floor[80])},
-            **{
-                f"{name}_on_nominal": {"open_loop_rmse_80": _by_joint(logs.joints, of)}
-                for name, of in correction.on_nominal.items()
-            },
-        },
-        "held_out": {
-            "rule": logs.rule,
-            "n_steps": int(sum(rows.sum() for rows in held_out)),
-            "trajectories": [t.name for t, rows in zip(logs.measured, held_out, strict=True) if rows.any()],
-        },
+        "alternatives": [_alternative(verdict, of) for of in verdict.correction.alternatives],
+        "error": _errors(verdict),
+        "baselines": _baselines(verdict),
+        "held_out": _held_out(verdict),
         "next_experiment": verdict.plan.sentence
         if verdict.plan is not None
-        else next_experiment(word, families, first["joints"][0] if first and first["joints"] else None, idle),
+        else next_experiment(word, _families(verdict), first, idle),
         "trace": trace_of(verdict),
+    }
+
+
+def _word_and_entries(verdict: Verdict) -> tuple[str, list[dict[str, Any]]]:
+    """The verdict, and the effects as they are told."""
+    diagnosis, correction = verdict.diagnosis, verdict.correction
+    if effects := correction.new:
+        told = zip(effects, correction.error_reductions, strict=True)
+        entries = [_entry(verdict, effect, reduction) for effect, reduction in told]
+        if effects[0].family == OTHER:
+            return "outside_catalogue", entries
+        return "ambiguous" if effects[0].equivalents else "named", entries
+    if strange := unexplained(diagnosis, verdict.selection, verdict.acceptance):
+        return "outside_catalogue", strange
+    is_idle = len(diagnosis.excited) * 2 < len(verdict.logs.joints)
+    return "unexcited" if is_idle else "none", []
+
+
+def _families(verdict: Verdict) -> list[str]:
+    """Of the strongest effect and of its equivalents."""
+    return [
+        name
+        for effect in verdict.correction.new[:1]
+        for name in (effect.card, *(e.family for e in effect.equivalents))
+    ]
+
+
+def _errors(verdict: Verdict) -> dict[str, Any]:
+    joints, errors = verdict.logs.joints, verdict.correction.errors
+    return {
+        name: {
+            when: _by_joint(joints, of.rmse)
+            for when, of in zip(("before", "after"), errors[horizon], strict=True)
+        }
+        for name, horizon in (("one_step_rmse", 1), (LEVEL, 80))
+    }
+
+
+def _baselines(verdict: Verdict) -> dict[str, Any]:
+    correction = verdict.correction
+    errors = {
+        **{name: of[80] for name, of in correction.baselines.items()},
+        "nominal_floor": correction.floor[80],
+        **{f"{name}_on_nominal": of for name, of in correction.on_nominal.items()},
+    }
+    return {name: {LEVEL: _by_joint(verdict.logs.joints, of)} for name, of in errors.items()}
+
+
+def _held_out(verdict: Verdict) -> dict[str, Any]:
+    logs = verdict.logs
+    rows = [purposes == Purpose.confirm for purposes in logs.purposes]
+    return {
+        "rule": logs.rule,
+        "n_steps": int(sum(map(np.count_nonzero, rows))),
+        "trajectories": [t.name for t, held_out in zip(logs.measured, rows, strict=True) if held_out.any()],
     }
 
 
