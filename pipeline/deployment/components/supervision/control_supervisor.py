@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.deployment.component import Component, Condition, Output, Publication, nanoseconds
+from pipeline.deployment.components.stop_latch import StopLatch
 from pipeline.deployment.components.supervision.rule import Rule
 from pipeline.deployment.components.supervision.supervisor_rules import RuleParts, build_rules
 from pipeline.deployment.messages import (
@@ -34,7 +35,6 @@ class ControlSupervisor(Component):
     it, which compensates for a lost emergency signal.
 
     Attributes:
-        stop: the stop in force.
         warned: what rules that only warn objected to last, by their names, since the last acknowledgement.
     """
 
@@ -72,9 +72,12 @@ class ControlSupervisor(Component):
         self.warned: dict[str, str] = {}
         self._are_sticks_neutral = True
         self._neutral_since_ns: int | None = None  # None: not acknowledged
-        self._latest_stop_ns = self._released_ns = -1
-        self.stop: EmergencyStop | None = None
-        self._last: EmergencyStop | None = None
+        self._latch = StopLatch()
+
+    @property
+    def stop(self) -> EmergencyStop | None:
+        """The stop in force."""
+        return self._latch.last if self._latch.is_closed else None
 
     def on_message(self, topic: Topic, message: Message, now_ns: int) -> Sequence[Output]:
         """Check a command or a joint state, take over another component's stop, or begin a reset."""
@@ -90,8 +93,7 @@ class ControlSupervisor(Component):
             self._are_sticks_neutral = self._are_neutral(message)
             self._wait_for_sticks(now_ns)
         elif isinstance(message, EmergencyStop):
-            if message.stamp_ns > self._latest_stop_ns:
-                self._stop(message)
+            self._stop(message)
         elif isinstance(message, Reset):
             return self._reset(message, now_ns)
         return ()
@@ -102,24 +104,20 @@ class ControlSupervisor(Component):
         self._wait_for_sticks(now_ns)
         since_ns = self._neutral_since_ns
         if self.stop is not None and since_ns is not None and now_ns - since_ns >= self._neutral_ns:
-            self._released_ns = self.stop.stamp_ns
-            self.stop = self._neutral_since_ns = None
-            outputs.append(Publication(Topic.release, Release(now_ns, self._released_ns)))
+            release = Release(now_ns, self.stop.stamp_ns)
+            self._latch.hear(release)
+            self._neutral_since_ns = None
+            outputs.append(Publication(Topic.release, release))
         rule, stop_ns = (self.stop.rule, self.stop.stamp_ns) if self.stop else ("", 0)
         return [*outputs, Publication(Topic.supervisor_state, SupervisorState(now_ns, rule, stop_ns))]
 
     def condition(self, now_ns: int) -> Condition:
         """The stop in force or what waits for neutral sticks, and the state of every rule."""
-        last = f"{self._last.rule}: {self._last.detail}" if self._last else "none"
         rules = {f"rule {name}": self._state_of(name) for name in self._rules}
-        values = {"last stop": last, **rules}
-        if self.stop is None:
-            level = Level.warning if self.warned else Level.ok
-            return Condition(
-                level, f"warned by {', '.join(self.warned)}" if self.warned else "no objection", values
-            )
+        text = f"warned by {', '.join(self.warned)}" if self.warned else "no objection"
+        condition = self._latch.condition(Condition(Level.warning if self.warned else Level.ok, text, rules))
         waits = "" if self._neutral_since_ns is None else "acknowledged, waits for neutral sticks; "
-        return Condition(Level.error, f"{waits}stopped by {last}", values)
+        return condition._replace(text=waits + condition.text)
 
     def _state_of(self, rule: str) -> str:
         if self.stop is not None and self.stop.rule == rule:
@@ -127,10 +125,12 @@ class ControlSupervisor(Component):
         return f"warned: {self.warned[rule]}" if rule in self.warned else "no objection"
 
     def _reset(self, reset: Reset, now_ns: int) -> Sequence[Output]:
-        if self.stop is None:  # repeated by an operator who missed the release
-            is_known = reset.stop_ns <= self._released_ns
-            return (Publication(Topic.release, Release(now_ns, self._released_ns)),) if is_known else ()
-        if reset.stop_ns == self.stop.stamp_ns and self._neutral_since_ns is None:
+        last = self._latch.last
+        if last is None or reset.stop_ns > last.stamp_ns:
+            return ()
+        if not self._latch.is_closed:  # repeated by an operator who missed the release
+            return (Publication(Topic.release, Release(now_ns, last.stamp_ns)),)
+        if reset.stop_ns == last.stamp_ns and self._neutral_since_ns is None:
             self._rules = self._new_rules()
             self.warned.clear()
             self._neutral_since_ns = now_ns
@@ -158,14 +158,15 @@ class ControlSupervisor(Component):
             if name in self._only_warn:
                 self.warned[name] = detail
             else:
-                stop = EmergencyStop(max(now_ns, self._latest_stop_ns + 1), name, detail)
+                stop = EmergencyStop(self._latch.later_than_known(now_ns), name, detail)
                 self._stop(stop)
                 return (Publication(Topic.emergency_stop, stop),)
         return ()
 
     def _stop(self, stop: EmergencyStop) -> None:
-        self.stop = self._last = stop
-        self._latest_stop_ns, self._neutral_since_ns = stop.stamp_ns, None
+        self._latch.hear(stop)
+        if self._latch.last is stop:  # not an old one
+            self._neutral_since_ns = None
 
 
 def supervise(
