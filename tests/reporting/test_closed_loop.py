@@ -2,6 +2,7 @@ import copy
 import html
 import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -326,7 +327,19 @@ def test_sentences_say_the_document(name, said):
         (
             "load",
             {"mean_speed_ratio_up": (0.8, "1"), "mean_speed_ratio_down": (1.1, "1")},
-            "20 % slower going up",
+            "20 % slower going up and 10 % faster going down",
+        ),
+        (
+            "load",
+            {
+                "mean_speed_ratio_up": (0.75, "1"),
+                "mean_speed_ratio_up:boom": (0.7, "1"),
+                "mean_speed_ratio_up:arm": (0.8, "1"),
+                "mean_speed_ratio_down": (1.0, "1"),
+                "mean_speed_ratio_down:boom": (0.6, "1"),
+                "mean_speed_ratio_down:arm": (1.4, "1"),
+            },
+            "30 % slower to 20 % slower going up and 40 % slower to 40 % faster going down",
         ),
         ("supply_variation", {"std_log_speed": (0.1, "1"), "correlation_time": (20.0, "s")}, "some 10 %"),
         ("leakage", {"sag_rate": (-0.012, "rad/s")}, "creeps at −12 mrad/s"),
@@ -379,6 +392,11 @@ def test_a_baseline_that_wins_is_named_and_marked():
     assert winner_sentences(document, evidence) == [
         "The corrected model predicts the arm best of all at 1 step (0.05 s) and 80 steps (4 s)."
     ]
+    alone = replace(evidence, levels=[replace(level, baselines={}) for level in evidence.levels])
+    assert winner_sentences(document, alone) == [
+        "The corrected model predicts the arm better than the model before at 1 step (0.05 s) and 80 steps (4 s)."
+    ]
+    assert "black-box" not in text_of(closed_loop_page(document | {"baselines": {}}, alone, "m", "a", "b"))
 
 
 def test_an_effect_that_corrects_nothing_is_not_told_as_a_correction():

@@ -51,7 +51,7 @@ def test_the_table_holds_the_documents_errors() -> None:
 @pytest.mark.parametrize(
     ("judgement", "said"),
     [
-        (RIGHT, "has gain on arm (speed_ratio 0.75). The verdict is right."),
+        (RIGHT, "has gain on arm (speed_ratio 0.75). The verdict is right: effect and joints"),
         (RIGHT | NOTHING | {"said": []}, "wrong: nothing was found"),
         (RIGHT | NOTHING | {"truth": []}, "has nothing. The verdict is wrong: a false alarm"),
         (RIGHT | NOTHING | {"truth": [], "said": []}, "undecided: the logs could not tell"),

@@ -119,7 +119,7 @@ def grade(judgement: Mapping[str, Any]) -> str:
     """`right`, `wrong`, `not right` or `undecided`, and after a colon why."""
     truth, said = judgement["truth"], judgement["said"]
     if judgement["verdict_right"]:
-        return "right"
+        return "right: effect and joints are the true ones" if truth else "right"
     if not said:
         return "wrong: nothing was found" if truth else "undecided: the logs could not tell"
     if not truth:

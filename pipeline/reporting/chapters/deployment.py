@@ -91,7 +91,8 @@ def _paragraphs(machine: MachineSpecification, deployments: Sequence[Deployment]
         joint, unit = worst_joint(machine, deployment.model_error)
         stops = deployment.safety.get("emergency_stops", 0)
         paragraphs.append(
-            f"{controller_title(deployment.name)} on the plant: over four seconds of its drive the model's worst joint "
-            f"({joint}) is off by {deployment.model_error[joint]:.3f} {unit}; emergency stops: {stops}."
+            f"{controller_title(deployment.name)} on the plant: over four seconds of its drive the model's worst "
+            f"joint for its range ({joint}) is off by {deployment.model_error[joint]:.3f} {unit}; "
+            f"emergency stops: {stops}."
         )
     return paragraphs

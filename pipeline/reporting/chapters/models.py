@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from pipeline.machine.specification import MachineSpecification
+from pipeline.reporting.closed_loop.quantities import significant
 from pipeline.reporting.figures.arrays import open_loop_figure
 from pipeline.reporting.page import SVG, Figure, Section
 from pipeline.reporting.results.artifacts import JudgementResult, ModelResult
@@ -30,7 +31,7 @@ def model_section(machine: MachineSpecification, models: Sequence[ModelResult], 
     worst, unit = worst_joint(machine, errors)
     return Section(
         "How well the model predicts",
-        f"After up to four seconds without a measurement the worst joint ({worst}) is off by "
+        f"After up to four seconds without a measurement the worst joint for its range ({worst}) is off by "
         f"{errors[worst]:.3f} {unit} (root mean square, {judged_on(models[0])}).",
         [figure],
         tables,
@@ -96,7 +97,7 @@ def error_table(machine: MachineSpecification, model: ModelResult) -> Table:
         [
             f"{joint} [{unit}]",
             *(
-                _scientific(model.metrics[predictor][error][joint])
+                significant(model.metrics[predictor][error][joint])
                 for error in ("one_step_rmse", "open_loop_rmse_80")
                 for predictor in ("model", "arx")
             ),
@@ -123,7 +124,3 @@ def judged_on(model: ModelResult) -> str:
     if model.lineage["judged_on"] == "held_out":
         return "on a recording that neither training nor selection saw"
     return "on validation rows, which early stopping saw"
-
-
-def _scientific(value: float) -> str:
-    return f"{value:.3g}"

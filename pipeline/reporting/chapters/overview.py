@@ -30,7 +30,10 @@ def key_figures(machine: MachineSpecification, results: PipelineResults) -> list
     errors = results.models[0].metrics["model"]["open_loop_rmse_80"]
     worst, unit = worst_joint(machine, errors)
     figures.append(
-        KeyFigure(f"{errors[worst]:.3f} {unit}", f"4-second prediction error of the worst joint ({worst})")
+        KeyFigure(
+            f"{errors[worst]:.3f} {unit}",
+            f"4-second prediction error of the worst joint for its range ({worst})",
+        )
     )
     return figures
 
@@ -103,7 +106,7 @@ def _done(results: PipelineResults, data: Section) -> list[Markup]:
             f"{group[0].title} ({seeds_text(group)}, {episodes_text(group)} episodes)"
             for group in groups.values()
         )
-        sentences.append(_point("Controllers", f"learned (PPO) or planned (iCEM) on a model: {counts}."))
+        sentences.append(_point("Controllers", f"learned (APG, PPO) or planned (iCEM) on a model: {counts}."))
     return sentences
 
 
@@ -116,8 +119,8 @@ def _trust(
     sentences = [
         _point(
             "The model",
-            f"after up to four seconds without a measurement its worst joint ({worst}) is off by {errors[worst]:.3f} "
-            f"{unit}, a linear model by {baseline:.3f} {unit} ({judged_on(results.models[0])}).",
+            f"after up to four seconds without a measurement its worst joint for its range ({worst}) is off by "
+            f"{errors[worst]:.3f} {unit}, a linear model by {baseline:.3f} {unit} ({judged_on(results.models[0])}).",
         )
     ]
     if results.controllers:
@@ -127,7 +130,7 @@ def _trust(
         sentences += [
             _point(
                 "The controllers",
-                "their success rates hold on the learned model. On a machine expect them to be lower: the paper's "
+                "these success rates are those on the learned model. On a machine expect them to be lower: the paper's "
                 "policy on MLP Δq̇ fell from 0.98 to 0.11 at 0.02 m and 0.02 rad with nothing but delays added.",
             ),
             _point(

@@ -67,6 +67,14 @@ def _faster(ratio: float) -> str:
     return f"{percent(abs(ratio - 1))} {'slower' if ratio < 1 else 'faster'}"
 
 
+def _faster_by_joint(s: Subject, name: str) -> str:
+    """From the slowest joint to the fastest, where the document tells them apart: their mean may hold for none."""
+    own = [s.value(key) for key in s.effect.get("parameters") or {} if key.startswith(f"{name}:")] or [
+        s.value(name)
+    ]
+    return " to ".join(dict.fromkeys(_faster(ratio) for ratio in (min(own), max(own))))
+
+
 def _gain(s: Subject) -> str:
     direction = {1.0: "positive", -1.0: "negative"}.get(s.value("direction"))
     where = f" when {s.it} {s.verb('move')} in the {direction} direction" if direction else ""
@@ -75,7 +83,7 @@ def _gain(s: Subject) -> str:
 
 
 def _load(s: Subject) -> str:
-    up, down = (_faster(s.value(f"mean_speed_ratio_{way}")) for way in ("up", "down"))
+    up, down = (_faster_by_joint(s, f"mean_speed_ratio_{way}") for way in ("up", "down"))
     if not any(math.isfinite(s.value(f"mean_speed_ratio_{way}")) for way in ("up", "down")):
         return f"{s.verb('move')} at a speed that depends on pose and load as the model does not know it"
     return f"{s.verb('move')} {up} going up and {down} going down, as under another load"

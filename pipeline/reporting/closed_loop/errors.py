@@ -112,8 +112,9 @@ def winner_sentences(document: Document, evidence: ReportData) -> list[str]:
         if not any(sentences):
             won.append(level_name(level.steps))
     if own == "after" and won and len(columns) > 1:
+        how = "best of all" if columns[2:] else "better than the model before"
         return [
-            f"The corrected model predicts {joints_in_words(joints)} best of all at {listed(won)}.",
+            f"The corrected model predicts {joints_in_words(joints)} {how} at {listed(won)}.",
             *lost,
         ]
     return lost

@@ -40,7 +40,7 @@ def percent(share: float) -> str:
     """A share as a whole percentage; below 1 %, with one decimal."""
     if not math.isfinite(share):
         return MISSING
-    return f"{_fixed(100 * share, 0 if abs(share) >= 0.0095 or share == 0 else 1)} %"
+    return f"{_fixed(100 * share, 0 if abs(share) >= 0.0095 or abs(share) < 0.0005 else 1)} %"
 
 
 def probability(p_value: float) -> str:

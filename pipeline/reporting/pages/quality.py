@@ -1,6 +1,7 @@
 """The quality report of a folder of logs, as a page."""
 
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 
 from pipeline.errors import counted
@@ -40,7 +41,7 @@ CLOCK_COLUMNS = (
     ("log time after stamp [ms]", "offset_s", "{:.2f}", 1000.0),
     ("1 % below [ms]", "offset_p01_s", "{:.2f}", 1000.0),
     ("1 % above [ms]", "offset_p99_s", "{:.2f}", 1000.0),
-    ("drift [ppm]", "drift_ppm", "{:.1f}", 1.0),
+    ("drift [ppm]", "drift_ppm", "{:z.1f}", 1.0),
 )
 STREAMS = ("joint_states", "commands")
 
@@ -113,12 +114,12 @@ def _log_section(
     tables = [
         _table("Messages", STREAM_COLUMNS, metrics, STREAMS),
         _table("Header stamps and log time of joint samples", CLOCK_COLUMNS, metrics, ("clock",)),
-        _table("Joints and their commands", JOINT_COLUMNS, metrics, machine.joint_names),
+        _table("Joints and their commands", JOINT_COLUMNS, metrics, machine.joint_names, machine.units),
     ]
     if machine.channels:
         tables.append(_channel_table(machine, metrics))
     if report.notes:
-        rows = [[str(note.kind), str(note.count), note.text] for note in report.notes]
+        rows = [[note.kind.replace("_", " "), str(note.count), note.text] for note in report.notes]
         tables.append(Table("What was lost, left out or changed", ["Kind", "How often", "What"], rows))
     figures = []
     if arm is not None and machine.workspace is not None:
@@ -141,7 +142,7 @@ def _log_section(
         f"joint samples are timed by {clock}, commands by {commands_clock}.",
         figures,
         tables,
-        [f"Later stages will miss: {finding}" for finding in report.findings],
+        [f"Too little for later stages: {finding}" for finding in report.findings],
     )
 
 
@@ -161,10 +162,11 @@ def _table(
     columns: Sequence[tuple[str, str, str, float]],
     metrics: Mapping[str, float | int | None],
     names: Sequence[str],
+    units: Sequence[str] = (),
 ) -> Table:
     rows = []
-    for name in names:
+    for name, unit in zip_longest(names, units):
         values = [(metrics[f"{name}/{key}"], template, factor) for _, key, template, factor in columns]
         cells = ["–" if value is None else form.format(value * factor) for value, form, factor in values]
-        rows.append([name, *cells])
+        rows.append([f"{name} [{unit}]" if unit else name, *cells])
     return Table(title, ["", *(heading for heading, *_ in columns)], rows)

@@ -35,6 +35,9 @@ JUDGED_ON = {
     HELD_OUT: "On a recording that neither training nor selection saw.",
     VALIDATION: "On the validation rows, which early stopping saw: nothing was held out.",
 }
+WITHOUT_STOPS = (
+    "Predictions run through end stops here, as the references' do; those of `identify` stop there."
+)
 ERROR_LABELS = {ONE_STEP: "one step", OPEN_LOOP: "open loop, 80 steps"}
 EXTRAPOLATION_LABELS = {  # quantity and unit; shares and ratios are dimensionless
     "left_limits": ("leaves its limits under constant command, share", ""),
@@ -90,21 +93,11 @@ class ReferenceComparison:
         return lost
 
     def sentence(self) -> str:
-        """A sentence on whether references win, which ones, and on which figures."""
+        """A sentence on how many figures references win; the table tells which."""
         won, lost = self.won_by_references(), self.lost_to_references()
         n_figures = len(self.rows)
         if won:
-            by_quantity: dict[tuple[str, str], list[str]] = {}
-            for quantity, joint, best in won:
-                by_quantity.setdefault((quantity, _names(best)), []).append(joint)
-            named = "; ".join(
-                f"{quantity}: {names} ({', '.join(joints)})"
-                for (quantity, names), joints in by_quantity.items()
-            )
-            text = (
-                f"A reference is better than every model on {len(won)} of these {n_figures} figures. "
-                f"{named[0].upper()}{named[1:]}."
-            )
+            text = f"A reference is better than every model on {len(won)} of these {n_figures} figures."
         else:
             text = f"No reference is better than the best model on any of these {n_figures} figures."
         if len(lost) > 1:
@@ -189,7 +182,7 @@ def error_comparison(
     title = (
         f"Root mean square errors over {any_.n_steps} single steps and {any_.n_windows} windows of 80 steps"
     )
-    return ReferenceComparison(title, rows, references, [JUDGED_ON[judged_on]])
+    return ReferenceComparison(title, rows, references, [JUDGED_ON[judged_on], WITHOUT_STOPS])
 
 
 def growth_comparison(
