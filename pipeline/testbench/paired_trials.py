@@ -1,8 +1,8 @@
 """Policies drive one machine over the same targets in short sessions, recorded as bags.
 
 A session begins with the machine at rest and its oil at the temperature of a recording's start, as the logs that the
-model was corrected by, and is simulated once per policy with the same chances. So what one policy heats or wears meets
-no other trial but those of its own session.
+model was corrected by; in the field with a start of its own. It is simulated once per policy with the same chances. So
+what one policy heats or wears meets no other trial but those of its own session.
 """
 
 import shutil
@@ -74,15 +74,16 @@ def drive_in_pairs(
         raise InputError(f"targets is {n_targets}; the evaluation has {known} (episodes.evaluation_episodes)")
     parts = {name: graph_parts(settings, policy) for name, policy in policies.items()}
     delays = controller_delays(settings)
-    parameters, start = trials.parameters(settings.machine.name), trials.start()
+    firsts, start = range(0, n_targets, n_session), trials.start()
+    parameters = [trials.parameters(settings.machine.name, session) for session, _ in enumerate(firsts)]
     for name in policies:
         shutil.rmtree(output / name, ignore_errors=True)
     done = 0
-    for session, first in enumerate(range(0, n_targets, n_session)):
+    for session, first in enumerate(firsts):
         targets = episodes.targets[first : first + n_session]
         for name, own in parts.items():
             at_rest = np.asarray(episodes.starts[first], float)
-            plant = PlantMachine(parameters, trials.plant_seed + session, at_rest)
+            plant = PlantMachine(parameters[session], trials.plant_seed + session, at_rest)
             recorder = run_successive(
                 own.with_goals(known_configurations(own.task.arm, targets)),
                 delays,

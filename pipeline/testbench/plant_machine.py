@@ -90,7 +90,7 @@ class ChangedPlant:
         """Raises `InputError` where `start_time` is no time with a zone."""
         return read_moment("start_time", self.start_time)
 
-    def parameters(self, machine: str) -> Parameters:
-        """Those of the machine of this name, with the effects; raises as `changed_parameters`."""
+    def parameters(self, machine: str, session: int = 0) -> Parameters:
+        """Those of the machine of this name in a session, with the effects; raises as `changed_parameters`."""
         draw = self.effects, self.effects_seed, self.effect_size
-        return changed_parameters(machine, *draw, self.condition, self.plant_seed)
+        return changed_parameters(machine, *draw, self.condition, self.plant_seed + session)

@@ -43,7 +43,7 @@ def test_delay_from_command_to_motion_is_short_warm_and_up_to_the_published_one_
 
     shifts = [Shift((), seed) for seed in range(12)]
     by_warmth = sorted(shifts, key=lambda shift: shift.started(field, 1).oil.start_C)
-    assert 0.7 * PUBLISHED_DELAY_S < max(delays(by_warmth[0])) < 1.2 * PUBLISHED_DELAY_S
+    assert 0.7 * PUBLISHED_DELAY_S < max(delays(by_warmth[0])) <= PUBLISHED_DELAY_S
     assert max(delays(by_warmth[-1])) < 0.7 * PUBLISHED_DELAY_S
 
 
@@ -129,19 +129,20 @@ def test_a_machine_in_the_field_differs_from_the_workshops(nominal, field):
     assert simulated_machine("bobcat_e10").supply == nominal.supply
 
 
-def test_the_deployed_plant_has_started_once_in_the_field_and_is_nominal_in_the_workshop(nominal, field):
-    def of(condition):
+def test_the_deployed_plant_starts_anew_per_session_in_the_field_and_is_nominal_in_the_workshop(
+    nominal, field
+):
+    def of(condition, session):
         return ChangedPlant(
             start_time="2026-04-01T09:00:00+00:00",
             plant_seed=1,
             effects_seed=0,
             effect_size=1.0,
             condition=condition,
-        ).parameters("bobcat_e10")
+        ).parameters("bobcat_e10", session)
 
-    deployed = of(Condition.field)
-    assert deployed.supply == field.supply
-    np.testing.assert_array_equal(
-        deployed.pilot.dead_time_s, Shift((), 1).started(field, 1).pilot.dead_time_s
-    )
-    np.testing.assert_array_equal(of(Condition.workshop).pilot.dead_time_s, nominal.pilot.dead_time_s)
+    for session in (0, 2):
+        deployed, started = of(Condition.field, session), Shift((), 1 + session).started(field, 1)
+        assert deployed.supply == field.supply and deployed.oil.start_C == started.oil.start_C
+        np.testing.assert_array_equal(deployed.pilot.dead_time_s, started.pilot.dead_time_s)
+        assert of(Condition.workshop, session).oil.start_C == nominal.oil.start_C

@@ -23,7 +23,7 @@ from pipeline.plant.parameters import Parameters
 BAR = 1.0e5  # Pa
 PIN_CLEARANCE_M = 0.5e-3  # half of the allowable limit
 CYLINDER_ARM_M = 0.17  # of the cylinders' pins about the joints, mean of the linkages
-DEAD_TIME_FACTOR = (1.0, 2.2)  # set: air in the pilot lines and load of the bus differ from start to start
+DEAD_TIME_FACTOR = (1.0, 1.8)  # set: air in the pilot lines and load of the bus differ from start to start
 COLDEST_C, WARMEST_C = 12.0, 50.0  # of the oil at the first start of a day
 WORK_S = (240.0, 720.0)  # assumed: between two pauses
 PAUSE_S = (120.0, 1800.0)  # assumed: with the engine off
@@ -34,22 +34,22 @@ def in_the_field(parameters: Parameters) -> Parameters:
     n = parameters.linkage.play_rad.size
     return parameters._replace(
         pilot=parameters.pilot._replace(
-            noise_std=0.04,  # set: supply that pulsates with the engine
-            viscous_share=0.5,  # set: longer, thinner pilot hoses
+            noise_std=0.035,  # set: supply that pulsates with the engine
+            viscous_share=0.4,  # set: longer, thinner pilot hoses
             late_interval_s=4.0,  # assumed: a busy bus and a radio link
             late_s=0.12,  # assumed: two to three periods
         ),
         spool=parameters.spool._replace(
-            hysteresis=0.05,  # assumed: worn, beyond the usual 2-4 % (Jelali & Kroll, section 3.3)
-            silt_pressure_Pa=np.full(n, 4.0 * BAR),  # set: 45 N on a spool of 12 mm
-            silt_time_constant_s=5.0,  # set
+            hysteresis=0.04,  # worn: the most of the usual 2-4 % (Jelali & Kroll, section 3.3)
+            silt_pressure_Pa=np.full(n, 2.5 * BAR),  # set: 28 N on a spool of 12 mm
+            silt_time_constant_s=4.0,  # set
             silt_spread=0.4,  # set
         ),
         supply=parameters.supply._replace(
             engine_droop=0.08,  # ISO 8528-5, class G1
-            ripple_std=0.04,  # set: hunting, beyond the band of class G1
+            ripple_std=0.02,  # set: hunting, beyond the band of class G1
             ripple_correlation_s=3.0,
-            others_share=0.20,  # set: the hammer's valve, slewing and blade, not all at once
+            others_share=0.15,  # set: the hammer's valve, slewing and blade, not all at once
             others_interval_s=9.0,  # set
             others_s=3.0,  # assumed: a burst of the hammer
         ),
