@@ -13,6 +13,7 @@ import numpy as np
 
 from pipeline.configuration.load import load_section
 from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
+from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.drivers.programmable_controller import ProgrammableController
 from pipeline.deployment.messages import (
     EmergencyStop,
@@ -212,6 +213,8 @@ class FaultRun:
 class Watch:
     """A tap that sees reactions and what leaves the interface."""
 
+    interface: ControlInterface
+
     def __init__(self) -> None:
         self.reactions: list[tuple[int, str]] = []
         self.commands: list[tuple[int, bool]] = []
@@ -224,7 +227,7 @@ class Watch:
             self.reactions.append((time_ns, f"autonomous_server: {message.outcome}"))
         elif isinstance(message, MachineCommand):
             moves = bool(np.any(message.values))
-            if not moves:
+            if self.interface.is_muted and not moves:
                 self.reactions.append((time_ns, "control_interface: muted"))
             self.commands.append((time_ns, moves))
 
@@ -272,7 +275,7 @@ def run_faults(
     controller, watch = BackAndForth(), Watch()
     with can.Bus(channel, interface="virtual") as host, can.Bus(channel, interface="virtual") as plc_end:
         components: list[Component] = can_graph(controller, Bus(host, is_off), Bus(plc_end, is_off), rules)
-        plc = components[-1]
+        watch.interface, plc = components[2], components[-1]
         plc.__class__, plc.outputs = ObservedPLC, []
         graph = SimulatedGraph(components, DELAYS, np.random.SeedSequence(seed), faults=faults, taps=[watch])
         clock.append(graph)

@@ -49,6 +49,18 @@ def paper() -> DeploymentConfig:
     return load_section("deployment", DeploymentConfig)
 
 
+@cache
+def conditions() -> TerminalConditions:
+    """Of the paper; compiled once."""
+    return TerminalConditions(bobcat(), arm(), paper().termination)
+
+
+@cache
+def frames() -> CanFrames:
+    return CanFrames(bobcat(), MACHINE_DIRECTORY)
+
+
+@cache
 def supervised() -> DeploymentConfig:
     """All rules on."""
     config = paper()
@@ -117,13 +129,13 @@ class BackAndForth:
         return self._direction if self.values is None else self.values
 
 
-def server(controller: BackAndForth, config: DeploymentConfig, ticks: int = 500) -> AutonomousServer:
+def server(controller: BackAndForth, ticks: int = 500) -> AutonomousServer:
     return AutonomousServer(
         bobcat(),
         specification(),
         controller,
         lambda position, quaternion, q: MIDDLE.astype(np.float32) if np.isfinite(position).all() else None,
-        TerminalConditions(bobcat(), arm(), config.termination),
+        conditions(),
         action_repeats=4,
         maximum_ticks=ticks,
     )
@@ -139,12 +151,11 @@ def can_graph(
     """The whole graph of the real machine, with a simulated PLC at the other end of the bus."""
     config = supervised()
     supervisor = dataclasses.replace(config.supervisor, rules=list(rules))
-    frames = CanFrames(bobcat(), MACHINE_DIRECTORY)
     return [
-        server(controller, config),
+        server(controller),
         supervise(bobcat(), dataclasses.replace(config, supervisor=supervisor), MACHINE_DIRECTORY),
         ControlInterface(bobcat(), config.interface),
-        MachineDriver(bobcat(), frames, estimator()),
+        MachineDriver(bobcat(), frames(), estimator()),
         CanDriver(bus, config.driver),
-        ProgrammableController(plc_bus, frames, Integrator(), bobcat().n_joint, config.driver),
+        ProgrammableController(plc_bus, frames(), Integrator(), bobcat().n_joint, config.driver),
     ]

@@ -70,7 +70,7 @@ def build(name: str, port: int, rules: str = "") -> Component:
     from tests.deployment.machines import BackAndForth, Integrator, estimator, server
 
     if name == "autonomous_server":
-        return server(BackAndForth(), settings, LONG_GOAL_TICKS if rules else GOAL_TICKS)
+        return server(BackAndForth(), LONG_GOAL_TICKS if rules else GOAL_TICKS)
     moving = Integrator(period_s=machine.dt_s)
     if name == "plc":
         from pipeline.deployment.transports.ros1.observed_plc import ObservedPlc

@@ -55,9 +55,9 @@ GOAL = ReachGoal(1, np.zeros(3), np.array([1.0, 0, 0, 0]))
 class Harness:
     """A server, fed with joint states; computations are carried out at once."""
 
-    def __init__(self, ticks: int = 500, config=None) -> None:
+    def __init__(self, ticks: int = 500) -> None:
         self.controller = BackAndForth()
-        self.server = server(self.controller, config or paper(), ticks)
+        self.server = server(self.controller, ticks)
         self.now_ns = 0
         self.sent: list = []
 

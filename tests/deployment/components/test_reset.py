@@ -14,7 +14,6 @@ from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
 from pipeline.deployment.drivers.bobcat_e10_driver import MachineDriver
-from pipeline.deployment.drivers.can_frames import CanFrames
 from pipeline.deployment.messages import (
     EmergencyStop,
     JointCommand,
@@ -27,7 +26,7 @@ from pipeline.deployment.messages import (
     SupervisorState,
     Topic,
 )
-from tests.deployment.machines import BackAndForth, bobcat, estimator, paper, server
+from tests.deployment.machines import BackAndForth, bobcat, estimator, frames, paper, server
 
 MACHINE, PAPER = bobcat(), paper()
 TICK_S = MACHINE.dt_s
@@ -192,8 +191,8 @@ def test_a_release_holds_in_whatever_order_the_topics_arrive(order: Sequence[tup
         for component in (
             interface,
             stopped(TeleoperationServer(MACHINE, CONFIG.teleoperation)),
-            stopped(server(BackAndForth(), CONFIG)),
-            stopped(MachineDriver(MACHINE, CanFrames(MACHINE, MACHINE_DIRECTORY), estimator())),
+            stopped(server(BackAndForth())),
+            stopped(MachineDriver(MACHINE, frames(), estimator())),
         ):
             for entry in heard:
                 component.on_message(*entry, nanoseconds(RELEASE_S))
