@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.plant.compiled import compiled
+from pipeline.plant.drawn import Rows
 from pipeline.plant.parameters import NEGATIVE, POSITIVE, Linkage, Parameters
 from pipeline.plant.physics.contact import find_contact
 from pipeline.plant.physics.friction import apply_impulses
@@ -22,7 +23,7 @@ from pipeline.plant.physics.sensor import EncoderChannel, JointStates
 from pipeline.plant.physics.valve import advance_pilots, advance_spools, read_command
 from pipeline.plant.records import pack
 from pipeline.plant.scratch import Scratch, allocate
-from pipeline.plant.state import FRICTION, LATE, N_SWITCH, OTHERS, PISTON, STOP, State, resting_state
+from pipeline.plant.state import FRICTION, LATE, N_SWITCH, OTHERS, PISTON, STOP, State, resting_state, viewed
 
 
 @compiled
@@ -93,11 +94,11 @@ def _switch(
 
 @compiled
 def _advance(
-    parameter_record: np.recarray,
-    state_record: np.recarray,
-    scratch_record: np.recarray,
+    parameter_record: np.ndarray,
+    state_record: np.ndarray,
+    scratch_record: np.ndarray,
     commands: np.ndarray,
-    arrival: np.ndarray,
+    jitter_s: np.ndarray,
     phase: int,
     disturbance_draw: np.ndarray,
     silt_draw: np.ndarray,
@@ -111,7 +112,7 @@ def _advance(
         state_record: changed in place, one record.
         scratch_record: work arrays, one record.
         commands: (T, n) int8.
-        arrival: (T,) substep of its period in which each command reaches the controller.
+        jitter_s: (T,) how far into its period each command reaches the controller.
         phase: of the controller's cycle, substeps.
         disturbance_draw: (T, n + 2) standard normal, drives pilot noise, engine ripple and relief wander.
         silt_draw: (T, n) standard normal, strength of silt locks that begin in a period.
@@ -141,8 +142,9 @@ def _advance(
         )
         viscosity = dynamic_viscosity(oil, state.oil_C[0])
         ratio = viscosity / oil.reference_viscosity_Pa_s
+        arrival = min(round(jitter_s[period] / dt), n_substep - 1)
         for substep in range(n_substep):
-            if substep == arrival[period] and not state.switches[LATE]:
+            if substep == arrival and not state.switches[LATE]:
                 command[:] = commands[period]
             read_command(pilot, state, command, phase, dt)
             advance_pilots(pilot, state, ratio, dt)
@@ -177,6 +179,9 @@ class Plant:
 
     The same parameters, seed, start and commands give the same samples, independent of the division of commands
     over calls.
+
+    Attributes:
+        state: the present state; views, not copies.
     """
 
     def __init__(self, parameters: Parameters, seed: int, start_configuration: np.ndarray) -> None:
@@ -186,10 +191,10 @@ class Plant:
             InputError: the start lies outside the stops, or a dead time exceeds the plant's memory.
         """
         self.parameters = parameters
-        self._parameter_record = pack(parameters)
-        self._state_record = pack(resting_state(parameters, start_configuration))
-        self._n_joint: int = self._state_record[0].spool.size
-        self._scratch_record = pack(allocate(self.n_joint))
+        self._parameter_record = np.asarray(pack(parameters))
+        self._state_record = np.asarray(pack(resting_state(parameters, start_configuration)))
+        self.state = viewed(self._state_record)
+        self._scratch_record = np.asarray(pack(allocate(self.n_joint)))
         n_ring = self.state.command_ring.shape[0]
         if np.max(parameters.pilot.dead_time_s) >= n_ring * parameters.numerics.substep_s:
             raise InputError(
@@ -202,22 +207,19 @@ class Plant:
         self._n_period = 0
         self._n_row = 0
         streams = np.random.SeedSequence(seed).spawn(6)
-        self._disturbance, self._silt, self._arrival, phase = (np.random.default_rng(s) for s in streams[:4])
+        disturbance, silt, arrival, phase, _, switches = (np.random.default_rng(s) for s in streams)
+        self._disturbance = Rows(disturbance.standard_normal, self.n_joint + 2)
+        self._silt = Rows(silt.standard_normal, self.n_joint)
+        self._arrival, self._switches = Rows(arrival.random, 1), Rows(switches.random, N_SWITCH)
         self._encoders = EncoderChannel(self.n_joint, streams[4])
-        self._switches = np.random.default_rng(streams[5])
         cycle_s, substep_s = self.parameters.pilot.controller_cycle_s, self.parameters.numerics.substep_s
         self._phase = int(phase.integers(max(round(cycle_s / substep_s), 1)))
         self.state.disturbance[:] = phase.standard_normal(self.n_joint + 2)
 
     @property
-    def state(self) -> State:
-        """The present state; a view, not a copy."""
-        return self._state_record[0]
-
-    @property
     def n_joint(self) -> int:
         """Number of joints."""
-        return self._n_joint
+        return self.state.spool.size
 
     @property
     def time_s(self) -> float:
@@ -228,6 +230,7 @@ class Plant:
         """Another plant in the same state at time zero, whose chances are drawn by another seed."""
         twin = copy.copy(self)
         twin._state_record = self._state_record.copy()
+        twin.state = viewed(twin._state_record)
         twin._scratch_record = self._scratch_record.copy()
         twin._begin(seed)
         return twin
@@ -235,7 +238,7 @@ class Plant:
     def change(self, parameters: Parameters) -> None:
         """Replace the parameters; the state is kept."""
         self.parameters = parameters
-        self._parameter_record = pack(parameters)
+        self._parameter_record = np.asarray(pack(parameters))
 
     def stop_engine(self, duration_s: float) -> None:
         """Let the machine stand with its engine off; the clock does not count that, and no command may be in force.
@@ -270,18 +273,18 @@ class Plant:
         n_period = commands.shape[0]
         n_substep = round(numerics.control_period_s / numerics.substep_s)
         n_row = n_period * (n_substep // numerics.trace_stride)
-        jitter_s = 2.0 * sensor.command_jitter_s * self._arrival.random(n_period)
+        jitter_s = 2.0 * sensor.command_jitter_s * self._arrival.take(n_period)[:, 0]
         trace = np.empty((n_row, self.n_joint))
         _advance(
             self._parameter_record,
             self._state_record,
             self._scratch_record,
             np.ascontiguousarray(commands, dtype=np.int8),
-            np.minimum(np.round(jitter_s / numerics.substep_s).astype(np.int64), n_substep - 1),
+            jitter_s,
             self._phase,
-            self._disturbance.standard_normal((n_period, self.n_joint + 2)),
-            self._silt.standard_normal((n_period, self.n_joint)),
-            self._switches.random((n_period, N_SWITCH)),
+            self._disturbance.take(n_period),
+            self._silt.take(n_period),
+            self._switches.take(n_period),
             trace,
         )
         step_s = numerics.substep_s * numerics.trace_stride

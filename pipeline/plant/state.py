@@ -48,6 +48,11 @@ class State(NamedTuple):
     volume_m3: np.ndarray  # (N_VOLUME,)
 
 
+def viewed(record: np.ndarray) -> State:
+    """The state in one record; its arrays change with the record's."""
+    return State(*(record[name][0] for name in State._fields))
+
+
 LONGEST_DEAD_TIME_S = 1.5
 
 

@@ -5,9 +5,22 @@ Closed form of the contract's geometry (section 1), frame {B}.
 
 import numpy as np
 
+from pipeline.plant.compiled import compiled
+
 BOOM_PIVOT_RADIUS_M = 0.25
 BOOM_PIVOT_HEIGHT_M = 0.50
 LINK_LENGTH_M = np.array([1.35, 0.80, 0.65])  # boom, arm, hammer to the chisel's tip
+
+
+@compiled
+def place(q: np.ndarray) -> tuple[float, float, float]:
+    """Radius of the tip, m, yaw, rad, and height, m, of joint angles (4,): `tip` for one, compiled."""
+    radius, height, angle = 0.0, 0.0, 0.0
+    for i in range(3):
+        angle += q[1 + i]
+        radius += LINK_LENGTH_M[i] * np.cos(angle)
+        height += LINK_LENGTH_M[i] * np.sin(angle)
+    return BOOM_PIVOT_RADIUS_M + radius, q[0], BOOM_PIVOT_HEIGHT_M + height
 
 
 def tip(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -19,13 +32,6 @@ def tip(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         Radius and height, (…, 2), m; pitch, (…,), rad, zero with the chisel straight down.
     """
-    if q.ndim == 1:  # called at every step: plain numbers are several times faster than arrays of three
-        boom, arm, hammer = q[1], q[1] + q[2], q[1] + q[2] + q[3]
-        angles = np.array((boom, arm, hammer))
-        along, across = LINK_LENGTH_M * np.cos(angles), LINK_LENGTH_M * np.sin(angles)
-        radius = BOOM_PIVOT_RADIUS_M + (along[0] + along[1] + along[2])
-        height = BOOM_PIVOT_HEIGHT_M + (across[0] + across[1] + across[2])
-        return np.array((radius, height)), hammer + 0.5 * np.pi
     link_angle = np.cumsum(q[..., 1:], axis=-1)
     radius = BOOM_PIVOT_RADIUS_M + np.sum(LINK_LENGTH_M * np.cos(link_angle), axis=-1)
     height = BOOM_PIVOT_HEIGHT_M + np.sum(LINK_LENGTH_M * np.sin(link_angle), axis=-1)

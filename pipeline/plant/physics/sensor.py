@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.plant.compiled import compiled
+from pipeline.plant.drawn import Rows
 from pipeline.plant.parameters import Sensor
 
 
@@ -21,10 +22,29 @@ class JointStates:
     position_rad: np.ndarray  # (N, n_joint)
 
 
-def read_encoder(sensor: Sensor, angle_rad: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Readings of true angles (…, n_joint) with standard normal `noise` of the same shape, rad."""
-    exact = angle_rad * sensor.scale + sensor.offset_rad + sensor.noise_std_rad * noise
-    return np.round(exact / sensor.quantum_rad) * sensor.quantum_rad
+@compiled
+def read_encoders(
+    sampled_s: np.ndarray,
+    times_s: np.ndarray,
+    angle_rad: np.ndarray,
+    noise: np.ndarray,
+    scale: np.ndarray,
+    offset_rad: np.ndarray,
+    noise_std_rad: float,
+    quantum_rad: float,
+) -> np.ndarray:
+    """Readings (N, n), rad, of angles (K, n) at times (K,), interpolated, with standard normal noise (N, n)."""
+    readings = np.empty_like(noise)
+    for i in range(len(sampled_s)):
+        after = np.searchsorted(times_s, sampled_s[i], side="right")
+        after = min(max(after, 1), len(times_s) - 1)
+        step_s, since_s = times_s[after] - times_s[after - 1], max(sampled_s[i] - times_s[after - 1], 0.0)
+        for j in range(noise.shape[1]):
+            before = angle_rad[after - 1, j]
+            exact = (angle_rad[after, j] - before) / step_s * since_s + before
+            exact = exact * scale[j] + offset_rad[j] + noise_std_rad * noise[i, j]
+            readings[i, j] = np.round(exact / quantum_rad) * quantum_rad
+    return readings
 
 
 @compiled
@@ -48,9 +68,8 @@ class EncoderChannel:
 
     def __init__(self, n_joint: int, seed: np.random.SeedSequence) -> None:
         times, noise = seed.spawn(2)
-        self._n_joint = n_joint
-        self._times = np.random.default_rng(times)
-        self._noise = np.random.default_rng(noise)
+        self._times = Rows(np.random.default_rng(times).random, 3)
+        self._noise = Rows(np.random.default_rng(noise).standard_normal, n_joint)
         self._n_published = 0
         self._shaft_rad: np.ndarray | None = None
         self._tail_s = np.empty(0)
@@ -72,13 +91,11 @@ class EncoderChannel:
         latest = sensor.period_s * self._n_published + 2.0 * sensor.stamp_jitter_s
         n_due = max(int(np.floor((times[-1] - latest) / sensor.period_s)) + 1, 0)
         # one row per reading: jitter, publication delay, whether it is lost
-        uniform = self._times.random((n_due, 3))
-        normal = self._noise.standard_normal((n_due, self._n_joint))
+        uniform = self._times.take(n_due)
         sampled = (
             sensor.period_s * (self._n_published + np.arange(n_due))
             + 2.0 * sensor.stamp_jitter_s * uniform[:, 0]
         )
-        exact = np.stack([np.interp(sampled, times, angles[:, j]) for j in range(self._n_joint)], axis=-1)
         stamp = sampled + sensor.stamp_lateness_s
         least, most = sensor.publication_delay_s
         log = stamp + least + (most - least) * uniform[:, 1]
@@ -87,4 +104,14 @@ class EncoderChannel:
         first_needed = sensor.period_s * self._n_published
         keep_from = max(int(np.searchsorted(times, first_needed, side="right")) - 1, 0)
         self._tail_s, self._tail_rad = times[keep_from:], angles[keep_from:]
-        return JointStates(stamp[kept], log[kept], read_encoder(sensor, exact, normal)[kept])
+        readings = read_encoders(
+            sampled,
+            times,
+            angles,
+            self._noise.take(n_due),
+            sensor.scale,
+            sensor.offset_rad,
+            sensor.noise_std_rad,
+            sensor.quantum_rad,
+        )
+        return JointStates(stamp[kept], log[kept], readings[kept])

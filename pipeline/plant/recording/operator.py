@@ -14,7 +14,21 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification, WorkspaceSpecification
-from pipeline.plant.physics.kinematics import configuration, tip
+from pipeline.plant.compiled import compiled
+from pipeline.plant.physics.kinematics import configuration, place, tip
+
+CANVAS_CELLS = (7, 8, 9)  # radius, yaw, height: cells of about 0.25 m
+N_CANDIDATE = 24  # places that the operator considers before choosing
+N_HEADING = 12  # samples of a straight joint motion that must stay in W+
+PITCH_MAX_RAD = 1.047  # of goals (contract, section 1)
+LIMIT_MARGIN_RAD = 0.02  # goals this far from the joint limits; going to a limit happens by overshoot
+LONGEST_MOVE_S = 12.0  # then the operator changes his mind
+TAP_S = (0.10, 0.45)  # shortest and longest tap
+EXPECTED_SPEED_RAD_S = 0.35  # what the operator expects of a joint that is being moved
+ORDER_SPREAD_RAD = 0.3  # how loosely the longest way comes first
+SETTLE_S = 0.7  # how long the operator waits to see where the machine comes to rest
+BORDER_TOLERANCE = 0.01  # how much farther outside W+ the operator lets the tip go
+RUN_OUT_S = 0.35  # horizon of the tip's extrapolation when keeping it inside
 
 
 @dataclass(frozen=True)
@@ -58,26 +72,17 @@ class Canvas:
     def __init__(self, workspace: WorkspaceSpecification, n_radius: int, n_yaw: int, n_height: int) -> None:
         self._lower = np.array([workspace.radius_min_m, -workspace.yaw_max_rad, workspace.z_min_m])
         self._upper = np.array([workspace.radius_max_m, workspace.yaw_max_rad, workspace.z_max_m])
-        self._bounds = self._lower.tolist(), self._upper.tolist()
+        self.bounds = np.stack([self._lower, self._upper])
         self._shape = np.array([n_radius, n_yaw, n_height])
         self.visits = np.zeros((n_radius, n_yaw, n_height), dtype=np.int64)
 
     def contains(self, point: np.ndarray) -> bool:
         """Whether (radius, yaw, height) lies in W+."""
-        return self.distance(point) == 0.0
+        return outside(point, self.bounds) == 0.0
 
-    def distance(self, point: np.ndarray) -> float:
-        """How far (radius, yaw, height) lies outside W+, metres and radians added up; zero inside."""
-        total = 0.0
-        for lower, upper, value in zip(self._bounds[0], self._bounds[1], point.tolist(), strict=True):
-            total += max(lower - value, 0.0) + max(value - upper, 0.0)
-        return total
-
-    def paint(self, point: np.ndarray) -> None:
-        """Count a visit at (radius, yaw, height)."""
-        if self.contains(point):
-            cell = (point - self._lower) / (self._upper - self._lower) * self._shape
-            self.visits[tuple(np.minimum(cell.astype(np.int64), self._shape - 1))] += 1
+    def paint(self, q: np.ndarray) -> None:
+        """Count the visit of joint angles (4,)."""
+        paint(q, self.bounds, self.visits)
 
     def choose(self, random: np.random.Generator, n_candidate: int) -> np.ndarray:
         """Random points of W+, the least painted first; (n_candidate, 3)."""
@@ -87,18 +92,56 @@ class Canvas:
         return self._lower + place * (self._upper - self._lower)
 
 
-CANVAS_CELLS = (7, 8, 9)  # radius, yaw, height: cells of about 0.25 m
-N_CANDIDATE = 24  # places that the operator considers before choosing
-N_HEADING = 12  # samples of a straight joint motion that must stay in W+
-PITCH_MAX_RAD = 1.047  # of goals (contract, section 1)
-LIMIT_MARGIN_RAD = 0.02  # goals this far from the joint limits; going to a limit happens by overshoot
-LONGEST_MOVE_S = 12.0  # then the operator changes his mind
-TAP_S = (0.10, 0.45)  # shortest and longest tap
-EXPECTED_SPEED_RAD_S = 0.35  # what the operator expects of a joint that is being moved
-ORDER_SPREAD_RAD = 0.3  # how loosely the longest way comes first
-SETTLE_S = 0.7  # how long the operator waits to see where the machine comes to rest
-BORDER_TOLERANCE = 0.01  # how much farther outside W+ the operator lets the tip go
-RUN_OUT_S = 0.35  # horizon of the tip's extrapolation when keeping it inside
+@compiled
+def outside(point: np.ndarray | tuple[float, float, float], bounds: np.ndarray) -> float:
+    """How far (radius, yaw, height) lies outside bounds (2, 3), metres and radians added up; zero inside."""
+    total = 0.0
+    for i in range(3):
+        total += max(bounds[0, i] - point[i], 0.0) + max(point[i] - bounds[1, i], 0.0)
+    return total
+
+
+@compiled
+def paint(q: np.ndarray, bounds: np.ndarray, visits: np.ndarray) -> None:
+    """Count the visit of joint angles (4,) in its cell."""
+    point, cell = place(q), [0, 0, 0]
+    if outside(point, bounds) > 0.0:
+        return
+    for i in range(3):
+        share = (point[i] - bounds[0, i]) / (bounds[1, i] - bounds[0, i])
+        cell[i] = min(int(share * visits.shape[i]), visits.shape[i] - 1)
+    visits[cell[0], cell[1], cell[2]] += 1
+
+
+@compiled
+def steer(
+    goal: np.ndarray,
+    soon: np.ndarray,
+    tolerance: float,
+    moving: np.ndarray,
+    pending: np.ndarray,
+    enabled: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What is left to the goal, (n,) rad, and the commands towards it, int8; joints that arrive are let go for good."""
+    left, direction = goal - soon, np.zeros_like(moving)
+    for j in range(goal.size):
+        if abs(left[j]) > tolerance:
+            direction[j] = np.sign(left[j])
+        if enabled[j] and (direction[j] == 0 or direction[j] * moving[j] < 0):
+            pending[j] = enabled[j] = False
+    return left, direction
+
+
+@compiled
+def leaves(
+    q: np.ndarray, speed: np.ndarray, command: np.ndarray, horizon_s: float, bounds: np.ndarray
+) -> bool:
+    """Whether a command would move the tip out of the bounds, or farther out."""
+    soon = q.copy()
+    for j in range(q.size):
+        expected = EXPECTED_SPEED_RAD_S * command[j] if command[j] != 0 else speed[j]
+        soon[j] += expected * horizon_s
+    return outside(place(soon), bounds) > outside(place(q), bounds) + BORDER_TOLERANCE
 
 
 class ScriptedOperator:
@@ -143,8 +186,7 @@ class ScriptedOperator:
             Commands, (4,), int8 in {-1, 0, 1}.
         """
         self._seen.append(np.array(measured))
-        radius_height, _ = tip(self._seen[-1])
-        self.canvas.paint(np.array([radius_height[0], measured[0], radius_height[1]]))
+        self.canvas.paint(self._seen[-1])
         n_reaction = max(round(self._style.reaction_time_s / self._dt_s), 1)
         q = self._seen[max(len(self._seen) - 1 - n_reaction, 0)]
         q_before = self._seen[max(len(self._seen) - 1 - 2 * n_reaction, 0)]
@@ -200,10 +242,10 @@ class ScriptedOperator:
         """Reachable configurations in unpainted places; those whose way stays inside W+ come first."""
         inside: list[np.ndarray] = []
         through: list[np.ndarray] = []
-        for place in self.canvas.choose(self._random, N_CANDIDATE):
+        for cell in self.canvas.choose(self._random, N_CANDIDATE):
             pitch = self._style.pitch_spread_rad * float(self._random.standard_normal())
             pitch = min(max(pitch, -PITCH_MAX_RAD), PITCH_MAX_RAD)
-            goal = configuration(place[[0, 2]], pitch, place[1])
+            goal = configuration(cell[[0, 2]], pitch, cell[1])
             if goal is None or np.any(goal < self._lower + LIMIT_MARGIN_RAD):
                 continue
             if np.any(goal > self._upper - LIMIT_MARGIN_RAD):
@@ -223,17 +265,16 @@ class ScriptedOperator:
         style, random = self._style, self._random
         if self._goal is None:
             return np.zeros_like(self._moving)
-        left = self._goal - (q + speed * (style.reaction_time_s + style.anticipation_s))
-        direction = np.where(np.abs(left) > style.tolerance_rad, np.sign(left), 0.0).astype(np.int8)
-        arrived = self._enabled & ((direction == 0) | (direction * self._moving < 0))
-        self._pending &= ~arrived
-        self._enabled &= ~arrived
+        soon = q + speed * (style.reaction_time_s + style.anticipation_s)
+        left, direction = steer(
+            self._goal, soon, style.tolerance_rad, self._moving, self._pending, self._enabled
+        )
         if random.random() < style.dither_probability:
             self._enabled[random.integers(q.size)] ^= True
             self._enabled &= self._pending
         if not self._enabled.any():
             self._grab(left)
-        command = np.where(self._enabled & self._pending, direction, 0).astype(np.int8)
+        command = direction * (self._enabled & self._pending)
         self._elapsed_s += self._dt_s
         if not self._pending.any() or self._elapsed_s > LONGEST_MOVE_S:
             self._finish(left)
@@ -262,13 +303,7 @@ class ScriptedOperator:
 
     def _kept_inside(self, q: np.ndarray, speed: np.ndarray, command: np.ndarray) -> np.ndarray:
         """Release joints that would move the tip out of W+ in height or radius."""
-        expected = np.where(command != 0, EXPECTED_SPEED_RAD_S * command, speed)
-        soon = q + expected * (self._style.reaction_time_s + RUN_OUT_S)
-        now, _ = tip(q)
-        then, _ = tip(soon)
-        outside_now = self.canvas.distance(np.array([now[0], q[0], now[1]]))
-        outside_then = self.canvas.distance(np.array([then[0], soon[0], then[1]]))
-        if outside_then <= outside_now + BORDER_TOLERANCE:
+        if not leaves(q, speed, command, self._style.reaction_time_s + RUN_OUT_S, self.canvas.bounds):
             return command
         self._goal = None
         self._wait_s = max(SETTLE_S, self._random.exponential(self._style.pause_mean_s))
