@@ -1,9 +1,10 @@
-"""How often the supervisor's rule `model_residual` stops a sound machine, and how soon it stops a faulty one.
+"""How often the supervisor's rules stop a sound machine, and how soon `model_residual` stops a faulty one.
 
-    python -m benchmarks.false_stops --model MODEL --floor FLOOR --ledger FILE [--minutes 20]
+    python -m benchmarks.false_stops --condition workshop --model MODEL --floor FLOOR --ledger FILE [--minutes 20]
 
-Sessions of the simulated machine are drawn one after the other until the processor time is over; the ledger has a
-line for each, so that a further call goes on. In a session with a fault, one joint turns to a share of its speed.
+Model and floor are those of this condition of the plant. Sessions of it are drawn one after the other until the
+processor time is over; the ledger has a line for each, so that a further call goes on. In a session with a fault, one
+joint turns to a share of its speed. Commands reach the supervisor with the delays of the ROS graph.
 """
 
 import argparse
@@ -12,12 +13,15 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipeline.configuration.load import load_machine
+from benchmarks.rule_arrays import Heard, Parts, holds, objections
+from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_section
+from pipeline.deployment.component import nanoseconds
 from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel
 from pipeline.deployment.components.supervision.model_floor import (
     BLOCK_STEPS,
@@ -27,91 +31,123 @@ from pipeline.deployment.components.supervision.model_floor import (
     evidence,
     read_floor,
 )
+from pipeline.deployment.components.supervision.supervisor_rules import RuleParts
+from pipeline.deployment.settings import DeploymentConfig
+from pipeline.deployment.transports.simulated_time.delays import load_delays
 from pipeline.effects.store import dynamics_fingerprint, load_dynamics
-from pipeline.machine.specification import MachineSpecification
 from pipeline.plant.effects.effect import scaled
 from pipeline.plant.machines.bobcat_e10 import bobcat_e10
 from pipeline.plant.machines.characterise import full_speed
-from pipeline.plant.machines.variants import draw_variant
+from pipeline.plant.machines.field import PAUSE_S, draw_shift
+from pipeline.plant.machines.simulated import Condition, simulated_machine
 from pipeline.plant.parameters import Parameters
 from pipeline.plant.recording.operator import draw_style
-from pipeline.plant.recording.session import NANOSECONDS, SessionLog, record_session
+from pipeline.plant.recording.session import SessionLog, record_session
 
+MACHINE = load_machine("bobcat_e10")
 SOUND_MINUTES, FAULTY_MINUTES, ONSET_S = 15.0, 3.0, 60.0
-# Sound: the machine that the model was identified on; others of its build; a cold morning, a hot afternoon.
-CONDITIONS = ("as identified", "another machine", "oil 15 K colder", "oil 15 K warmer")
-OIL_K = {"oil 15 K colder": -15.0, "oil 15 K warmer": 15.0}
 SPEEDS = (0.5, 0.0)
+SOUND_PER_FAULT = 8
 BISECTIONS = 12
+LONGEST_ROWS = round(SOUND_MINUTES * 60.0 / MACHINE.dt_s)
 
 
 def sessions() -> Iterator[dict[str, Any]]:
-    """What is driven, without end: of five sessions four are sound."""
+    """What is driven, without end."""
     number = 0
     while True:
-        for condition in CONDITIONS:
-            yield {"number": number, "condition": condition, "minutes": SOUND_MINUTES}
+        for _ in range(SOUND_PER_FAULT):
+            yield {"number": number, "minutes": SOUND_MINUTES}
             number += 1
-        of_joint = number // len(CONDITIONS)
-        fault = {"joint": of_joint % 4, "speed": SPEEDS[of_joint // 4 % len(SPEEDS)]}
-        for _ in range(3):
-            yield {"number": number, "condition": CONDITIONS[0], "minutes": FAULTY_MINUTES, **fault}
-            number += 1
+        at = number // (SOUND_PER_FAULT + 1)
+        fault = {"joint": at % MACHINE.n_joint, "speed": SPEEDS[at // MACHINE.n_joint % len(SPEEDS)]}
+        yield {"number": number, "minutes": FAULTY_MINUTES, **fault}
+        number += 1
 
 
 @cache
-def with_speed(joint: int, share: float) -> Parameters:
+def with_speed(condition: Condition, joint: int, share: float) -> Parameters:
     """The machine with both metering edges of a joint's spool narrowed, to a share of its full speed."""
-    nominal = bobcat_e10()
+    nominal = simulated_machine(MACHINE.name, condition)
 
-    def narrowed(area: float) -> Parameters:
-        spool = nominal.spool
+    def narrowed(of: Parameters, area: float) -> Parameters:
         inlet, outlet = (
-            scaled(of, (joint, [0, 1]), area) for of in (spool.inlet_area_m2, spool.outlet_area_m2)
+            scaled(edge, (joint, [0, 1]), area) for edge in (of.spool.inlet_area_m2, of.spool.outlet_area_m2)
         )
-        return nominal.change("spool", inlet_area_m2=inlet, outlet_area_m2=outlet)
+        return of.change("spool", inlet_area_m2=inlet, outlet_area_m2=outlet)
 
-    low, high = 1e-3, 1.0
+    low, high, workshop = 1e-3, 1.0, bobcat_e10()
     if share == 0.0:
-        return narrowed(low)
+        return narrowed(nominal, low)
     for _ in range(BISECTIONS):
         area = 0.5 * (low + high)
         speed = np.mean(
-            [full_speed(narrowed(area), joint, d) / full_speed(nominal, joint, d) for d in (-1, 1)]
+            [full_speed(narrowed(workshop, area), joint, d) / full_speed(workshop, joint, d) for d in (-1, 1)]
         )
         low, high = (area, high) if speed < share else (low, area)
-    return narrowed(high)
+    return narrowed(nominal, high)
 
 
-def drive(machine: MachineSpecification, session: dict[str, Any]) -> SessionLog:
+def drive(condition: Condition, session: dict[str, Any]) -> SessionLog:
     """The session's recording."""
-    parameters, seed = bobcat_e10(), 10_000 + session["number"]
-    if session["condition"] == "another machine":
-        parameters = draw_variant(parameters, seed)
-    start_C = parameters.oil.start_C + OIL_K.get(session["condition"], 0.0)
-    parameters = parameters.change("oil", start_C=start_C)
-    changes = [(ONSET_S, with_speed(session["joint"], session["speed"]))] if "joint" in session else []
-    return record_session(machine, parameters, draw_style(seed), session["minutes"], seed, 0, changes)
+    seed, minutes = 10_000 + session["number"], session["minutes"]
+    shift = draw_shift(seed, 60.0 * minutes) if condition is Condition.field else None
+    changes = []
+    if "joint" in session:
+        changes = [(ONSET_S, with_speed(condition, session["joint"], session["speed"]))]
+    parameters = simulated_machine(MACHINE.name, condition)
+    return record_session(MACHINE, parameters, draw_style(seed), minutes, seed, 0, changes, shift=shift)
 
 
-def rows(machine: MachineSpecification, log: SessionLog) -> tuple[np.ndarray, np.ndarray]:
+class Listener:
+    """What the supervisor hears of recordings."""
+
+    def __init__(self, config: DeploymentConfig) -> None:
+        self._quantiles_s = load_delays(Path(config.delays)).links["command"].quantiles_s
+
+    def pieces(self, log: SessionLog, seed: int) -> Iterator[Heard]:
+        """A recording in pieces in which the engine was on: with it the graph is started anew."""
+        sent_ns, states_ns = log.command_log_time_ns, log.joint_state_log_time_ns
+        uniform = np.random.default_rng(seed).random(len(sent_ns))
+        delay_s = np.interp(uniform, np.linspace(0.0, 1.0, len(self._quantiles_s)), self._quantiles_s)
+        heard_ns = np.maximum.accumulate(sent_ns + np.round(delay_s * 1e9).astype(np.int64))
+        is_first = np.diff(sent_ns, prepend=-nanoseconds(PAUSE_S[0])) >= nanoseconds(PAUSE_S[0])
+        begins = [*sent_ns[is_first], np.inf]
+        for begin, end in pairwise(begins):
+            command = (sent_ns >= begin) & (sent_ns < end)
+            state = (states_ns >= begin) & (states_ns < end)
+            yield Heard(
+                log.joint_state_header_stamp_ns[state],
+                states_ns[state],
+                log.positions[state],
+                sent_ns[command],
+                heard_ns[command],
+                log.commands[command].astype(float),
+            )
+
+
+def rows(heard: Heard) -> tuple[np.ndarray, np.ndarray]:
     """Positions and commands in force on the machine's grid, (T, n_joint) each."""
-    stamps, commands = log.joint_state_header_stamp_ns, log.command_log_time_ns
-    grid = np.arange(max(stamps[0], commands[0]), stamps[-1], round(machine.dt_s * NANOSECONDS))
-    q = np.stack([np.interp(grid, stamps, position) for position in log.positions.T], axis=1)
-    return q, log.commands[np.searchsorted(commands, grid, side="right") - 1].astype(float)
+    grid = np.arange(heard.stamp_ns[0], heard.stamp_ns[-1], nanoseconds(MACHINE.dt_s))
+    q = np.stack([np.interp(grid, heard.stamp_ns, position) for position in heard.q.T], axis=1)
+    before = np.searchsorted(heard.command_ns, grid, side="right")
+    return q, np.concatenate([np.zeros((1, MACHINE.n_joint)), heard.a])[before]
 
 
-def judged(
-    machine: MachineSpecification, follower: FreeRunningModel, floor: ModelFloor, session: dict[str, Any]
-) -> dict[str, Any]:
-    """The session with each joint's highest evidence, as a share of its limit, and the first alarm of each."""
-    q, a = rows(machine, drive(machine, session))
-    expected, measured = follower.displacements(q, a), np.diff(q, axis=0)
+def residual(
+    follower: FreeRunningModel, floor: ModelFloor, heard: Heard
+) -> tuple[list[float], list[dict[str, Any]]]:
+    """Each joint's highest evidence, as a share of its limit, and the first alarm of each."""
+    q, a = rows(heard)
+    filled = (
+        np.pad(q, ((0, LONGEST_ROWS - len(q)), (0, 0)), "edge"),
+        np.pad(a, ((0, LONGEST_ROWS - len(a)), (0, 0))),
+    )
+    expected, measured = follower.displacements(*filled)[: len(q) - 1], np.diff(q, axis=0)
     counts = MovingSteps(follower.specification).count(q[:-1], expected, measured)
     counts[: follower.settling_steps] = False
     highest, alarms = [], []
-    for joint, name in enumerate(machine.joint_names):
+    for joint, name in enumerate(MACHINE.joint_names):
         at = np.flatnonzero(counts[:, joint])
         blocks = blocks_of(expected[at, joint], measured[at, joint])
         reached = evidence(floor.log_e_value(joint, *blocks)) / floor.limit[joint]
@@ -119,9 +155,27 @@ def judged(
         raised = np.flatnonzero(reached >= 1.0)
         if len(raised):
             row = at[BLOCK_STEPS * (raised[0] + 1) - 1] + 1
-            moving = counts[round(ONSET_S / machine.dt_s) : row, joint].sum()
-            alarms.append({"joint": name, "t": row * machine.dt_s, "moving_s": moving * machine.dt_s})
-    return {**session, "highest": highest, "alarms": alarms}
+            moving = counts[round(ONSET_S / MACHINE.dt_s) : row, joint].sum()
+            alarms.append({"joint": name, "t": row * MACHINE.dt_s, "moving_s": moving * MACHINE.dt_s})
+    return highest, alarms
+
+
+def stops(parts: Parts, heard: Heard, log: SessionLog) -> dict[str, int]:
+    """How often each other rule would have stopped the machine, which a reset sets free again.
+
+    Of `envelope` those count as false in which the true tip was inside at both ends of the control period.
+    """
+    found = {}
+    for rule, times_ns in objections(parts, heard).items():
+        first = times_ns[np.diff(times_ns, prepend=-np.inf) > nanoseconds(parts.config.neutral_s)]
+        if len(first):
+            found[rule] = len(first)
+        if rule == "envelope" and len(first):
+            after = np.searchsorted(log.command_log_time_ns, first)
+            around = log.true_positions[np.clip(np.stack([after - 2, after - 1]), 0, None)]
+            is_inside = holds(parts.envelope, around.reshape(-1, MACHINE.n_joint)).reshape(2, -1)
+            found["envelope, tip inside"] = int(is_inside.all(axis=0).sum())
+    return found
 
 
 def main() -> None:
@@ -129,14 +183,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--condition", type=Condition, required=True)
     parser.add_argument("--model", type=Path, required=True)
     parser.add_argument("--floor", type=Path, required=True)
     parser.add_argument("--ledger", type=Path, required=True)
     parser.add_argument("--minutes", type=float, default=20.0, help="of processor time")
     options = parser.parse_args()
-    machine = load_machine("bobcat_e10")
-    follower = FreeRunningModel(*load_dynamics(options.model, machine), machine)
+    config = load_section("deployment", DeploymentConfig, "default")
+    follower = FreeRunningModel(*load_dynamics(options.model, MACHINE), MACHINE)
     floor = read_floor(options.floor, dynamics_fingerprint(options.model))
+    built = RuleParts(MACHINE, config.supervisor, MACHINE_DIRECTORY)
+    parts, listener = Parts(MACHINE, config.supervisor, built.shapes, built.envelope), Listener(config)
     n_done = len(options.ledger.read_text().splitlines()) if options.ledger.exists() else 0
     with options.ledger.open("a") as ledger:
         for session in sessions():
@@ -144,20 +201,32 @@ def main() -> None:
                 continue
             if time.process_time() > 60.0 * options.minutes:
                 break
-            ledger.write(json.dumps(judged(machine, follower, floor, session)) + "\n")
+            log, counted = drive(options.condition, session), Counter[str]()
+            judged = []
+            for heard in listener.pieces(log, session["number"]):
+                judged.append(residual(follower, floor, heard))
+                if "joint" not in session:
+                    counted.update(stops(parts, heard, log))
+            highest = np.max([of for of, _ in judged], axis=0).tolist()
+            alarms = [alarm for _, of in judged for alarm in of]
+            ledger.write(
+                json.dumps({**session, "highest": highest, "alarms": alarms, "stops": counted}) + "\n"
+            )
             ledger.flush()
     print(summary([json.loads(line) for line in options.ledger.read_text().splitlines()]))
 
 
 def summary(ledger: list[dict[str, Any]]) -> str:
-    """Tables: sound sessions by condition, faults by joint and speed."""
-    lines = ["| condition | hours | false stops | highest evidence per limit |", "|---|---|---|---|"]
+    """Tables: stops of sound sessions by rule; faults by joint and speed."""
     sound = [entry for entry in ledger if "joint" not in entry]
-    for condition in CONDITIONS:
-        of = [entry for entry in sound if entry["condition"] == condition]
-        stops = sum(bool(entry["alarms"]) for entry in of)
-        highest = max((max(entry["highest"]) for entry in of), default=0.0)
-        lines.append(f"| {condition} | {sum(e['minutes'] for e in of) / 60:.2f} | {stops} | {highest:.2f} |")
+    hours = sum(entry["minutes"] for entry in sound) / 60
+    counted = Counter({"model_residual": sum(bool(entry["alarms"]) for entry in sound)})
+    for entry in sound:
+        counted.update(entry["stops"])
+    highest = max((max(entry["highest"]) for entry in sound), default=0.0)
+    lines = [f"{hours:.2f} hours; highest evidence of `model_residual` per limit {highest:.2f}", ""]
+    lines += ["| rule | stops | per hour |", "|---|---|---|"]
+    lines += [f"| {rule} | {n} | {n / hours:.3f} |" for rule, n in sorted(counted.items())]
     lines += ["", "| joint | speed | sessions | stopped | s of motion until then: median, most |"]
     lines += ["|---|---|---|---|---|"]
     faulty = [entry for entry in ledger if "joint" in entry]
@@ -167,7 +236,7 @@ def summary(ledger: list[dict[str, Any]]) -> str:
             for e in faulty
             if (e["joint"], e["speed"]) == (joint, speed)
             for alarm in e["alarms"]
-            if alarm["joint"] == load_machine("bobcat_e10").joint_names[joint] and alarm["t"] > ONSET_S
+            if alarm["joint"] == MACHINE.joint_names[joint] and alarm["t"] > ONSET_S
         ]
         times = f"{np.median(moving_s):.2f}, {max(moving_s):.2f}" if moving_s else ""
         lines.append(f"| {joint} | {speed} | {n} | {len(moving_s)} | {times} |")
