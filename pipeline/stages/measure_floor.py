@@ -22,6 +22,8 @@ class MeasureFloorStage(PipelineConfiguration):
     model: InputModel = MISSING
     tuples: list[InputPath] = MISSING
     output: OutputFile = MISSING
+    speed: float = MISSING
+    within_s: float = MISSING
 
 
 @stage(MeasureFloorStage)
@@ -32,7 +34,8 @@ def main(configuration: MeasureFloorStage, run: StageRun) -> None:
     follower = FreeRunningModel(*load_dynamics(model, machine), machine)
     trajectories = [each for folder in configuration.tuples for each in read_tuples(Path(folder), machine)]
     seen_in_fit = load_metadata(model).get("trajectories", [])
-    floor = measure_floor(follower, dynamics_fingerprint(model), trajectories, seen_in_fit)
+    speed, within_s = configuration.speed, configuration.within_s
+    floor = measure_floor(follower, dynamics_fingerprint(model), trajectories, seen_in_fit, speed, within_s)
     floor.write(Path(configuration.output))
     sizes = ", ".join(
         f"{name} {size:.4f} {unit}"

@@ -13,8 +13,8 @@ shape of errors for granted.
 
 Evidence of a joint is the logarithm of the product of successive blocks' e-values, begun anew where it falls below 0.
 On sound driving, blocks of all joints number at least b on average before one reaches ln b (Shin, Ramdas and Rinaldo,
-E-detectors, 2024). A joint's limit is what half its speed reaches within two seconds of motion, which leaves the
-longest time between false stops: `measure_floor` halves the motion of its own logs to see it.
+E-detectors, 2024). A joint's limit is what a share of its speed reaches within so many seconds of motion, which leaves
+the longest time between false stops: `measure_floor` slows the motion of its own logs to see it.
 """
 
 import json
@@ -34,8 +34,7 @@ from pipeline.files.atomic import write_json
 from pipeline.logs.tuples import Trajectory
 
 BLOCK_STEPS = 4
-STOPS_WITHIN_S = 2.0  # of motion, at half speed
-LATER_SHARE = 0.01  # of half-speed motion that takes longer
+LATER_SHARE = 0.01  # of slowed motion that takes longer
 FEWEST_BLOCKS = (
     100  # of fewer, two seconds of blocks that are all worse are no evidence of once in 3000 hours
 )
@@ -126,7 +125,12 @@ def read_floor(path: Path, model: str) -> ModelFloor:
 
 
 def measure_floor(
-    follower: FreeRunningModel, model: str, trajectories: Sequence[Trajectory], seen_in_fit: Sequence[str]
+    follower: FreeRunningModel,
+    model: str,
+    trajectories: Sequence[Trajectory],
+    seen_in_fit: Sequence[str],
+    speed: float,
+    within_s: float,
 ) -> ModelFloor:
     """The floor over rows of sound driving: all rows, but only the validation rows of what the model was fitted to.
 
@@ -135,38 +139,46 @@ def measure_floor(
         model: its fingerprint.
         trajectories: tuples of its machine.
         seen_in_fit: names of the trajectories that it was fitted to.
+        speed: share of its speed at which a joint has to be told.
+        within_s: motion until then.
 
     Raises:
-        InputError: there are too few blocks.
+        InputError: there are too few blocks, or a time in which not two of them end.
     """
+    n_blocks_within = round(within_s / follower.specification.dt_s) // BLOCK_STEPS - 1  # one begins before
+    if not (0.0 <= speed < 1.0 and n_blocks_within >= 1):
+        raise InputError(
+            f"measure_floor: speed is {speed} and within_s is {within_s}; give a share below 1, and at least "
+            f"{2 * BLOCK_STEPS * follower.specification.dt_s:g} s"
+        )
     moving = MovingSteps(follower.specification)
     of_joint: list[list[Blocks]] = [[] for _ in follower.specification.joints]
-    at_half_speed: list[list[Blocks]] = [[] for _ in follower.specification.joints]
+    slowed: list[list[Blocks]] = [[] for _ in follower.specification.joints]
     for trajectory in trajectories:
         expected, measured = follower.displacements(trajectory.q, trajectory.a), np.diff(trajectory.q, axis=0)
         is_known = np.arange(len(expected)) < follower.settling_steps
         if trajectory.name.partition("#")[0] in seen_in_fit:
             is_known |= ~trajectory.is_validation[:-1]
-        for moved, found in ((measured, of_joint), (measured / 2, at_half_speed)):
+        for moved, found in ((measured, of_joint), (measured * speed, slowed)):
             counts = moving.count(trajectory.q[:-1], expected, moved) & ~is_known[:, None]
             for joint, blocks in enumerate(found):
                 rows = np.flatnonzero(counts[:, joint])
                 blocks.append(blocks_of(expected[rows, joint], moved[rows, joint]))
     joined = [_joined(blocks) for blocks in of_joint]
     n_blocks = sum(len(blocks.residual) for blocks in joined)
-    if n_blocks < FEWEST_BLOCKS or not all(np.any(blocks.residual) for blocks in joined):
+    least = min(sum(len(blocks.residual) for blocks in of) for of in slowed)
+    is_enough = least >= n_blocks_within and all(np.any(blocks.residual) for blocks in joined)
+    if n_blocks < FEWEST_BLOCKS or not is_enough:
         raise InputError(
-            f"{n_blocks} blocks of motion that no fit saw, of all joints; {FEWEST_BLOCKS} are needed: give longer logs"
+            f"{n_blocks} blocks of motion that no fit saw, of the joint that moved least {least}; {FEWEST_BLOCKS} and "
+            f"{n_blocks_within} are needed: give longer logs"
         )
     scale = np.array([np.sqrt(np.mean(blocks.residual**2)) for blocks in joined])
     scores = [score(*blocks, of) for blocks, of in zip(joined, scale.tolist(), strict=True)]
     floor = ModelFloor(model, scale, np.sort(np.concatenate(scores)), np.zeros_like(scale))
-    n_blocks = (
-        round(STOPS_WITHIN_S / follower.specification.dt_s) // BLOCK_STEPS - 1
-    )  # one begins before the fault
     limit = [
-        np.quantile(_reached(floor.log_e_value(joint, *_joined(blocks)), n_blocks), LATER_SHARE)
-        for joint, blocks in enumerate(at_half_speed)
+        np.quantile(_reached(floor.log_e_value(joint, *_joined(blocks)), n_blocks_within), LATER_SHARE)
+        for joint, blocks in enumerate(slowed)
     ]
     return replace(floor, limit=np.array(limit))
 

@@ -32,7 +32,7 @@ class FollowsModel(Rule):
             hours: least mean time between two false stops while all joints move.
 
         Raises:
-            InputError: half speed within two seconds cannot be told from the floor so seldom wrongly.
+            InputError: a slow joint cannot be told from the floor in its time so seldom wrongly.
         """
         self._machine, self._follower, self._floor = machine, follower, floor
         self._moving = MovingSteps(follower.specification)
@@ -40,8 +40,9 @@ class FollowsModel(Rule):
         n_blocks = hours * HOUR_S / follower.specification.dt_s / BLOCK_STEPS * machine.n_joint
         if floor.limit.min() < np.log(n_blocks):
             raise InputError(
-                f"deployment.supervisor.false_stop_hours is {hours}: this floor tells half speed only from one block "
-                f"in {np.exp(floor.limit.min()):.0f}, and so many hours have {n_blocks:.0f}; measure it on longer logs"
+                f"deployment.supervisor.false_stop_hours is {hours}: this floor tells a slow joint only from one "
+                f"block in {np.exp(floor.limit.min()):.0f}, and so many hours have {n_blocks:.0f}; measure it "
+                "on longer logs, or for a lower speed or a longer time"
             )
         self.evidence = np.zeros(machine.n_joint)
         self._commands: deque[tuple[int, np.ndarray]] = deque([(0, np.zeros(machine.n_joint))])

@@ -34,6 +34,7 @@ from tests.reaching.lag import FULL_SPEED, lag_dynamics
 
 MACHINE, DT_S = bobcat(), bobcat().dt_s
 NAMES = MACHINE.joint_names
+HALF = 0.5, 2.0  # speed, and motion until it is told, s
 HOURS = 10.0
 FOLLOWER = FreeRunningModel(lag_dynamics(MACHINE), {}, MACHINE)
 PERIOD_STEPS = 30  # of a command up and down
@@ -70,7 +71,7 @@ def trajectory(q: np.ndarray, a: np.ndarray, is_validation: bool = True) -> Traj
 
 @pytest.fixture(scope="module")
 def floor() -> ModelFloor:
-    return measure_floor(FOLLOWER, "lag", [trajectory(*driven(0, 2400))], [])
+    return measure_floor(FOLLOWER, "lag", [trajectory(*driven(0, 2400))], [], *HALF)
 
 
 def heard(rule: FollowsModel, q: np.ndarray, a: np.ndarray, late_s: float = 0.001) -> list[tuple[int, str]]:
@@ -182,11 +183,21 @@ def test_readings_between_the_rows_are_interpolated(floor: ModelFloor) -> None:
 
 def test_only_rows_that_no_fit_saw_make_the_floor() -> None:
     seen, unseen = trajectory(*driven(5, 900), is_validation=False), trajectory(*driven(6, 900))
-    assert len(measure_floor(FOLLOWER, "lag", [seen, unseen], ["drive"]).scores) == len(
-        measure_floor(FOLLOWER, "lag", [unseen], []).scores
+    assert len(measure_floor(FOLLOWER, "lag", [seen, unseen], ["drive"], *HALF).scores) == len(
+        measure_floor(FOLLOWER, "lag", [unseen], [], *HALF).scores
     )
     with pytest.raises(InputError, match="0 blocks of motion that no fit saw"):
-        measure_floor(FOLLOWER, "lag", [seen], ["drive"])
+        measure_floor(FOLLOWER, "lag", [seen], ["drive"], *HALF)
+
+
+def test_a_joint_that_stands_or_more_time_leaves_longer_between_false_stops(floor: ModelFloor) -> None:
+    def limit(speed: float, within_s: float) -> np.ndarray:
+        return measure_floor(FOLLOWER, "lag", [trajectory(*driven(0, 2400))], [], speed, within_s).limit
+
+    assert min(limit(0.0, 2.0).min(), limit(0.5, 4.0).min()) > floor.limit.min()
+    for speed, within_s, said in ((1.0, 2.0, "share below 1"), (0.5, 0.35, "0.4 s"), (0.5, 600.0, "needed")):
+        with pytest.raises(InputError, match=said):
+            limit(speed, within_s)
 
 
 def test_a_floor_is_read_as_it_was_written(floor: ModelFloor, tmp_path: Path) -> None:
