@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.closed_loop.kinematic.machine import Encoder
-from pipeline.plant.compiled import compiled
+from benchmarks.closed_loop.unstored import compiled
 
 
 @compiled

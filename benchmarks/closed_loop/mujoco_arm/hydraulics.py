@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.closed_loop.mujoco_arm.quantities import N_SHARED, NEGATIVE, POSITIVE, SUPPLY
-from pipeline.plant.compiled import compiled
+from benchmarks.closed_loop.unstored import compiled
 
 SMALL_PRESSURE_Pa = 1e4  # below such drops an orifice is laminar, which makes its flow differentiable
 THINNING_1_K = 0.03  # of oil's viscosity with temperature, about 50 °C
