@@ -107,6 +107,13 @@ def close_loop_on_logs(
         log(caution)
     nominal, *others = ([rows for one in read for rows in one.trajectories] for read in logs)
     measured = others[0] if others else None
+    for which, rows in (("nominal", nominal), ("measured", measured or [])):
+        for place in range(1, len(rows)):
+            if seen_again(rows[:place], rows[place : place + 1]) is not None:
+                raise InputError(
+                    f"{which}={inputs.named(which)}: trajectory {rows[place].name} is there twice, which would count "
+                    "as twice the evidence; name each recording once"
+                )
     again = None if measured is None else seen_again(nominal, measured)
     if again is not None:
         log(

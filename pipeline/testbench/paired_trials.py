@@ -5,7 +5,6 @@ model was corrected by; in the field with a start of its own. It is simulated on
 what one policy heats or wears meets no other trial but those of its own session.
 """
 
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import timedelta
@@ -21,6 +20,7 @@ from pipeline.deployment.components.velocity_estimator import VelocityEstimator
 from pipeline.deployment.compose import GraphSettings, controller_delays, dispatch_synchronously, graph_parts
 from pipeline.deployment.successive import run_successive
 from pipeline.errors import InputError
+from pipeline.logs.formats.recorded_folders import clear_recorded, list_recorded
 from pipeline.plant.machines.simulated import SIMULATED
 from pipeline.plant.recording.session import SESSION_NAME
 from pipeline.testbench.plant_machine import ChangedPlant, PlantMachine
@@ -62,7 +62,8 @@ def drive_in_pairs(
         The bags' folders, in the policies' order.
 
     Raises:
-        InputError: A number of targets is below 1, or above that of the evaluation.
+        InputError: A number of targets is below 1, or above that of the evaluation; or a bag's folder holds something
+            else than an earlier run's.
     """
     n_targets, n_session = trials.targets, trials.session_targets
     for name, value in {"targets": n_targets, "session_targets": n_session}.items():
@@ -76,9 +77,8 @@ def drive_in_pairs(
     delays = controller_delays(settings)
     firsts, start = range(0, n_targets, n_session), trials.start()
     parameters = [trials.parameters(settings.machine.name, session) for session, _ in enumerate(firsts)]
-    for name in policies:
-        shutil.rmtree(output / name, ignore_errors=True)
-    done = 0
+    clear_recorded(output, policies, "prove", {})
+    done, bags = 0, []
     for session, first in enumerate(firsts):
         targets = episodes.targets[first : first + n_session]
         for name, own in parts.items():
@@ -93,7 +93,9 @@ def drive_in_pairs(
                 int(start.timestamp()) * NANOSECONDS,
                 lambda n, before=done: progress(before + n),  # type: ignore[misc]
             )
-            recorder.write(output / name / start.strftime(SESSION_NAME), settings.machine)
+            bags.append(output / name / start.strftime(SESSION_NAME))
+            list_recorded(output, bags)
+            recorder.write(bags[-1], settings.machine)
             done += len(targets)
             took_s = (recorder.states[-1][0] / NANOSECONDS) - start.timestamp()
             start += timedelta(seconds=int(took_s) + 1 + PAUSE_S)

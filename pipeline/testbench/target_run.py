@@ -140,6 +140,6 @@ def refuse_others_logs(output: Path, folders: Sequence[str]) -> None:
     refuse_foreign(
         [output / folder for folder in folders],
         lambda entry: is_run and entry.name == BAG,
-        "this stage",
+        "a finished run",
         "move them away, or name another output",
     )

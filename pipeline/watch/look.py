@@ -1,11 +1,12 @@
 """One look at a machine: new sessions are added to the state, and all are judged."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 from pipeline.discrepancy.unusable_logs import UnusableLogs
+from pipeline.effects.store import load_dynamics
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_json
 from pipeline.logs.formats.discovery.discover import find_logs, is_empty_folder
@@ -37,22 +38,26 @@ def look(inputs: WatchInputs, settings: WatchSettings, log: Log = lambda _: None
         InputError: Nominal logs, the model or the state cannot be used, or a file cannot be written. A session that
             cannot be read is told in the document.
     """
+    if inputs.model is not None:
+        load_dynamics(inputs.model, settings.machine)  # its mistakes are told before the work
+    entries = [] if is_empty_folder(inputs.sessions) else find_logs(inputs.sessions)
     nominal = _nominal(inputs, settings, log)
     store = SessionStore(inputs.state)
     if inputs.baseline_ns is not None:
         store.begin_baseline(inputs.baseline_ns)
-    not_counted = _add_new(store, nominal, inputs, settings, log)
+    not_counted = _add_new(entries, store, nominal, settings, log)
     records, course, left_out = judge(store, nominal, settings.watch)
     not_counted += left_out
     machine, config = settings.machine, settings.watch
     joints = list(machine.joint_names)
     document = document_of(machine.name, joints, records, course, 1.0 / config.false_alarms)
+    document |= {"nominal_sessions": len(nominal.rows.contents), "least_nominal": config.least_nominal}
+    document["not_counted"] = [{"name": name, "why": why} for name, why in not_counted]
+    write_json(inputs.output / DOCUMENT, document, allow_nan=False)  # whatever comes of its cause
     if document["findings"] and document["state"] == State.changed:
         since = records[course.changes[-1].onset.first :]
         document["findings"][-1]["cause"] = cause_of(since, inputs, settings, log)
-    document |= {"nominal_sessions": len(nominal.rows.contents), "least_nominal": config.least_nominal}
-    document["not_counted"] = [{"name": name, "why": why} for name, why in not_counted]
-    write_json(inputs.output / DOCUMENT, document, allow_nan=False)
+        write_json(inputs.output / DOCUMENT, document, allow_nan=False)
     return document
 
 
@@ -72,11 +77,14 @@ def _nominal(inputs: WatchInputs, settings: WatchSettings, log: Log) -> NominalS
 
 
 def _add_new(
-    store: SessionStore, nominal: NominalSessions, inputs: WatchInputs, settings: WatchSettings, log: Log
+    entries: Sequence[LogEntry],
+    store: SessionStore,
+    nominal: NominalSessions,
+    settings: WatchSettings,
+    log: Log,
 ) -> list[tuple[str, str]]:
     """Names of logs that cannot be read, and why."""
     unreadable = []
-    entries = [] if is_empty_folder(inputs.sessions) else find_logs(inputs.sessions)
     current = [files for of in store.records.values() if of.known_as == nominal.key for files in of.files]
     for entry in entries:
         if files_of(entry) in current:

@@ -93,6 +93,10 @@ def write_model(folder: Path, joints: list[str]) -> None:
 MISTAKES: dict[str, tuple[list[str], str]] = {
     "missing folder": (["measured=nowhere"], "error: close_loop: nowhere: no such folder; "),
     "empty folder": (["measured=empty"], "error: close_loop: empty: holds no logs "),
+    "a recording twice": (
+        ["measured=[new,new]", "model=this_machine"],
+        "error: close_loop: measured=new, new: trajectory evening is there twice, ",
+    ),
     "missing model": (["model=nowhere"], "error: close_loop: nowhere.*"),
     "model of another machine": (
         ["model=other_machine"],

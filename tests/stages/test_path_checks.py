@@ -21,7 +21,7 @@ def test_run_graph_deletes_no_logs_of_ones_own(place: str, tmp_path: Path) -> No
     bag.parent.mkdir(parents=True)
     bag.write_text("mine")
     refused = run_stage("run_graph", "model=none", "policy=none", "output=out", folder=tmp_path)
-    assert refused.returncode == 2 and "holds logs that this stage did not write" in refused.stderr
+    assert refused.returncode == 2 and "holds logs that a finished run did not write" in refused.stderr
     assert bag.read_text() == "mine"
 
 
@@ -30,7 +30,7 @@ def test_run_graph_takes_an_earlier_runs_bags_for_its_own(tmp_path: Path) -> Non
     (tmp_path / "results.json").write_text("[]")
     refuse_others_logs(tmp_path, (LOGS, SIMULATED))
     (tmp_path / "simulated/another").mkdir(parents=True)
-    with pytest.raises(InputError, match="simulated: holds logs that this stage did not write"):
+    with pytest.raises(InputError, match="simulated: holds logs that a finished run did not write"):
         refuse_others_logs(tmp_path, (LOGS, SIMULATED))
 
 

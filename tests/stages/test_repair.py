@@ -12,11 +12,13 @@ from mlflow import MlflowClient
 from pipeline.configuration.load import load_machine
 from pipeline.control.apg.network import initial_layers
 from pipeline.control.policy import Policy, load_policy, save_policy
+from pipeline.control.repair.files import read_repair
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.model.store import save_model
 from pipeline.effects.effect import Setting
 from pipeline.effects.gain import Gain
 from pipeline.effects.store import ActiveEffects, dynamics_fingerprint, save_effects
+from pipeline.errors import InputError
 from tests.stages.command import run_stage
 
 MACHINE = load_machine("bobcat_e10")
@@ -88,17 +90,31 @@ def test_a_repair_holds_both_policies_and_what_tells_them_apart(folder: Path, re
         (["model=before"], "before: has no effects around it; name the model_after that close_loop wrote"),
         (["policy=other"], "other: observes 5 values, after/effects.json stands around a model of "),
         (["policy=nowhere"], "nowhere/"),
+        (["policy=foreign"], "foreign: is of machine mine, not of bobcat_e10; name a policy of this one"),
         (["policy_repair.margin=0"], "policy_repair.margin is 0.0; it must be positive"),
     ],
 )
 def test_mistakes_are_told_in_one_line(folder: Path, overrides: list[str], line: str) -> None:
     layers = initial_layers(jax.random.key(0), 5, [16], N)
     save_policy(folder / "other", Policy(np.zeros(5), np.ones(5), layers), {})
+    save_policy(folder / "foreign", load_policy(folder / "deployed")[0], {"machine": "mine"})
     command = ["policy=deployed", "model=after", "output=wrong", "profile=smoke", *overrides]
     done = run_stage("repair", *command, folder=folder)
     assert done.returncode == 2
     (told,) = done.stderr.strip().splitlines()
     assert line in told
+
+
+@pytest.mark.parametrize(
+    "lost", ["margin", "machine", "promotable", "reason", "on_machine", "on_model", "policies"]
+)
+def test_a_repair_that_lacks_something_is_told_in_one_line(repaired: Path, tmp_path: Path, lost: str) -> None:
+    shutil.copytree(repaired, tmp_path / "out")
+    document = json.loads((tmp_path / "out/repair.json").read_text())
+    del document[lost]
+    (tmp_path / "out/repair.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=f"repair.json: not readable as a repair .*{lost}"):
+        read_repair(tmp_path / "out")
 
 
 def test_only_what_may_be_promoted_becomes_champion_and_one_command_takes_it_back(
@@ -149,8 +165,14 @@ def test_both_policies_pursue_the_same_targets_on_the_machine_and_logs_of_it_say
     shutil.copytree(repaired, tmp_path / "out")
     common = ["repair=out", f"model={folder / 'after'}", "profile=smoke", "episodes.steps=40"]
     delays = f"deployment.delays={DELAYS}"
-    done = run_stage("prove", *common, delays, "targets=3", "session_targets=2", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = run_stage("prove", *common, delays, "output=out", folder=tmp_path)  # where the policies are
+    assert done.returncode == 2 and "out/former: holds logs that prove did not write" in done.stderr
+    done = run_stage("prove", *common, f"model={folder / 'before'}", delays, folder=tmp_path)
+    assert done.returncode == 2 and "out/policy: was not learned on" in done.stderr
+    for targets in (1, 3):  # bags of an earlier proof give way
+        sizes = f"targets={targets}", "session_targets=2"
+        done = run_stage("prove", *common, delays, *sizes, folder=tmp_path)
+        assert done.returncode == 0, done.stderr
     document = json.loads((tmp_path / "out/repair.json").read_text())
     on_machine = document["on_machine"]
     assert on_machine["n_targets"] == 3 and not document["promotable"]  # three prove nothing

@@ -108,8 +108,27 @@ def test_logs_that_teach_nothing_are_one_line(tmp_path: Path) -> None:
     (tmp_path / "sessions").mkdir()
     with pytest.raises(InputError, match=r"^nominal=.*nominal: identify: "):
         look(paths(tmp_path), settings())
+    with pytest.raises(
+        InputError, match=r"^.*no_model/meta.json: "
+    ):  # told before nominal logs are learned from
+        look(replace(paths(tmp_path), model=tmp_path / "no_model"), settings())
+    (tmp_path / "sessions").rmdir()
+    with pytest.raises(InputError, match=r"^.*sessions: no such folder"):
+        look(paths(tmp_path), settings())
     with pytest.raises(InputError, match="not a time; write now, or "):
         stamp_of("yesterday")
+
+
+def test_an_alarm_is_written_whatever_comes_of_its_cause(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def cannot(*_: object) -> None:
+        raise InputError("nominal logs show the effects already")
+
+    monkeypatch.setattr(look_module, "cause_of", cannot)
+    for day in range(11, 15):
+        write_session(root / "sessions", day, slower=0.7)
+    with pytest.raises(InputError, match="show the effects already"):
+        look(paths(root), settings())
+    assert said(root)["state"] == "changed"
 
 
 @pytest.mark.long

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from pipeline.control.policy import META_FILE, POLICY_FILE, Policy, load_policy
+from pipeline.control.policy import META_FILE, POLICY_FILE, Policy, load_policy, load_policy_of
 from pipeline.control.repair.comparison import Comparison
 from pipeline.control.repair.repair import Repaired
 from pipeline.errors import InputError
@@ -14,6 +14,8 @@ from pipeline.files.atomic import write_json
 
 DOCUMENT, FORMER, NEW = "repair.json", "former", "policy"
 ON_MODEL, ON_MACHINE = "on_model", "on_machine"  # what trials there say; null before them
+DECIDED = {"promotable", "reason"}
+WRITTEN = {*DECIDED, "margin", "machine", ON_MACHINE}
 
 
 def write_repair(folder: Path, repaired: Repaired, policy: Path, margin: float) -> dict[str, Any]:
@@ -85,6 +87,9 @@ def read_repair(folder: Path) -> dict[str, Any]:
             )
         policies = document["policies"]
         changed = [name for name in (FORMER, NEW) if policies[name] != _digest(folder / name)]
+        for part, keys in ((document, WRITTEN), (document[ON_MODEL], DECIDED)):
+            if missing := keys - set(part):
+                raise ValueError(f"no {', '.join(sorted(missing))}")
     except FileNotFoundError as error:
         raise InputError(f"{error.filename}: no such file; name a folder that repair wrote") from None
     except (ValueError, KeyError, TypeError) as error:
@@ -94,14 +99,14 @@ def read_repair(folder: Path) -> dict[str, Any]:
     return document
 
 
-def read_policies(folder: Path) -> dict[str, Policy]:
-    """The former policy and the new one, by the names of their folders.
+def read_policies(folder: Path, model: Path) -> dict[str, Policy]:
+    """The former policy and the new one, which was learned on `model`, by the names of their folders.
 
     Raises:
-        InputError: See `read_repair` and `load_policy`.
+        InputError: See `read_repair` and `load_policy_of`.
     """
     read_repair(folder)
-    return {name: load_policy(folder / name)[0] for name in (FORMER, NEW)}
+    return {FORMER: load_policy(folder / FORMER)[0], NEW: load_policy_of(folder / NEW, model)}
 
 
 def _digest(folder: Path) -> str:
