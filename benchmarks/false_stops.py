@@ -111,8 +111,8 @@ class Listener:
         uniform = np.random.default_rng(seed).random(len(sent_ns))
         delay_s = np.interp(uniform, np.linspace(0.0, 1.0, len(self._quantiles_s)), self._quantiles_s)
         heard_ns = np.maximum.accumulate(sent_ns + np.round(delay_s * 1e9).astype(np.int64))
-        is_first = np.diff(sent_ns, prepend=-nanoseconds(PAUSE_S[0])) >= nanoseconds(PAUSE_S[0])
-        begins = [*sent_ns[is_first], np.inf]
+        pause_ns = nanoseconds(PAUSE_S[0])
+        begins = [*sent_ns[np.diff(sent_ns, prepend=-pause_ns) >= pause_ns] - pause_ns // 2, np.inf]
         for begin, end in pairwise(begins):
             command = (sent_ns >= begin) & (sent_ns < end)
             state = (states_ns >= begin) & (states_ns < end)

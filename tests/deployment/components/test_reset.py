@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
-from pipeline.deployment.component import Component, Publication, nanoseconds
+from pipeline.deployment.component import Component, Output, Publication, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.supervision.control_supervisor import supervise
 from pipeline.deployment.components.teleoperation_server import TeleoperationServer
@@ -37,7 +37,7 @@ CONFIG = dataclasses.replace(
         PAPER.supervisor, rules=["command_value"], neutral_s=NEUTRAL_TICKS * TICK_S, period_s=TICK_S
     ),
     interface=dataclasses.replace(
-        PAPER.interface, supervised=True, maximum_supervisor_silence_s=1.5 * TICK_S
+        PAPER.interface, supervised=True, maximum_supervisor_silence_s=2.5 * TICK_S
     ),
 )
 # A violation, the acknowledgement of the stop, sticks, another server's command, a tick; the acknowledgement of a
@@ -45,10 +45,21 @@ CONFIG = dataclasses.replace(
 EVENTS = ("violation", "acknowledge", "deflect", "let_go", "command", "tick", "old", "restart")
 
 
-class Graph:
-    """Supervisor, interface and teleoperation without delays, and what the requirement says of each moment."""
+LATCHED = (
+    Topic.emergency_stop,
+    Topic.release,
+    Topic.supervisor_state,
+)  # topics keep no order among each other
 
-    def __init__(self) -> None:
+
+class Graph:
+    """Supervisor, interface and teleoperation without delays, and what the requirement says of each moment.
+
+    Messages of topics that are `late` arrive after all others of the next event.
+    """
+
+    def __init__(self, late: Sequence[Topic] = ()) -> None:
+        self.late, self.held = late, deque[Publication]()
         self.teleoperation = TeleoperationServer(MACHINE, CONFIG.teleoperation)
         self.interface = ControlInterface(MACHINE, CONFIG.interface)
         self.supervisor = supervise(MACHINE, CONFIG, MACHINE_DIRECTORY)
@@ -66,6 +77,7 @@ class Graph:
     def happen(self, event: str) -> None:
         self.now_ns += 1
         self.moved.clear()
+        held, self.held = self.held, deque()
         if event in ("violation", "command"):
             self.sequence += 1
             values = np.array([2.0 if event == "violation" else 1.0, 0, 0, 0], np.float32)
@@ -87,6 +99,7 @@ class Graph:
             self.is_acknowledged = False
         else:
             self._tick()
+        self._deliver(held)
 
     def _require(self, stops: bool) -> None:
         self.neutral_ticks = 0
@@ -109,22 +122,29 @@ class Graph:
         self._send(Publication(Topic.joystick, Joystick(self.now_ns, axes)))
 
     def _send(self, *outputs: Publication) -> None:
-        queue = deque(outputs)
+        self._deliver(self._at_once(outputs))
+
+    def _at_once(self, outputs: Sequence[Output]) -> deque[Publication]:
+        """What arrives at once; the operator knows of every stop."""
+        stops = [o.message.stamp_ns for o in outputs if o.topic is Topic.emergency_stop]
+        self.stops += [stop_ns for stop_ns in stops if stop_ns > self.stops[-1]]
+        self.held += [output for output in outputs if output.topic in self.late]
+        return deque(output for output in outputs if output.topic not in self.late)
+
+    def _deliver(self, queue: deque[Publication]) -> None:
         while queue:
             topic, message = queue.popleft()
-            if isinstance(message, EmergencyStop):
-                self.stops += [message.stamp_ns] if message.stamp_ns > self.stops[-1] else []
             if isinstance(message, MachineCommand) and np.any(message.values):
                 self.moved.append(message.values)
             for component in self.components:
                 if topic in component.subscriptions:
-                    queue += component.on_message(topic, message, self.now_ns)
+                    queue += self._at_once(component.on_message(topic, message, self.now_ns))
 
 
-def explore(length: int) -> Iterator[tuple[tuple[str, ...], Graph]]:
+def explore(length: int, late: Sequence[Topic]) -> Iterator[tuple[tuple[str, ...], Graph]]:
     """Graphs after each order of so many events, a stop before them; the requirement is checked at every event."""
     for events in itertools.product(EVENTS, repeat=length):
-        graph = Graph()
+        graph = Graph(late)
         graph.happen("violation")
         assert graph.interface.is_muted
         for event in events:
@@ -138,9 +158,12 @@ def explore(length: int) -> Iterator[tuple[tuple[str, ...], Graph]]:
         yield events, graph
 
 
+@pytest.mark.parametrize("late", [late for n in range(4) for late in itertools.combinations(LATCHED, n)])
 @pytest.mark.parametrize("length", [4, pytest.param(6, marks=pytest.mark.long)])
-def test_no_order_of_events_moves_the_machine_before_the_sticks_were_neutral(length: int) -> None:
-    released = {events for events, graph in explore(length) if not graph.interface.is_muted}
+def test_no_order_of_events_moves_the_machine_before_the_sticks_were_neutral(
+    length: int, late: Sequence[Topic]
+) -> None:
+    released = {events for events, graph in explore(length, late) if not graph.interface.is_muted}
     assert ("acknowledge", *["tick"] * (length - 1)) in released
     assert all("acknowledge" in events and events.count("tick") >= NEUTRAL_TICKS for events in released)
 
@@ -166,6 +189,31 @@ def test_a_repeated_reset_repeats_a_lost_release() -> None:
     assert graph.supervisor.stop is None and graph.interface.is_muted
     graph.happen("acknowledge")
     assert not graph.interface.is_muted
+
+
+def test_conditions_tell_what_is_waited_for() -> None:
+    fresh, graph = ControlInterface(MACHINE, CONFIG.interface), Graph()
+    silence, last, rule = "supervisor's silence, s", "last stop", "rule command_value"
+    assert fresh.condition(0) == (
+        Level.warning,
+        "waits for the supervisor",
+        {silence: "none heard", last: "none"},
+    )
+    later_ns = graph.now_ns + nanoseconds(0.02)
+    values = {silence: "0.020", last: "none"}
+    assert graph.interface.condition(later_ns) == (Level.ok, "passes commands on", values)
+    values = {rule: "no objection", last: "none"}
+    assert graph.supervisor.condition(later_ns) == (Level.ok, "no objection", values)
+    graph.happen("violation")
+    detail = "command [2.0, 0.0, 0.0, 0.0] of server"
+    text, values = (
+        f"stopped by command_value: {detail}",
+        {rule: f"stopped: {detail}", last: f"command_value: {detail}"},
+    )
+    assert graph.supervisor.condition(later_ns) == (Level.error, text, values)
+    graph.happen("acknowledge")
+    waits = f"acknowledged, waits for neutral sticks; {text}"
+    assert graph.supervisor.condition(later_ns) == (Level.error, waits, values)
 
 
 STOP, RELEASE_S = EmergencyStop(nanoseconds(1.0), "invalid_command", ""), 2.0

@@ -164,8 +164,9 @@ class ControlSupervisor(Component):
         return ()
 
     def _stop(self, stop: EmergencyStop) -> None:
+        known = self._latch.closings
         self._latch.hear(stop)
-        if self._latch.last is stop:  # not an old one
+        if self._latch.closings > known:  # it may be its own, or a former one, that comes late
             self._neutral_since_ns = None
 
 
