@@ -42,11 +42,8 @@ def main(configuration: ProveStage, run: StageRun) -> None:
     if configuration.allow_empty and (why := nothing_to_drive(folder, *own)) is not None:
         print(f"prove: nothing is driven: {why}")
         return
-    policies, former, new = (
-        read_policies(folder, Path(configuration.model)),
-        configuration.former,
-        configuration.new,
-    )
+    policies = read_policies(folder, Path(configuration.model))
+    former, new = configuration.former, configuration.new
     if former is None or new is None:
         settings = settings_of(GraphSettings, configuration)
         with progress_bar("prove", total=2 * configuration.targets, unit="target") as bar:
