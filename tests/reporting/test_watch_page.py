@@ -55,7 +55,7 @@ def test_changed_machines_come_first_with_what_changed(tmp_path: Path) -> None:
 
 def test_a_limit_ahead_is_told_of_what_grows(tmp_path: Path) -> None:
     page = page_of(tmp_path, {"growing": document(10, growth=0.008)})
-    told = re.search(r"It reaches 0\.3 in (\d+) to (\d+) sessions", page)
+    told = re.search(r"It reaches 0\.3 s in (\d+) to (\d+) sessions", page)
     assert told is not None
     ahead = 0.3 / 0.008 - 20  # by how the sessions were drawn
     assert int(told[1]) <= np.ceil(ahead) <= int(told[2])

@@ -48,6 +48,7 @@ def course_figure(finding: dict[str, Any]) -> bytes:
             axes.plot(index, line, "--", color=SERIES[1])
         unit = "" if size["unit"] == "1" else f" [{size['unit']}]"
         name = size["statistic"].replace("_", " ")
+        axes.locator_params(axis="x", integer=True)
         axes.set(xlabel="session since the change", ylabel=f"{size['joint']}: {name}{unit}")
         return to_svg(figure)
 

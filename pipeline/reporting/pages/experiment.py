@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pipeline.discrepancy.experiment.plan import FILE, Plan, Step, read_plan
+from pipeline.errors import counted
 from pipeline.files.atomic import write_whole
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.page import KeyFigure, Points, Section, render_page
@@ -28,7 +29,7 @@ def write(folder: Path, machine: MachineSpecification) -> None:
     sections = [
         Section(
             "What to do",
-            f"Play these {len(round_of)} steps {times} times, without a break in the recording.",
+            f"Play these {len(round_of)} steps {counted(times, 'time')}, without a break in the recording.",
             tables=[_steps(round_of, units)],
             points=[Points("Before it begins", list(_before(plan, units)))],
         ),
@@ -77,9 +78,9 @@ def _steps(steps: Sequence[Step], units: dict[str, str]) -> Table:
             held = " and ".join(f"{name} {value:+g}" for name, value in step.command.items())
             told, seconds = f"Hold {held}", f"{step.seconds:.2f}"
         else:
-            told, seconds = "Hold nothing", f"{step.seconds:.2f}"
+            told, seconds = "No command", f"{step.seconds:.2f}"
         rows.append([str(number), told, seconds])
-    return Table("Steps", ["step", "what", "s"], rows)
+    return Table("Steps", ["step", "what", "for [s]"], rows)
 
 
 def _place(goal: Iterable, units: dict[str, str]) -> str:

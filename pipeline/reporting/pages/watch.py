@@ -106,5 +106,6 @@ def _sentence(finding: dict[str, Any]) -> str:
     text += "." if finding["until"] is None else f"; gone since {finding['until']}."
     if trend is not None and trend["reaches_limit_in_sessions"] is not None:
         fewest, most = trend["reaches_limit_in_sessions"]
-        text += f" It reaches {trend['limit']:g} in {fewest} to {most} sessions."
+        limit = f"{trend['limit']:g} {finding['size']['unit']}".removesuffix(" 1")
+        text += f" It reaches {limit} in {fewest} to {most} sessions."
     return text
