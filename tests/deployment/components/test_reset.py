@@ -191,31 +191,6 @@ def test_a_repeated_reset_repeats_a_lost_release() -> None:
     assert not graph.interface.is_muted
 
 
-def test_conditions_tell_what_is_waited_for() -> None:
-    fresh, graph = ControlInterface(MACHINE, CONFIG.interface), Graph()
-    silence, last, rule = "supervisor's silence, s", "last stop", "rule command_value"
-    assert fresh.condition(0) == (
-        Level.warning,
-        "waits for the supervisor",
-        {silence: "none heard", last: "none"},
-    )
-    later_ns = graph.now_ns + nanoseconds(0.02)
-    values = {silence: "0.020", last: "none"}
-    assert graph.interface.condition(later_ns) == (Level.ok, "passes commands on", values)
-    values = {rule: "no objection", last: "none"}
-    assert graph.supervisor.condition(later_ns) == (Level.ok, "no objection", values)
-    graph.happen("violation")
-    detail = "command [2.0, 0.0, 0.0, 0.0] of server"
-    text, values = (
-        f"stopped by command_value: {detail}",
-        {rule: f"stopped: {detail}", last: f"command_value: {detail}"},
-    )
-    assert graph.supervisor.condition(later_ns) == (Level.error, text, values)
-    graph.happen("acknowledge")
-    waits = f"acknowledged, waits for neutral sticks; {text}"
-    assert graph.supervisor.condition(later_ns) == (Level.error, waits, values)
-
-
 STOP, RELEASE_S = EmergencyStop(nanoseconds(1.0), "invalid_command", ""), 2.0
 AT_RELEASE = (
     (Topic.supervisor_state, SupervisorState(nanoseconds(RELEASE_S - TICK_S), STOP.rule, STOP.stamp_ns)),
@@ -273,6 +248,6 @@ def test_a_stop_that_the_supervisor_never_heard_of_is_repeated_but_not_at_every_
     for at_s in signs_s:
         sign = SupervisorState(nanoseconds(at_s), "")
         outputs = interface.on_message(Topic.supervisor_state, sign, nanoseconds(at_s))
-        assert all(output.message == stop for output in outputs)
+        assert all(output == Publication(Topic.emergency_stop, stop) for output in outputs)
         said += [at_s] * len(outputs)
     np.testing.assert_allclose(np.diff([1.0, *said]), 1.1 * silence_s)
