@@ -8,10 +8,11 @@ from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import Publication, nanoseconds
 from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.components.stop_latch import StopLatch
-from pipeline.deployment.components.supervision.control_supervisor import supervise
+from pipeline.deployment.components.supervision.control_supervisor import ControlSupervisor, supervise
 from pipeline.deployment.messages import (
     EmergencyStop,
     JointCommand,
+    JointState,
     Level,
     MachineCommand,
     Release,
@@ -21,6 +22,7 @@ from pipeline.deployment.messages import (
 from tests.deployment.components.test_reset import CONFIG, MACHINE, Graph
 
 SILENCE, LAST, RULE = "supervisor's silence, s", "last stop", "rule command_value"
+OLD = "joint state is 0.100 s old"
 DETAIL = "command [2.0, 0.0, 0.0, 0.0] of server"
 
 
@@ -44,6 +46,7 @@ def test_a_latch_knows_the_latest_stop_and_release_in_any_order() -> None:
 
 def test_an_interface_learns_of_a_lost_stop_from_the_sign_of_life() -> None:
     interface = ControlInterface(MACHINE, CONFIG.interface)
+    assert interface.period_ns == nanoseconds(CONFIG.interface.period_s)
     interface.on_message(Topic.supervisor_state, SupervisorState(10, ""), 11)
     command = JointCommand(12, "server", 1, 12, np.ones(4, np.float32))
     (forwarded,) = interface.on_message(Topic.requested_commands, command, 12)
@@ -92,10 +95,30 @@ def test_a_rule_that_only_warns_is_told_and_stops_nothing() -> None:
     assert sign == Publication(Topic.supervisor_state, SupervisorState(3, "", 0))
 
 
-def test_a_stop_at_a_tick_is_stamped_with_it() -> None:
-    rules = dataclasses.replace(CONFIG.supervisor, rules=["command_frequency"])
-    supervisor = supervise(MACHINE, dataclasses.replace(CONFIG, supervisor=rules), MACHINE_DIRECTORY)
+def supervisor_of(rule: str) -> ControlSupervisor:
+    rules = dataclasses.replace(CONFIG.supervisor, rules=[rule])
+    return supervise(MACHINE, dataclasses.replace(CONFIG, supervisor=rules), MACHINE_DIRECTORY)
+
+
+def test_a_stop_is_stamped_with_the_moment_of_its_reason() -> None:
+    supervisor = supervisor_of("command_frequency")
+    assert supervisor.period_ns == nanoseconds(CONFIG.supervisor.period_s)
     supervisor.on_message(Topic.requested_commands, JointCommand(1, "server", 1, 1, np.zeros(4)), 1)
     now_ns = 2 + nanoseconds(CONFIG.supervisor.maximum_command_gap_s)
-    stop, sign = (output.message for output in supervisor.on_timer(now_ns))
-    assert stop.stamp_ns == now_ns and sign == SupervisorState(now_ns, "command_frequency", now_ns)
+    stop, sign = supervisor.on_timer(now_ns)
+    assert stop.topic is Topic.emergency_stop and stop.message.stamp_ns == now_ns
+    assert sign.message == SupervisorState(now_ns, "command_frequency", now_ns)
+
+    state = JointState(1, np.zeros(4), np.zeros(4))
+    now_ns = 2 + nanoseconds(CONFIG.supervisor.maximum_state_delay_s)
+    (stop,) = supervisor_of("state_frequency").on_message(Topic.joint_states, state, now_ns)
+    assert stop == Publication(Topic.emergency_stop, EmergencyStop(now_ns, "state_frequency", OLD))
+
+
+def test_a_command_makes_the_neutral_time_begin_anew() -> None:
+    graph = Graph()
+    for event in ("violation", "acknowledge", "tick", "command", "tick"):
+        graph.happen(event)
+    assert graph.interface.is_muted
+    graph.happen("tick")
+    assert not graph.interface.is_muted
