@@ -16,7 +16,7 @@ from tests.deployment.machines import MIDDLE, bobcat, paper
 
 DRIVER = paper().driver
 FRAMES = CanFrames(bobcat(), MACHINE_DIRECTORY)
-CYCLES_PER_PERIOD = 3
+CYCLES_PER_PERIOD = 4
 COMMAND = np.array([1.0, 0.0, -1.0, 0.0])
 RESOLUTION = np.pi / 65536
 
@@ -73,7 +73,7 @@ def test_the_machine_moves_once_a_period_by_the_newest_command_and_is_read(
         plc.on_timer(n * cycle_ns)
         n_readings.append(readings(host))
     moves = [number for number, found in enumerate(n_readings) if found]
-    assert moves == [0, 3, 6, 9]  # the first one is read as it stands
+    assert moves == [0, 4, 8, 12]  # the first one is read as it stands
     np.testing.assert_array_equal(machine.commands, [COMMAND] * 3)
     first = [found[0] for found in n_readings if found]
     np.testing.assert_allclose(first, [0.0, 0.01, 0.02, 0.03], atol=RESOLUTION)
@@ -109,3 +109,20 @@ def test_frames_that_a_late_tick_finds_together_are_one_reading(bus: tuple[can.B
         (other.identifier, 5),
     ]
     np.testing.assert_allclose(FRAMES.read_encoders(told[0]), MIDDLE + 0.01, atol=RESOLUTION)
+
+
+def test_a_command_is_in_force_until_its_time_out_is_over(bus: tuple[can.BusABC, can.BusABC]) -> None:
+    host, far = bus
+    plc, hour_ns = ProgrammableController(far, FRAMES, Counted(1), 4, DRIVER), round(3600e9)
+    timeout_ns = round(1e9 * DRIVER.command_timeout_s)
+    send(host, FRAMES.command(COMMAND, 0, 0))
+    for now_ns in (hour_ns, hour_ns + timeout_ns):
+        plc.on_timer(now_ns)
+        values = {"outputs": str(COMMAND.tolist())}
+        assert plc.condition(now_ns) == (Level.ok, "follows command frames", values)
+    plc.on_timer(hour_ns + timeout_ns + 1)
+    zero = {"outputs": str((0 * np.abs(COMMAND)).tolist())}
+    assert plc.condition(hour_ns) == (Level.ok, "follows command frames", zero)
+    send(host, FRAMES.emergency(0))
+    plc.on_timer(2 * hour_ns)
+    assert plc.condition(2 * hour_ns) == (Level.error, "stopped by an emergency frame", zero)
