@@ -342,3 +342,28 @@ def test_a_reading_after_one_that_is_no_number_has_not_jumped() -> None:
 def test_messages_to_others_are_none_of_the_supervisor_s() -> None:
     supervisor = supervise(bobcat(), supervised(), MACHINE_DIRECTORY)
     assert supervisor.on_message(Topic.release, Release(7, 6), 7) == ()
+
+
+def test_objections_tell_times_in_seconds() -> None:
+    config, zero = supervised().supervisor, np.zeros(4)
+    at_ns = [nanoseconds(second) for second in (2.0, 2.2, 1.9)]
+    commands, states = CommandFrequency(config), StateFrequency(config)
+    assert commands.on_command(JointCommand(at_ns[0], "server", 1, 0, zero), at_ns[0]) is None
+    assert commands.on_tick(at_ns[1]) == "no command of server for 0.200 s"
+    commands.on_command(JointCommand(at_ns[1], "server", 2, 0, zero, is_last=True), at_ns[1])
+    assert commands.on_tick(2 * at_ns[1]) is None  # after its last command a server may be silent
+    assert states.on_state(JointState(at_ns[0], zero, zero), at_ns[0]) is None
+    assert states.on_tick(at_ns[1]) == "no joint state for 0.200 s"
+    for before_s in (0.1, 0.0):
+        said = states.on_state(JointState(at_ns[2], zero, zero), at_ns[1])
+        assert said == f"joint state of {before_s:.3f} s before the last one"
+    encoder = EncoderReading(bobcat(), config)
+    assert (
+        encoder.on_state(JointState(0, np.full(4, np.nan), zero), 0) == "an encoder's reading is not finite"
+    )
+    frozen = FrozenEncoder(bobcat(), config)
+    frozen.on_command(JointCommand(0, "server", 1, 0, np.array([0.0, 1.0, 0.0, 0.0])), at_ns[0])
+    for now_ns in (at_ns[0], 2 * at_ns[0]):
+        frozen.on_state(JointState(0, MIDDLE, zero), now_ns)
+    joint = bobcat().joint_names[1]
+    assert frozen.on_tick(2 * at_ns[0]) == f"encoder of {joint} has not changed for 2.00 s of commands"
