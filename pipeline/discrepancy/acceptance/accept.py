@@ -4,20 +4,23 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
-from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects, grouped, refitted
+from pipeline.discrepancy.acceptance.fitted_effects import MISFIT_PARTS, FittedEffects, grouped, refitted
 from pipeline.discrepancy.acceptance.parameters import parameters_of
-from pipeline.discrepancy.acceptance.size_of_an_effect import SIZES, why_it_is_none
+from pipeline.discrepancy.acceptance.size_of_an_effect import (
+    share_on_nominal,
+    why_it_is_misfit,
+    why_it_is_no_supply,
+)
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
+from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.explanations import Explanation
 from pipeline.discrepancy.posterior.power import Visible
 from pipeline.discrepancy.selection.candidate import Key
+from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.select import Selection
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
-from pipeline.effects.draws import OF_95_PERCENT
-
-FEWEST_OF_ALL = 3  # joints
 
 
 @dataclass(frozen=True)
@@ -80,15 +83,25 @@ def beyond_misfit(fit: FittedEffects, log: Callable[[str], None]) -> FittedEffec
         fit: Effects that confirmation rows bear out.
         log: Called with a sentence per effect that is dropped.
     """
-    diagnosis, small = fit.diagnosis, []
-    for effect in (e for e in fit.effects if e.family in SIZES and not e.is_known):
-        # The misfit of more joints at once than before has shown on one or two joints, not on all of them.
-        is_of_all = len(effect.joints) >= FEWEST_OF_ALL and set(effect.joints) >= set(diagnosis.excited)
-        smallest = OF_95_PERCENT if is_of_all else diagnosis.logs.config.gate.smallest_size
-        why = why_it_is_none(effect.family, parameters_of(fit, effect), smallest, effect.joints)
+    small = []
+    for effect in (e for e in fit.effects if not e.is_known):
+        why = _why_it_is_none(fit, effect)
         if why is not None:
             small.append(effect)
             log(f"{effect.family} is dropped: {why}.")
     if not small:
         return fit
-    return refitted(diagnosis, [member for e in fit.effects if e not in small for member in e.members])
+    return refitted(fit.diagnosis, [member for e in fit.effects if e not in small for member in e.members])
+
+
+def _why_it_is_none(fit: FittedEffects, effect: MachineEffect) -> str | None:
+    if effect.family == SUPPLY:
+        return why_it_is_no_supply(parameters_of(fit, effect)["correlation_time"], len(effect.joints))
+    nominal, logs = fit.diagnosis.nominal, fit.diagnosis.logs
+    if effect.family in nominal.present or logs.is_of_one_machine:
+        return None  # the nominal logs are with it
+    # Of what has no equation nothing can be put on nominal logs; of what stops showed, they say nothing.
+    members = [m for m in effect.members if has_wrapper(m.candidate) and m.candidate.deviation is None]
+    if not members:
+        return None
+    return why_it_is_misfit(share_on_nominal(nominal.simulation, nominal.rows, members, MISFIT_PARTS))

@@ -27,8 +27,6 @@ class GateConfig:
             scatter.
         worse_margin: Relative rise of a joint's open-loop error that still counts as none, as does one that
             blocks do not bear out.
-        smallest_size: Of what joints take from each other's flow, in standard deviations, of which the diagnosis
-            model's misfit is most; where every joint that moves enough bears it out, its 95 % interval is asked.
         resamples: Of the bootstrap.
         model_error: Share of a parameter by which the idealised effect may differ from the real one; widens intervals.
         smallest_excitation_s: Time in motion that a joint has to have in the logs for a verdict on it.
@@ -42,7 +40,6 @@ class GateConfig:
     largest_rank_p: float
     largest_disagreement: float
     worse_margin: float
-    smallest_size: float
     resamples: int
     model_error: float
     smallest_excitation_s: float

@@ -1,65 +1,62 @@
-"""Sizes that are none: what the interval of an effect's size, misfit included, cannot tell from no effect at all.
+"""Sizes that are none: what the nominal logs show as well, though no effect is there.
 
 A small change that many rows show is beyond chance, and beyond every placebo, where it is but the model's own misfit.
 Of a supply it is not its size that tells, but on how many joints and for how long its change of speed is the same.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from pipeline.discrepancy.families.plausibility import BACKLASH, DELAY, FLOW_COUPLING, LAG, LEAKAGE, STICTION
-from pipeline.discrepancy.families.shared_flow import LOSS
-from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
+import numpy as np
+
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
+from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.supply_variation import SHORTEST_S
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 from pipeline.effects.draws import OF_95_PERCENT
 
-WITHIN = "within what the diagnosis model is off by on nominal logs"
-# By the first that is there: of a stiction told by when joints start, the wrapper's own value stands beside; of a lag
-# the wrapper's own is as wide as the logs leave it, and not also as wide as what it means for a valve.
-SIZES = {
-    BACKLASH: ("width",),
-    DELAY: ("added_delay",),
-    LAG: ("added_time_constant_starting", "added_time_constant"),
-    LEAKAGE: ("sag_rate",),
-    STICTION: ("mean_extra_time_of_command", "mean_extra_time"),
-    FLOW_COUPLING: (LOSS,),
-    SUPPLY: ("correlation_time",),
-}
 
+def share_on_nominal(
+    simulation: Simulation, rows: ScoredRows, members: Sequence[SelectedEffect], n_parts: int
+) -> float:
+    """Share of an effect's size that nominal logs ask for, by least squares; root mean square over their parts.
 
-def why_it_is_none(
-    family: str, parameters: Mapping[str, Any], smallest_deviations: float, joints: Sequence[int]
-) -> str | None:
-    """Why it may be but what the diagnosis model is off by on nominal logs, in a clause; None: it is beyond that.
-
-    What joints take from each other's flow has to be some standard deviations: with more joints at once than nominal
-    logs show, what the diagnosis model makes of them beats every placebo. A supply changes the speed of every joint,
-    and for longer than the model is off alike where joints start and stop together.
+    It would be zero, were the diagnosis model right: the logs are without the effect. Where it is not, measured logs
+    that visit the same places more often show more of the same misfit, but none of another size.
 
     Args:
-        family: Of the effect, one of `SIZES`.
-        parameters: As in `closed_loop.json`.
-        smallest_deviations: Of a shared flow's loss.
-        joints: That have it.
+        simulation: On nominal logs, by members that did not see them.
+        rows: Of the nominal logs.
+        members: The effect, joint by joint, with the values that measured logs gave it.
+        n_parts: Into how many parts of equal length the nominal logs are cut.
     """
-    name = next(name for name in SIZES[family] if name in parameters)
-    if family == SUPPLY:
-        if len(joints) < 2:
-            return "all joints have a supply in common, and one alone shows this"
-        time = parameters[name]
-        if time["value"] >= SHORTEST_S:
-            return None
-        return (
-            f"a {name} of {time['value']:.2g} {time['unit']} is that of joints which start and stop together"
-        )
-    if family == FLOW_COUPLING:
-        loss = parameters[LOSS]
-        deviation = (loss["ci95"][1] - loss["value"]) / OF_95_PERCENT
-        if loss["value"] >= smallest_deviations * deviation:
-            return None
-        return f"a loss of {loss['value']:.0%} ± {deviation:.0%} is {WITHIN}"
-    lower, upper = parameters[name]["ci95"]
-    if not lower <= 0.0 <= upper:
+    everywhere = [replace(member, candidate=replace(member.candidate, onset=None)) for member in members]
+    residual = residual_of(simulation, rows, [])
+    change = residual - residual_of(simulation, rows, everywhere)
+    # Curvature of all rows, not of the part: a part that hardly shows the effect says little, not anything.
+    squares = np.sum(change**2 / rows.floor) / n_parts
+    part = np.arange(len(residual)) * n_parts // max(len(residual), 1)
+    asked = np.bincount(part, np.sum(change * residual / rows.floor, axis=1), n_parts)
+    return float(np.sqrt(np.mean((asked / max(squares, 1e-12)) ** 2)))
+
+
+def why_it_is_misfit(share: float) -> str | None:
+    """A clause where an effect's size is within 95 % of what nominal logs ask for; None: it is beyond that."""
+    if OF_95_PERCENT * share < 1.0:
         return None
-    told = f"{parameters[name]['value']:.2g} ({lower:.2g} to {upper:.2g}) {parameters[name]['unit']}"
-    return f"{name} of {told} is {WITHIN}"
+    return f"nominal logs, which are without it, ask for {share:.0%} of its size"
+
+
+def why_it_is_no_supply(correlation_time: Mapping[str, Any], n_joints: int) -> str | None:
+    """A clause where a common change of speed is none; None: it is one.
+
+    A supply changes the speed of every joint, and for longer than the model is off alike where joints start and stop
+    together.
+    """
+    if n_joints < 2:
+        return "all joints have a supply in common, and one alone shows this"
+    if correlation_time["value"] >= SHORTEST_S:
+        return None
+    told = f"{correlation_time['value']:.2g} {correlation_time['unit']}"
+    return f"a correlation_time of {told} is that of joints which start and stop together"

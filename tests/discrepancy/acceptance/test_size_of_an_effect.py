@@ -1,38 +1,50 @@
 """Which sizes are told from none."""
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
 
-from pipeline.discrepancy.acceptance.size_of_an_effect import why_it_is_none
+from pipeline.discrepancy.acceptance import size_of_an_effect as sizes
+from pipeline.discrepancy.selection.selected_effect import SelectedEffect
+from tests.discrepancy.bare_candidate import bare_candidate
 
-OF_COMMAND = "mean_extra_time_of_command"
-
-
-def told(value: float, lower: float, upper: float, unit: str = "s") -> dict:
-    return {"value": value, "unit": unit, "ci95": [lower, upper]}
-
-
-@pytest.mark.parametrize(
-    ("family", "parameters", "is_none"),
-    [
-        ("delay", {"added_delay": told(0.1, 0.05, 0.15)}, False),
-        ("delay", {"added_delay": told(0.02, 0.0, 0.06)}, True),
-        ("lag", {"added_time_constant": told(-0.1, -0.2, -0.01)}, False),
-        ("leakage", {"sag_rate": told(0.01, -0.01, 0.03, "rad/s")}, True),
-        ("stiction", {"mean_extra_time": told(0.1, 0.0, 0.3)}, True),
-        ("stiction", {"mean_extra_time": told(0.1, 0.05, 0.3), OF_COMMAND: told(0.1, 0.0, 0.2)}, True),
-        ("stiction", {"mean_extra_time": told(0.2, 0.0, 0.4), OF_COMMAND: told(0.1, 0.05, 0.2)}, False),
-        ("flow_coupling", {"loss_fraction": told(0.31, 0.31 - 0.196, 0.31 + 0.196, "1")}, False),
-        ("flow_coupling", {"loss_fraction": told(0.29, 0.29 - 0.196, 0.29 + 0.196, "1")}, True),
-    ],
-)
-def test_a_size_whose_interval_holds_none_is_none(family: str, parameters: dict, is_none: bool) -> None:
-    assert (why_it_is_none(family, parameters, 3.0, [0]) is not None) == is_none
+N_ROWS, N_PARTS = 6000, 6
+ROWS: Any = SimpleNamespace(floor=np.array([1.0, 4.0]))
 
 
-@pytest.mark.parametrize(
-    ("time_s", "joints", "is_none"),
-    [(3.0, [0, 1], False), (3.0, [0], True), (0.5, [0, 1, 2, 3], True)],
-)
-def test_a_supply_is_of_several_joints_and_slower_than_they_start(time_s, joints, is_none) -> None:
-    parameters = {"std_log_speed": told(0.1, 0.05, 0.15, "1"), "correlation_time": told(time_s, 0.4, 6.0)}
-    assert (why_it_is_none("supply_variation", parameters, 3.0, joints) is not None) == is_none
+def share(monkeypatch: pytest.MonkeyPatch, of_rows: np.ndarray, noise: float = 0.0) -> float:
+    """Of an effect on both joints, of whose size nominal rows hold `of_rows`, (N,), beside noise."""
+    random = np.random.default_rng(0)
+    change = random.normal(0.0, 1.0, (N_ROWS, 2)) * np.sqrt(ROWS.floor)
+    residual = of_rows[:, None] * change + noise * random.normal(0.0, 1.0, (N_ROWS, 2)) * np.sqrt(ROWS.floor)
+    monkeypatch.setattr(sizes, "residual_of", lambda _, __, found: residual - change if found else residual)
+    simulation: Any = None
+    members = [SelectedEffect(bare_candidate("gain", joint)) for joint in (0, 1)]
+    return sizes.share_on_nominal(simulation, ROWS, members, N_PARTS)
+
+
+def test_nominal_logs_ask_for_the_share_that_they_hold(monkeypatch) -> None:
+    assert share(monkeypatch, np.full(N_ROWS, 0.6)) == pytest.approx(0.6, rel=0.01)
+    assert share(monkeypatch, np.zeros(N_ROWS)) == 0.0
+
+
+def test_shares_of_parts_that_differ_do_not_cancel(monkeypatch) -> None:
+    sign = np.where(np.arange(N_ROWS) < N_ROWS // 2, 0.6, -0.6)
+    assert share(monkeypatch, sign) == pytest.approx(0.6, rel=0.01)
+
+
+def test_noise_alone_asks_for_what_a_fit_of_a_part_scatters_by(monkeypatch) -> None:
+    by_chance = 2.0 / np.sqrt(2 * N_ROWS / N_PARTS)
+    assert share(monkeypatch, np.zeros(N_ROWS), noise=2.0) == pytest.approx(by_chance, rel=0.7)
+
+
+@pytest.mark.parametrize(("of_size", "is_none"), [(0.0, False), (0.5, False), (0.52, True), (1.0, True)])
+def test_a_size_within_what_nominal_logs_ask_for_is_none(of_size: float, is_none: bool) -> None:
+    assert (sizes.why_it_is_misfit(of_size) is not None) == is_none
+
+
+@pytest.mark.parametrize(("time_s", "n_joints", "is_none"), [(3.0, 2, False), (3.0, 1, True), (0.5, 4, True)])
+def test_a_supply_is_of_several_joints_and_slower_than_they_start(time_s, n_joints, is_none) -> None:
+    assert (sizes.why_it_is_no_supply({"value": time_s, "unit": "s"}, n_joints) is not None) == is_none
