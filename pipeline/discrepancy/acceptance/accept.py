@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
-from pipeline.discrepancy.acceptance.fitted_effects import MISFIT_PARTS, FittedEffects, grouped, refitted
+from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects, grouped, refitted
 from pipeline.discrepancy.acceptance.parameters import parameters_of
 from pipeline.discrepancy.acceptance.size_of_an_effect import (
     share_on_nominal,
@@ -104,4 +104,4 @@ def _why_it_is_none(fit: FittedEffects, effect: MachineEffect) -> str | None:
     members = [m for m in effect.members if has_wrapper(m.candidate) and m.candidate.deviation is None]
     if not members:
         return None
-    return why_it_is_misfit(share_on_nominal(nominal.simulation, nominal.rows, members, MISFIT_PARTS))
+    return why_it_is_misfit(share_on_nominal(nominal.simulation, nominal.rows, members))

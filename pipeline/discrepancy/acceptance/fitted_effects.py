@@ -6,15 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.discrepancy.acceptance.parameter_misfit import misfit_covariance
+from pipeline.discrepancy.acceptance.parameter_misfit import MISFIT_PARTS, misfit_covariance
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.families.plausibility import TIMING
 from pipeline.discrepancy.selection.free_parameters import Coordinate
 from pipeline.discrepancy.selection.grouping import MachineEffect, effects_of
 from pipeline.discrepancy.selection.refine import parameter_covariance, refine
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
-
-MISFIT_PARTS = 6  # of the nominal logs: four minutes each, of 24
 
 
 @dataclass(frozen=True)

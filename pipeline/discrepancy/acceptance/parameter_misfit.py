@@ -17,6 +17,8 @@ from pipeline.discrepancy.selection.free_parameters import coordinates_of, group
 from pipeline.discrepancy.selection.refine import residual_and_jacobian
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 
+MISFIT_PARTS = 6  # of the nominal logs: four minutes each, of 24
+
 
 def misfit_covariance(
     simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect], n_parts: int

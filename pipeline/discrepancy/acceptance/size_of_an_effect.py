@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.discrepancy.acceptance.parameter_misfit import MISFIT_PARTS
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.supply_variation import SHORTEST_S
@@ -18,7 +19,10 @@ from pipeline.effects.draws import OF_95_PERCENT
 
 
 def share_on_nominal(
-    simulation: Simulation, rows: ScoredRows, members: Sequence[SelectedEffect], n_parts: int
+    simulation: Simulation,
+    rows: ScoredRows,
+    members: Sequence[SelectedEffect],
+    n_parts: int = MISFIT_PARTS,
 ) -> float:
     """Share of an effect's size that nominal logs ask for, by least squares; root mean square over their parts.
 

@@ -26,7 +26,7 @@ def test_the_rest_is_fitted_again(monkeypatch, present, is_of_one_machine: bool,
     effects = [MachineEffect(family, [SelectedEffect(bare_candidate(family, 0))]) for family in ASKED_FOR]
     said: list[str] = []
     monkeypatch.setattr(
-        accepting, "share_on_nominal", lambda _, __, members, ___: ASKED_FOR[members[0].candidate.family]
+        accepting, "share_on_nominal", lambda _, __, members: ASKED_FOR[members[0].candidate.family]
     )
     monkeypatch.setattr(
         accepting,
