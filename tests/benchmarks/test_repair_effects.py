@@ -1,6 +1,7 @@
 """The rows of the benchmark of repairs, from stages that are stood in for by what they write."""
 
 import argparse
+import hashlib
 import json
 import subprocess
 from pathlib import Path
@@ -8,8 +9,11 @@ from pathlib import Path
 import pytest
 
 from benchmarks.repair_effects import Case, restored
+from pipeline.control.policy import META_FILE, POLICY_FILE
+from pipeline.control.repair.files import DOCUMENT, NEW
 
 ON_MACHINE = {"sr_before": 0.6, "sr_after": 0.9, "oow_before": 0.4, "oow_after": 0.1}
+RATES = {"repair": 0.9, "apg": 1.0}  # of the policy, by the stage that learned it
 
 
 @pytest.fixture
@@ -25,10 +29,19 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             (output / "model_after").mkdir(parents=True)
             (output / "model_after/effects.json").write_text("{}")
         elif stage == "prove":
-            document = {"on_machine": ON_MACHINE, "promotable": True}
-            (output.parent / "repair.json").write_text(json.dumps(document))
-        elif stage == "evaluate_logs":
-            output.write_text(json.dumps({"reaching": {"sr_004_004": 1.0}}))
+            (repair,) = (Path(each.partition("=")[2]) for each in command if each.startswith("repair="))
+            learned = (repair / NEW / POLICY_FILE).read_text()
+            document = json.loads((repair / DOCUMENT).read_text())
+            assert document["policies"][NEW] == hashlib.sha256(learned.encode()).hexdigest()
+            shown = {"on_machine": {**ON_MACHINE, "sr_after": RATES[learned]}, "promotable": True}
+            (repair / DOCUMENT).write_text(json.dumps(document | shown))
+        elif stage in ("repair", "apg"):
+            policy = output / NEW if stage == "repair" else output
+            policy.mkdir(parents=True)
+            for name in (POLICY_FILE, META_FILE):
+                (policy / name).write_text(stage)
+            digest = hashlib.sha256(stage.encode()).hexdigest()
+            (output / DOCUMENT).write_text(json.dumps({"policies": {NEW: digest}}))
         else:
             output.mkdir(exist_ok=True)
 
@@ -48,7 +61,7 @@ def test_a_row_holds_before_after_and_anew_and_is_made_once(tmp_path: Path, star
     assert (row["before"], row["after"], row["anew"]) == (0.6, 0.9, 1.0)
     assert restored(row) == pytest.approx(0.75)
     assert started[:4] == ["record_changed", "close_loop", "repair", "prove"]
-    assert started[-2:] == ["sim2real", "evaluate_logs"]
+    assert started[-2:] == ["apg", "prove"]
     n_started = len(started)
     assert case_in(tmp_path).row() == row
     assert len(started) == n_started
