@@ -56,16 +56,18 @@ class Case:
         self._stage("repair", repair, *of_repair)
         document = self._prove(repair, after)
         found = document["on_machine"]
+        anew = self._anew()
         return {
             "before": found["sr_before"],
             "after": found["sr_after"],
-            "anew": self._anew(),
-            "oow": (found["oow_before"], found["oow_after"]),
+            "anew": anew["sr_after"],
+            "oow": (found["oow_before"], found["oow_after"], anew["oow_after"]),
             "promotable": document["promotable"],
             "seconds": tuple(float((folder / f"{name}.done").read_text()) for name in ("loop", "repair")),
         }
 
-    def _anew(self) -> float:
+    def _anew(self) -> dict[str, float]:
+        """What the machine shows of a policy that was learned anew."""
         folder = self._folder
         rich, tuples, model, policy = (folder / name for name in ("rich", "tuples", "model", "anew"))
         minutes = f"record_changed.session_minutes={RICH_MINUTES}", f"record_changed.seed={RICH_SEED}"
@@ -75,7 +77,7 @@ class Case:
         self._stage("apg", policy, f"model={model}", f"seed={self._seed}")
         rival = folder / "rival"
         put_in_place(folder / "repair", policy, rival)
-        return float(self._prove(rival, model)["on_machine"]["sr_after"])
+        return dict(self._prove(rival, model)["on_machine"])
 
     def _prove(self, repair: Path, model: Path) -> dict[str, Any]:
         """What a repair's folder says after its policies drove the changed machine."""
@@ -135,9 +137,9 @@ def main() -> None:
     cases = [Case(given, case, seed) for case in given.cases for seed in given.seeds]
     rows = {case.name: case.row() for case in cases}
     print(
-        "\n| effect | before | after | anew | OOW before | after | restored | promotable | loop, repair [s] |"
+        "\n| effect | before | after | anew | OOW before | after | anew | restored | promotable | loop, repair [s] |"
     )
-    print("|---|---|---|---|---|---|---|---|---|")
+    print(f"{10 * '|---'}|")
     for name, row in rows.items():
         if "found" in row:
             print(f"| {name} | not found: {row['found']} |")
@@ -145,7 +147,8 @@ def main() -> None:
         rates = " | ".join(f"{row[key]:.2f}" for key in ("before", "after", "anew"))
         outside = " | ".join(f"{rate:.2f}" for rate in row["oow"])
         seconds = ", ".join(f"{each:.0f}" for each in row["seconds"])
-        print(f"| {name} | {rates} | {outside} | {restored(row):.0%} | {row['promotable']} | {seconds} |")
+        share = f"{restored(row):.0%}" if row["anew"] > row["before"] else "–"
+        print(f"| {name} | {rates} | {outside} | {share} | {row['promotable']} | {seconds} |")
     shares = [restored(row) for row in rows.values() if "found" not in row and row["anew"] > row["before"]]
     if shares:
         print(f"\nrestored, median of {len(shares)}: {statistics.median(shares):.0%}")
