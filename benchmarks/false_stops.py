@@ -13,7 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +52,8 @@ BISECTIONS = 12
 LONGEST_ROWS = round(SOUND_MINUTES * 60.0 / MACHINE.dt_s)
 
 
-def sessions() -> Iterator[dict[str, Any]]:
-    """What is driven, without end."""
-    number = 0
+def sessions(number: int) -> Iterator[dict[str, Any]]:
+    """What is driven from a session's number on, without end."""
     while True:
         for _ in range(SOUND_PER_FAULT):
             yield {"number": number, "minutes": SOUND_MINUTES}
@@ -187,6 +186,7 @@ def main() -> None:
     parser.add_argument("--model", type=Path, required=True)
     parser.add_argument("--floor", type=Path, required=True)
     parser.add_argument("--ledger", type=Path, required=True)
+    parser.add_argument("--first", type=int, default=0, help="number of the ledger's first session")
     parser.add_argument("--minutes", type=float, default=20.0, help="of processor time")
     options = parser.parse_args()
     config = load_section("deployment", DeploymentConfig, "default")
@@ -196,9 +196,7 @@ def main() -> None:
     parts, listener = Parts(MACHINE, config.supervisor, built.shapes, built.envelope), Listener(config)
     n_done = len(options.ledger.read_text().splitlines()) if options.ledger.exists() else 0
     with options.ledger.open("a") as ledger:
-        for session in sessions():
-            if session["number"] < n_done:
-                continue
+        for session in islice(sessions(options.first), n_done, None):
             if time.process_time() > 60.0 * options.minutes:
                 break
             log, counted = drive(options.condition, session), Counter[str]()

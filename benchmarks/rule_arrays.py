@@ -178,7 +178,8 @@ def _self_collision(parts: Parts, heard: Heard, ticks: np.ndarray) -> np.ndarray
     ticks, newest = _fresh(heard, ticks)
     q = heard.q[newest]
     soon = q + parts.config.prediction_s * velocities(parts.machine, heard)[newest]
-    return ticks[_is_near(parts, q) | _is_near(parts, soon)]
+    both = np.stack([q, soon], axis=1).reshape(-1, q.shape[1])  # neighbours: one distance spares many
+    return ticks[_is_near(parts, both).reshape(-1, 2).any(axis=1)]
 
 
 def _is_near(parts: Parts, q: np.ndarray) -> np.ndarray:
