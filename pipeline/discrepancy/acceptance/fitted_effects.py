@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.discrepancy.acceptance.parameter_misfit import MISFIT_PARTS, misfit_covariance
+from pipeline.discrepancy.acceptance.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.families.plausibility import TIMING
 from pipeline.discrepancy.selection.free_parameters import Coordinate
@@ -33,7 +33,7 @@ class FittedEffects:
     def covariance(self) -> Mapping[int, tuple[list[Coordinate], np.ndarray]]:
         """Per joint its coordinates, and what scatter and misfit make of them, (k, k)."""
         nominal, found = self.diagnosis.nominal, list(self.found)
-        misfit = misfit_covariance(nominal.simulation, nominal.rows, found, MISFIT_PARTS)
+        misfit = misfit_covariance(nominal.simulation, nominal.rows, found)
         scatter = parameter_covariance(self.diagnosis.simulation, self.diagnosis.rows, found)
         return {joint: (of, covariance + misfit[joint]) for joint, (of, covariance) in scatter.items()}
 

@@ -20,8 +20,14 @@ from pipeline.discrepancy.selection.selected_effect import SelectedEffect, resid
 MISFIT_PARTS = 6  # of the nominal logs: four minutes each, of 24
 
 
+def on_nominal_parts(found: Sequence[SelectedEffect], n_rows: int) -> tuple[list[SelectedEffect], np.ndarray]:
+    """Effects as nominal logs would show them, which know no onset, and (N,) the part that each nominal row is of."""
+    part = np.arange(n_rows) * MISFIT_PARTS // max(n_rows, 1)
+    return [replace(f, candidate=replace(f.candidate, onset=None)) for f in found], part
+
+
 def misfit_covariance(
-    simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect], n_parts: int
+    simulation: Simulation, rows: ScoredRows, found: Sequence[SelectedEffect]
 ) -> dict[int, np.ndarray]:
     """Mean square of the parameters that parts of the nominal logs ask for, per joint, (k, k).
 
@@ -29,23 +35,21 @@ def misfit_covariance(
         simulation: On nominal logs, by members that did not see them.
         rows: Of the nominal logs.
         found: Effects, in the order of their coordinates.
-        n_parts: Into how many parts of equal length the nominal logs are cut.
     """
-    everywhere = [replace(f, candidate=replace(f.candidate, onset=None)) for f in found]
+    residual = residual_of(simulation, rows, [])
+    everywhere, part = on_nominal_parts(found, len(residual))
     coordinates = coordinates_of(simulation, everywhere)
     if not any(coordinates.values()):
         return {}
     _, jacobian = residual_and_jacobian(simulation, rows, everywhere, coordinates)
-    residual = residual_of(simulation, rows, [])
-    part = np.arange(len(residual)) * n_parts // max(len(residual), 1)
     result = {}
     for group in groups_of(simulation.effects, everywhere, coordinates):
         a, r = group.stacked(jacobian, coordinates, rows), group.of_its_joints(residual, rows)
         part_of_row = np.tile(part, len(group.joints))
         # Curvature of all rows, not of the part: a part that hardly shows the effect says little, not anything.
-        bread = np.linalg.pinv(a.T @ a + 1e-12 * np.eye(a.shape[1])) * n_parts
-        in_part = [part_of_row == number for number in range(n_parts)]
+        bread = np.linalg.pinv(a.T @ a + 1e-12 * np.eye(a.shape[1])) * MISFIT_PARTS
+        in_part = [part_of_row == number for number in range(MISFIT_PARTS)]
         asked = np.stack([bread @ (a[rows_of].T @ r[rows_of]) for rows_of in in_part])
         for joint in group.joints:
-            result[joint] = group.of_joint(asked.T @ asked / n_parts, coordinates[joint])
+            result[joint] = group.of_joint(asked.T @ asked / MISFIT_PARTS, coordinates[joint])
     return result

@@ -5,12 +5,11 @@ Of a supply it is not its size that tells, but on how many joints and for how lo
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.acceptance.parameter_misfit import MISFIT_PARTS
+from pipeline.discrepancy.acceptance.parameter_misfit import MISFIT_PARTS, on_nominal_parts
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.supply_variation import SHORTEST_S
@@ -18,12 +17,7 @@ from pipeline.discrepancy.selection.selected_effect import SelectedEffect, resid
 from pipeline.effects.draws import OF_95_PERCENT
 
 
-def share_on_nominal(
-    simulation: Simulation,
-    rows: ScoredRows,
-    members: Sequence[SelectedEffect],
-    n_parts: int = MISFIT_PARTS,
-) -> float:
+def share_on_nominal(simulation: Simulation, rows: ScoredRows, members: Sequence[SelectedEffect]) -> float:
     """Share of an effect's size that nominal logs ask for, by least squares; root mean square over their parts.
 
     It would be zero, were the diagnosis model right: the logs are without the effect. Where it is not, measured logs
@@ -33,15 +27,13 @@ def share_on_nominal(
         simulation: On nominal logs, by members that did not see them.
         rows: Of the nominal logs.
         members: The effect, joint by joint, with the values that measured logs gave it.
-        n_parts: Into how many parts of equal length the nominal logs are cut.
     """
-    everywhere = [replace(member, candidate=replace(member.candidate, onset=None)) for member in members]
     residual = residual_of(simulation, rows, [])
+    everywhere, part = on_nominal_parts(members, len(residual))
     change = residual - residual_of(simulation, rows, everywhere)
     # Curvature of all rows, not of the part: a part that hardly shows the effect says little, not anything.
-    squares = np.sum(change**2 / rows.floor) / n_parts
-    part = np.arange(len(residual)) * n_parts // max(len(residual), 1)
-    asked = np.bincount(part, np.sum(change * residual / rows.floor, axis=1), n_parts)
+    squares = np.sum(change**2 / rows.floor) / MISFIT_PARTS
+    asked = np.bincount(part, np.sum(change * residual / rows.floor, axis=1), MISFIT_PARTS)
     return float(np.sqrt(np.mean((asked / max(squares, 1e-12)) ** 2)))
 
 

@@ -83,8 +83,8 @@ def _extrapolations(logs: PreparedLogs) -> list[str]:
         np.concatenate([trajectory.a for trajectory in part]) for part in (logs.nominal, logs.measured)
     )
     return [
-        f"{share:.0%} of the commands that {joint} gets in the measured logs lie where nominal logs hardly hold any: "
-        "that the machine responds otherwise there, and that the model never learned how, look alike."
+        f"{share:.0%} of the commands to {joint} in the measured logs are of a size that nominal logs hardly hold. "
+        "There, a machine that has changed and a model that never saw such commands look alike."
         for joint, share in zip(logs.joints, uncovered_share(nominal, measured), strict=True)
         if share > LARGEST_UNCOVERED
     ]

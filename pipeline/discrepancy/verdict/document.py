@@ -23,9 +23,8 @@ from pipeline.discrepancy.verdict.next_experiment import next_experiment
 from pipeline.discrepancy.verdict.trace import trace_of
 from pipeline.discrepancy.verdict.unexplained import unexplained
 from pipeline.discrepancy.verdict.verdict import Verdict
+from pipeline.dynamics.comparison import ONE_STEP, OPEN_LOOP
 from pipeline.logs.tuples import Trajectory
-
-LEVEL = "open_loop_rmse_80"
 
 
 def document_of(verdict: Verdict) -> dict[str, Any]:
@@ -82,7 +81,7 @@ def _errors(verdict: Verdict) -> dict[str, Any]:
             when: _by_joint(joints, of.rmse)
             for when, of in zip(("before", "after"), errors[horizon], strict=True)
         }
-        for name, horizon in (("one_step_rmse", 1), (LEVEL, 80))
+        for name, horizon in ((ONE_STEP, 1), (OPEN_LOOP, 80))
     }
 
 
@@ -93,7 +92,7 @@ def _baselines(verdict: Verdict) -> dict[str, Any]:
         "nominal_floor": correction.floor[80],
         **{f"{name}_on_nominal": of for name, of in correction.on_nominal.items()},
     }
-    return {name: {LEVEL: _by_joint(verdict.logs.joints, of)} for name, of in errors.items()}
+    return {name: {OPEN_LOOP: _by_joint(verdict.logs.joints, of)} for name, of in errors.items()}
 
 
 def _held_out(verdict: Verdict) -> dict[str, Any]:

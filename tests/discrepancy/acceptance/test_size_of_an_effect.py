@@ -10,7 +10,7 @@ from pipeline.discrepancy.acceptance import size_of_an_effect as sizes
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from tests.discrepancy.bare_candidate import bare_candidate
 
-N_ROWS, N_PARTS = 6000, 6
+N_ROWS = 6000
 ROWS: Any = SimpleNamespace(floor=np.array([1.0, 4.0]))
 
 
@@ -22,7 +22,7 @@ def share(monkeypatch: pytest.MonkeyPatch, of_rows: np.ndarray, noise: float = 0
     monkeypatch.setattr(sizes, "residual_of", lambda _, __, found: residual - change if found else residual)
     simulation: Any = None
     members = [SelectedEffect(bare_candidate("gain", joint)) for joint in (0, 1)]
-    return sizes.share_on_nominal(simulation, ROWS, members, N_PARTS)
+    return sizes.share_on_nominal(simulation, ROWS, members)
 
 
 def test_nominal_logs_ask_for_the_share_that_they_hold(monkeypatch) -> None:
@@ -36,7 +36,7 @@ def test_shares_of_parts_that_differ_do_not_cancel(monkeypatch) -> None:
 
 
 def test_noise_alone_asks_for_what_a_fit_of_a_part_scatters_by(monkeypatch) -> None:
-    by_chance = 2.0 / np.sqrt(2 * N_ROWS / N_PARTS)
+    by_chance = 2.0 / np.sqrt(2 * N_ROWS / sizes.MISFIT_PARTS)
     assert share(monkeypatch, np.zeros(N_ROWS), noise=2.0) == pytest.approx(by_chance, rel=0.7)
 
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.acceptance import parameter_misfit
 from pipeline.discrepancy.acceptance.parameter_misfit import misfit_covariance
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, averaged
 from pipeline.discrepancy.families.contract_parameters import (
@@ -147,11 +148,12 @@ def gain_of_one_joint(ratio: float):
     return simulation, rows
 
 
-def test_misfit_is_what_nominal_parts_ask_for() -> None:
+def test_misfit_is_what_nominal_parts_ask_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parameter_misfit, "MISFIT_PARTS", 3)
     simulation, rows = gain_of_one_joint(0.1)
     both = (("ratio_positive", None), ("ratio_negative", None))
     found = [SelectedEffect(Candidate("gain", 0, None, {}, (both,), np.array([-0.3]), 0.0, 0.0, np.zeros(1)))]
-    covariance = misfit_covariance(simulation, rows, found, n_parts=3)[0]
+    covariance = misfit_covariance(simulation, rows, found)[0]
     # Parts ask for +0.1, 0 and -0.1, each weighted by its share of the squared motion.
     motion = averaged(np.sin(0.21 * np.arange(N_ROWS))[None], rows.is_used) ** 2
     asked = [
@@ -165,4 +167,4 @@ def test_no_misfit_adds_nothing() -> None:
     simulation, rows = gain_of_one_joint(0.0)
     both = (("ratio_positive", None), ("ratio_negative", None))
     found = [SelectedEffect(Candidate("gain", 0, None, {}, (both,), np.array([-0.3]), 0.0, 0.0, np.zeros(1)))]
-    assert misfit_covariance(simulation, rows, found, n_parts=3)[0][0, 0] < 1e-18
+    assert misfit_covariance(simulation, rows, found)[0][0, 0] < 1e-18
