@@ -34,7 +34,7 @@ PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob
 # In the pages these stand for a machine of the reader's own.
 OWN_MACHINES = {"machine=mine", "machine=NAME"}
 NO_COMMAND = re.compile(r"<|…|\.\.\.|\[overrides\]")  # in running text: a pattern of commands
-REFUSED = re.compile(r"error:|Could not override")  # an answer that a page shows for a mistake
+REFUSED = re.compile(r"error:")  # an answer that a page shows for a mistake
 
 # Bash finds no program and asks this for each command instead; fields end with NUL, commands with another one.
 WRITE_DOWN = r"""

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
+from hydra.errors import CompactHydraException
 from hydra.types import RunMode
 from omegaconf import MISSING, DictConfig, MissingMandatoryValue, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -97,7 +98,11 @@ def stage(
         @functools.wraps(function)
         def command() -> None:
             _check_run_folder(name)
-            main()
+            os.environ["HYDRA_FULL_ERROR"] = "1"  # or Hydra tells what it refuses by itself, in four lines
+            try:
+                main()
+            except CompactHydraException as error:
+                _tell_refusal(name, error)
 
         return command
 
@@ -113,6 +118,15 @@ def _check_run_folder(name: str) -> None:
     except InputError as error:
         print(f"error: {name}: {error}", file=sys.stderr, flush=True)
         sys.exit(INPUT_ERROR_STATUS)
+
+
+def _tell_refusal(name: str, error: CompactHydraException) -> NoReturn:
+    """Say in one line what Hydra refuses, without where it has looked for it."""
+    what, *_ = str(error).split("\n\nConfig search path")
+    if error.__cause__ is not None:
+        what = f"{first_line(error).rstrip('.')}: {first_line(error.__cause__)}"
+    print(f"error: {name}: {' '.join(what.split())}", file=sys.stderr, flush=True)
+    sys.exit(INPUT_ERROR_STATUS)
 
 
 def _sweep() -> tuple[str, str] | None:
