@@ -128,11 +128,11 @@ def save_policy(directory: Path, policy: Policy, meta: Mapping[str, Any]) -> Non
     write_json(directory / META_FILE, {**sizes, **meta}, sort_keys=True)
 
 
-def load_policy(directory: Path) -> tuple[Policy, dict[str, Any]]:
-    """Read a policy's folder: the policy and the content of its `meta.json`.
+def load_policy(directory: Path, machine: str) -> tuple[Policy, dict[str, Any]]:
+    """Read the folder of a policy of the machine: the policy and the content of its `meta.json`.
 
     Raises:
-        InputError: the folder or one of its files is missing, broken, or of another schema version.
+        InputError: the folder or one of its files is missing, broken, or of another schema version or machine.
     """
     directory = Path(directory)
     try:
@@ -149,19 +149,21 @@ def load_policy(directory: Path) -> tuple[Policy, dict[str, Any]]:
             f"{directory / META_FILE}: schema_version {meta.get('schema_version')}, this pipeline reads "
             f"{POLICY_SCHEMA_VERSION}; train the policy again"
         )
+    if (of := meta.get("machine", machine)) != machine:
+        raise InputError(f"{directory}: is of machine {of}, not of {machine}; name a policy of this one")
     try:
         return policy_from_content(content), meta
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{directory / POLICY_FILE}: holds no policy ({error}); train it again") from error
 
 
-def load_policy_of(directory: Path, model: Path) -> Policy:
-    """Read a policy that was learned on the model in the folder `model`.
+def load_policy_of(directory: Path, model: Path, machine: str) -> Policy:
+    """Read a policy of the machine that was learned on the model in the folder `model`.
 
     Raises:
         InputError: see `load_policy`; or the policy was learned on another model.
     """
-    policy, lineage = load_policy(directory)
+    policy, lineage = load_policy(directory, machine)
     if lineage.get("model") != dynamics_fingerprint(model):
         raise InputError(f"{directory}: was not learned on {model}; name the model that it was learned on")
     return policy

@@ -117,7 +117,9 @@ def graph_parts(settings: GraphSettings, policy: Policy | None = None) -> GraphP
     if kind is ControllerKind.icem:
         controller = IcemController(task, settings.icem, settings.action_repeats, deployment.seed)
     else:
-        policy = policy or load_policy_of(Path(str(settings.policy)), Path(settings.model))
+        policy = policy or load_policy_of(
+            Path(str(settings.policy)), Path(settings.model), settings.machine.name
+        )
         controller = PolicyController(task, policy)
     new_supervisor = partial(supervise, task.machine, deployment, settings.machine_directory, settings.model)
     return GraphParts(
@@ -136,7 +138,8 @@ def graph_parts(settings: GraphSettings, policy: Policy | None = None) -> GraphP
 def controller_delays(settings: GraphSettings) -> Mapping[str, Distribution]:
     """Delays of the graph with this controller; says in one line what of them was not measured."""
     deployment = settings.deployment
-    links, planner = load_delays(Path(deployment.delays))
+    here, of_repository = Path(deployment.delays), settings.machine_directory.parents[1] / deployment.delays
+    links, planner = load_delays(here if here.exists() else of_repository)
     if settings.kind is ControllerKind.icem and planner != planner_effort(settings):
         links.pop(PLANNING, None)  # another planner's decisions say nothing of this one's
     delays, is_measured = delays_of(links, settings.kind, deployment.unmeasured_planning_s)

@@ -28,7 +28,7 @@ def main(configuration: EvaluateBraxStage, run: StageRun) -> None:
     """Evaluate one policy; write metrics, success-rate matrix, episodes and traces."""
     reaching, model, output = configuration.reaching, configuration.model, Path(configuration.output)
     dynamics, parameters = load_dynamics(Path(model))
-    policy = load_policy_of(Path(configuration.policy), Path(model))
+    policy = load_policy_of(Path(configuration.policy), Path(model), reaching.machine.name)
     run.inputs(f"{model}/parameters.msgpack", f"{configuration.policy}/policy.msgpack")
     task, episodes = reaching.task(dynamics, parameters), reaching.fixed_episodes()
     traces = evaluate_policy(policy, task, reaching.action_repeats, reaching.episodes.steps, episodes)

@@ -33,7 +33,8 @@ def main(configuration: PPOStage, run: StageRun) -> None:
         ppo = ppo.for_model(load_dynamics(model)[0].specification)
         run_training("ppo", configuration, train, ppo, run)
         return
-    policy, warm_start = load_policy_of(Path(configuration.start), model), configuration.warm_start
+    policy = load_policy_of(Path(configuration.start), model, configuration.machine.name)
+    warm_start = configuration.warm_start
     further = partial(train, start=(policy, warm_start.deviation))
     run_training("ppo", configuration, further, ppo.from_policy(policy, warm_start), run)
 

@@ -42,7 +42,7 @@ def main(configuration: ProveStage, run: StageRun) -> None:
     if configuration.allow_empty and (why := nothing_to_drive(folder, *own)) is not None:
         print(f"prove: nothing is driven: {why}")
         return
-    policies = read_policies(folder, Path(configuration.model))
+    policies = read_policies(folder, Path(configuration.model), configuration.machine.name)
     former, new = configuration.former, configuration.new
     if former is None or new is None:
         settings = settings_of(GraphSettings, configuration)

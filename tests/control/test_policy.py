@@ -56,7 +56,7 @@ def test_comes_back_from_its_folder_and_is_byte_stable(policy, tmp_path):
         save_policy(tmp_path / name, policy, {"seed": 3, "lineage": {"model": "mlp_dqdot"}})
     for file in ("policy.msgpack", "meta.json"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-    back, meta = load_policy(tmp_path / "a")
+    back, meta = load_policy(tmp_path / "a", "arm")
     jax.tree.map(np.testing.assert_array_equal, back, policy)
     assert (meta["seed"], meta["lineage"]["model"]) == (3, "mlp_dqdot")
     assert (meta["observation_size"], meta["action_size"]) == (N_OBSERVATION, N_JOINT)
@@ -65,22 +65,22 @@ def test_comes_back_from_its_folder_and_is_byte_stable(policy, tmp_path):
 
 def test_unusable_folders_are_named(policy, tmp_path):
     with pytest.raises(InputError, match=r"absent.*meta\.json"):
-        load_policy(tmp_path / "absent")
+        load_policy(tmp_path / "absent", "arm")
     save_policy(tmp_path / "old", policy, {})
     meta = json.loads((tmp_path / "old" / "meta.json").read_text())
     (tmp_path / "old" / "meta.json").write_text(json.dumps({**meta, "schema_version": 0}))
     with pytest.raises(InputError, match="schema_version 0"):
-        load_policy(tmp_path / "old")
+        load_policy(tmp_path / "old", "arm")
     save_policy(tmp_path / "cut", policy, {})
     whole = (tmp_path / "cut" / "policy.msgpack").read_bytes()
     (tmp_path / "cut" / "policy.msgpack").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match="cut"):
-        load_policy(tmp_path / "cut")
+        load_policy(tmp_path / "cut", "arm")
     save_policy(tmp_path / "list", policy, {})
     (tmp_path / "list" / "meta.json").write_text("[]")
     with pytest.raises(InputError, match=r"list/meta\.json: not a JSON object"):
-        load_policy(tmp_path / "list")
+        load_policy(tmp_path / "list", "arm")
     save_policy(tmp_path / "other", policy, {})
     (tmp_path / "other" / "policy.msgpack").write_bytes(b"\x90")  # an empty list
     with pytest.raises(InputError, match=r"other/policy\.msgpack: holds no policy"):
-        load_policy(tmp_path / "other")
+        load_policy(tmp_path / "other", "arm")

@@ -22,7 +22,6 @@ from pipeline.errors import InputError
 from tests.stages.command import run_stage
 
 MACHINE = load_machine("bobcat_e10")
-DELAYS = Path(__file__).parents[2] / "conf/deployment/delays.json"
 N = 4
 
 
@@ -77,11 +76,14 @@ def test_a_repair_holds_both_policies_and_what_tells_them_apart(folder: Path, re
     assert document["n_targets"] == 16 and not document["effects_known_exactly"]
     assert document["on_machine"] is None
     former, new, deployed = (
-        load_policy(of)[0] for of in (repaired / "former", repaired / "policy", folder / "deployed")
+        load_policy(of, MACHINE.name)[0]
+        for of in (repaired / "former", repaired / "policy", folder / "deployed")
     )
     np.testing.assert_array_equal(former.layers[0].kernel, deployed.layers[0].kernel)
     assert not np.array_equal(new.layers[0].kernel, former.layers[0].kernel)
-    assert load_policy(repaired / "policy")[1]["model"] == dynamics_fingerprint(folder / "after")
+    assert load_policy(repaired / "policy", MACHINE.name)[1]["model"] == dynamics_fingerprint(
+        folder / "after"
+    )
 
 
 @pytest.mark.parametrize(
@@ -97,7 +99,7 @@ def test_a_repair_holds_both_policies_and_what_tells_them_apart(folder: Path, re
 def test_mistakes_are_told_in_one_line(folder: Path, overrides: list[str], line: str) -> None:
     layers = initial_layers(jax.random.key(0), 5, [16], N)
     save_policy(folder / "other", Policy(np.zeros(5), np.ones(5), layers), {})
-    save_policy(folder / "foreign", load_policy(folder / "deployed")[0], {"machine": "mine"})
+    save_policy(folder / "foreign", load_policy(folder / "deployed", MACHINE.name)[0], {"machine": "mine"})
     command = ["policy=deployed", "model=after", "output=wrong", "profile=smoke", *overrides]
     done = run_stage("repair", *command, folder=folder)
     assert done.returncode == 2
@@ -164,14 +166,13 @@ def test_both_policies_pursue_the_same_targets_on_the_machine_and_logs_of_it_say
 ) -> None:
     shutil.copytree(repaired, tmp_path / "out")
     common = ["repair=out", f"model={folder / 'after'}", "profile=smoke", "episodes.steps=40"]
-    delays = f"deployment.delays={DELAYS}"
-    done = run_stage("prove", *common, delays, "output=out", folder=tmp_path)  # where the policies are
+    done = run_stage("prove", *common, "output=out", folder=tmp_path)  # where the policies are
     assert done.returncode == 2 and "out/former: holds logs that prove did not write" in done.stderr
-    done = run_stage("prove", *common, f"model={folder / 'before'}", delays, folder=tmp_path)
+    done = run_stage("prove", *common, f"model={folder / 'before'}", folder=tmp_path)
     assert done.returncode == 2 and "out/policy: was not learned on" in done.stderr
     for targets in (1, 3):  # bags of an earlier proof give way
         sizes = f"targets={targets}", "session_targets=2"
-        done = run_stage("prove", *common, delays, *sizes, folder=tmp_path)
+        done = run_stage("prove", *common, *sizes, folder=tmp_path)
         assert done.returncode == 0, done.stderr
     document = json.loads((tmp_path / "out/repair.json").read_text())
     on_machine = document["on_machine"]
@@ -188,7 +189,7 @@ def test_both_policies_pursue_the_same_targets_on_the_machine_and_logs_of_it_say
     done = run_stage("prove", *common, *logs, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out/repair.json").read_text() == write_back
-    done = run_stage("prove", *common, delays, "targets=17", folder=tmp_path)
+    done = run_stage("prove", *common, "targets=17", folder=tmp_path)
     assert done.returncode == 2 and "targets is 17; the evaluation has 16" in done.stderr
     done = run_stage("prove", *common, logs[0], folder=tmp_path)
     assert done.returncode == 2 and "name both folders, or none" in done.stderr

@@ -99,14 +99,15 @@ def read_repair(folder: Path) -> dict[str, Any]:
     return document
 
 
-def read_policies(folder: Path, model: Path) -> dict[str, Policy]:
-    """The former policy and the new one, which was learned on `model`, by the names of their folders.
+def read_policies(folder: Path, model: Path, machine: str) -> dict[str, Policy]:
+    """The machine's former policy and its new one, learned on `model`, by the names of their folders.
 
     Raises:
         InputError: See `read_repair` and `load_policy_of`.
     """
     read_repair(folder)
-    return {FORMER: load_policy(folder / FORMER)[0], NEW: load_policy_of(folder / NEW, model)}
+    former, _ = load_policy(folder / FORMER, machine)
+    return {FORMER: former, NEW: load_policy_of(folder / NEW, model, machine)}
 
 
 def _digest(folder: Path) -> str:

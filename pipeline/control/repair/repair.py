@@ -77,11 +77,7 @@ def repair(
     if effects is None:
         raise InputError(f"{model}: has no effects around it; name the model_after that close_loop wrote")
     task = reaching.task(dynamics, parameters)
-    former, lineage = load_policy(policy)
-    if (driven := lineage.get("machine", reaching.machine.name)) != reaching.machine.name:
-        raise InputError(
-            f"{policy}: is of machine {driven}, not of {reaching.machine.name}; name a policy of this one"
-        )
+    former, _ = load_policy(policy, reaching.machine.name)
     check_fits(former, task, policy, model)
     draws, key = EffectDraws(effects), jax.random.key(seed)
     poses = learning_poses(reaching.machine, reaching.arm, reaching.episodes, seed)

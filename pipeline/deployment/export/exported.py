@@ -104,7 +104,7 @@ def exported_policy(
     Raises:
         InputError: see `load_dynamics` and `load_policy_of`; or weights are not finite.
     """
-    task, weights = reaching.task(*load_dynamics(model)), load_policy_of(policy, model)
+    task, weights = reaching.task(*load_dynamics(model)), load_policy_of(policy, model, reaching.machine.name)
     digest = hashlib.sha256((policy / POLICY_FILE).read_bytes()).hexdigest()
     origin = (f"Policy, sha256 {digest}.", f"Model, sha256 {dynamics_fingerprint(model)}.")
     return ExportedPolicy(weights, task, loop_tracker, reaching.action_repeats, origin)
