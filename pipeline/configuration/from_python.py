@@ -226,13 +226,11 @@ def close_loop(
         UnusableLogs: The logs are too short.
     """
     from pipeline.discrepancy.close_loop import close_loop as close_loop_on
+    from pipeline.discrepancy.nominal_model import given_model
     from pipeline.discrepancy.settings import CloseLoopConfig
-    from pipeline.dynamics.model.store import load_model_of
     from pipeline.dynamics.settings import IdentifyConfig
-    from pipeline.effects.store import load_active
 
-    of_model = None if model is None else load_model_of(Path(model), machine)
-    given = None if model is None else load_active(Path(model))
+    of_model, given = given_model(None if model is None else Path(model), machine)
     config = load_section("close_loop", CloseLoopConfig, profile)
     identify = load_section("identify", IdentifyConfig, profile)
     return close_loop_on(nominal, measured, machine, of_model, config, identify, given=given)

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.discrepancy.close_loop import close_loop
-from pipeline.discrepancy.nominal_model import nominal_model
+from pipeline.discrepancy.nominal_model import given_model, nominal_model
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.discrepancy.verdict.files import LoopReport, write_closed_loop, write_note
 from pipeline.discrepancy.verdict.known import known_in_words
 from pipeline.discrepancy.verdict.result import ClosedLoop
-from pipeline.dynamics.judgement import seen_again
+from pipeline.dynamics.judgement import seen_again, seen_twice
 from pipeline.dynamics.settings import IdentifyConfig
-from pipeline.effects.store import load_active
 from pipeline.errors import InputError
 from pipeline.logs.formats.discovery.discover import is_empty_folder
 from pipeline.logs.ingest_config import IngestConfig
@@ -108,19 +107,19 @@ def close_loop_on_logs(
     nominal, *others = ([rows for one in read for rows in one.trajectories] for read in logs)
     measured = others[0] if others else None
     for which, rows in (("nominal", nominal), ("measured", measured or [])):
-        for place in range(1, len(rows)):
-            if seen_again(rows[:place], rows[place : place + 1]) is not None:
-                raise InputError(
-                    f"{which}={inputs.named(which)}: trajectory {rows[place].name} is there twice, which would count "
-                    "as twice the evidence; name each recording once"
-                )
+        if (twice := seen_twice(rows)) is not None:
+            raise InputError(
+                f"{which}={inputs.named(which)}: trajectory {twice.name} is there twice, which would count as twice "
+                "the evidence; name each recording once"
+            )
     again = None if measured is None else seen_again(nominal, measured)
     if again is not None:
         log(
             f"caution: trajectory {again.name} of measured={inputs.named('measured')} is among "
             f"nominal={inputs.nominal}, too; in what is the same nothing can be found"
         )
-    model = nominal_model(given, inputs.kind, nominal, machine, settings, identify)
+    model, effects = given_model(given, machine)
+    model = model or nominal_model(inputs.kind, nominal, machine, settings, identify)
     counts = f"{len(nominal)} nominal"
     log(
         f"{counts} trajectories"
@@ -128,7 +127,6 @@ def close_loop_on_logs(
         else f"{counts} and {len(measured)} measured trajectories"
     )
     try:
-        effects = None if given is None else load_active(given)
         result = close_loop(
             nominal, measured, machine, model, settings, identify, log, kept=kept, given=effects
         )

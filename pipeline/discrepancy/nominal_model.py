@@ -7,26 +7,35 @@ from pipeline.discrepancy.diagnosis.diagnosis_model import KIND
 from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
 from pipeline.dynamics.model.network import Parameterization, Parameters
-from pipeline.dynamics.model.store import load_model_of
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.dynamics.training.fit import fit
+from pipeline.effects.store import ActiveEffects, load_with_effects
 from pipeline.errors import InputError
 from pipeline.logs.tuples import Trajectory
 from pipeline.machine.specification import MachineSpecification
 
 
+def given_model(
+    place: Path | None, machine: MachineSpecification
+) -> tuple[tuple[DynamicsModel, Parameters] | None, ActiveEffects | None]:
+    """The model in a folder and the effects around it; None and None where no folder is given.
+
+    Raises:
+        InputError: The model is of another machine, or cannot be read.
+    """
+    return (None, None) if place is None else load_with_effects(place, machine)
+
+
 def nominal_model(
-    given: Path | None,
     kind: str,
     nominal: Sequence[Trajectory],
     machine: MachineSpecification,
     close_loop: CloseLoopConfig,
     identify: IdentifyConfig,
 ) -> tuple[DynamicsModel, Parameters] | None:
-    """Load the model without its effects, or identify one; None where the diagnosis model is of the kind asked for.
+    """Identify a model; None where the diagnosis model is of the kind asked for.
 
     Args:
-        given: Folder of the model; None: it is identified.
         kind: What is identified, `nfir_dqdot` for example.
         nominal: Logs of the machine that the model describes.
         machine: The machine.
@@ -34,10 +43,8 @@ def nominal_model(
         identify: Section `identify`.
 
     Raises:
-        InputError: The model is of another machine, or cannot be read; no such kind.
+        InputError: No such kind.
     """
-    if given is not None:
-        return load_model_of(given, machine)
     parameterization, _, target = kind.partition("_")
     try:
         parts = Parameterization(parameterization), Target(target)

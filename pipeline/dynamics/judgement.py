@@ -153,20 +153,28 @@ def seen_again(known: Sequence[Trajectory], others: Sequence[Trajectory]) -> Tra
     Rows are equal if their times and positions are. All tables may begin at time zero from one rest position, so a few
     equal rows are allowed.
     """
-    stamps_ns = np.concatenate([trajectory.stamp_ns for trajectory in known])
-    for other in others:
-        at_known_time = np.isin(other.stamp_ns, stamps_ns)
-        if np.mean(at_known_time) <= KNOWN_SHARE:
-            continue
-        rows = {
-            (stamp, q.tobytes())
-            for trajectory in known
-            for stamp, q in zip(trajectory.stamp_ns.tolist(), trajectory.q, strict=True)
-        }
-        own = zip(other.stamp_ns.tolist(), other.q, strict=True)
-        if np.mean([(stamp, q.tobytes()) in rows for stamp, q in own]) > KNOWN_SHARE:
-            return other
-    return None
+    first = _first_holders([*known, *others])[len(known) :]
+    seen = (other for other, of in zip(others, first, strict=True) if np.mean(of < len(known)) > KNOWN_SHARE)
+    return next(seen, None)
+
+
+def seen_twice(trajectories: Sequence[Trajectory]) -> Trajectory | None:
+    """The first that holds rows of one before it, as in `seen_again`; None if each is new."""
+    first = enumerate(_first_holders(trajectories))
+    return next((trajectories[place] for place, of in first if np.mean(of < place) > KNOWN_SHARE), None)
+
+
+def _first_holders(trajectories: Sequence[Trajectory]) -> list[np.ndarray]:
+    """Per trajectory (T,) which one holds an equal row first."""
+    if not trajectories:
+        return []
+    lengths = list(map(len, trajectories))
+    rows = np.concatenate(
+        [np.column_stack([t.stamp_ns, np.ascontiguousarray(t.q).view(np.int64)]) for t in trajectories]
+    )
+    _, first, row = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    holder = np.repeat(np.arange(len(trajectories)), lengths)[first[row.ravel()]]
+    return np.split(holder, np.cumsum(lengths)[:-1])
 
 
 def judge(

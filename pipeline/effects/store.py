@@ -221,7 +221,7 @@ def load_predictor(
         InputError: see `load_model` and `load_effects`; or the effects belong to another machine than the model, or
             the model to another than `machine`.
     """
-    model, parameters, effects = _load(directory, machine)
+    (model, parameters), effects = load_with_effects(directory, machine)
     if effects is not None and all_set_in:
         effects = replace(effects, onset_ns={})
     return predictor(model, parameters, effects)
@@ -240,10 +240,10 @@ def load_dynamics(directory: Path, machine: MachineSpecification | None = None) 
     Raises:
         InputError: see `load_predictor`.
     """
-    model, parameters, effects = _load(directory, machine)
-    families = effects.families() if effects is not None else []
-    if effects is None or not families:
+    (model, parameters), effects = load_with_effects(directory, machine)
+    if effects is None:
         return model, parameters
+    families = effects.families()
     values = {
         family: {name: jnp.asarray(value, jnp.float32) for name, value in effects.values[family].items()}
         for family in families
@@ -262,15 +262,20 @@ def dynamics_fingerprint(directory: Path) -> str:
     return network if not path.exists() else hashlib.sha256(network.encode() + path.read_bytes()).hexdigest()
 
 
-def _load(
-    directory: Path, machine: MachineSpecification | None
-) -> tuple[DynamicsModel, Parameters, ActiveEffects | None]:
+def load_with_effects(
+    directory: Path, machine: MachineSpecification | None = None
+) -> tuple[tuple[DynamicsModel, Parameters], ActiveEffects | None]:
+    """Read the frozen model and θ of a folder, and the effects around it; None if none is active.
+
+    Raises:
+        InputError: see `load_predictor`.
+    """
     model, parameters = load_model(directory) if machine is None else load_model_of(directory, machine)
-    effects = load_effects(directory)
+    effects = load_active(directory)
     expected = (model.specification.n_joint, model.specification.dt_s)
     if effects is not None and not np.allclose((effects.setting.n_joint, effects.setting.dt_s), expected):
         raise InputError(
             f"{directory / FILE}: effects of {effects.setting.n_joint} joints at steps of {effects.setting.dt_s} s, "
             f"the model has {expected[0]} joints and steps of {expected[1]} s; close the loop again"
         )
-    return model, parameters, effects
+    return (model, parameters), effects

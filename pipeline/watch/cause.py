@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.discrepancy.close_loop import close_loop
+from pipeline.discrepancy.nominal_model import given_model
 from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.discrepancy.verdict.files import DOCUMENT, LoopReport, write_closed_loop
-from pipeline.dynamics.model.store import load_model_of
-from pipeline.effects.store import load_active
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_json
 from pipeline.logs.formats.discovery.discover import find_logs
@@ -93,9 +92,7 @@ def _close(
         for trajectory in read_session(entry, settings).trajectories
     ]
     machine = settings.machine
-    given = inputs.model
-    model = None if given is None else load_model_of(given, machine)
-    effects = None if given is None else load_active(given)
+    model, effects = given_model(inputs.model, machine)
     result = close_loop(
         nominal,
         measured,

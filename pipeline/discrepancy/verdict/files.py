@@ -10,8 +10,8 @@ from pipeline.discrepancy.verdict.report_data import ReportData
 from pipeline.discrepancy.verdict.result import ClosedLoop
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
-from pipeline.dynamics.model.store import load_model_of, save_model
-from pipeline.effects.store import FILE, ActiveEffects, load_active, save_effects
+from pipeline.dynamics.model.store import save_model
+from pipeline.effects.store import FILE, ActiveEffects, load_with_effects, save_effects
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_json
 from pipeline.files.record_file import save_record
@@ -76,8 +76,8 @@ def write_note(
     if given is None:
         raise InputError(f"measured={measured}: holds no logs, and no model is named; name one")
     note = f"{measured} holds no logs; name logs of the machine as it is (params.yaml: measured_logs)"
-    effects = load_active(given)
-    _write_models(folder, load_model_of(given, machine), {"machine": machine.name}, effects, effects)
+    model, effects = load_with_effects(given, machine)
+    _write_models(folder, model, {"machine": machine.name}, effects, effects)
     save_record(folder / REPORT_DATA, LoopReport(machine.name, nominal, measured, None))
     _write_document(folder, {"note": note})
     return note
