@@ -22,6 +22,7 @@ from hydra.types import RunMode
 from omegaconf import MISSING, DictConfig, MissingMandatoryValue, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from pipeline.configuration.help_text import help_text
 from pipeline.configuration.load import CONFIGURATION_DIRECTORY
 from pipeline.configuration.number_checks import check_numbers
 from pipeline.configuration.paths import check_paths
@@ -97,6 +98,10 @@ def stage(
 
         @functools.wraps(function)
         def command() -> None:
+            if "--help" in sys.argv:
+                does = sys.modules[function.__module__].__doc__ or ""
+                print(help_text(name, does, CONFIGURATION_DIRECTORY), end="")
+                return
             _check_run_folder(name)
             os.environ["HYDRA_FULL_ERROR"] = "1"  # or Hydra tells what it refuses by itself, in four lines
             try:

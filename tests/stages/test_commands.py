@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -45,6 +46,17 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         commands=random.integers(-1, 2, (100, 4)).astype(np.int8),
     )
     return folder
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_help_has_the_stages_keys_on_one_screen(stage: str, tmp_path: Path) -> None:
+    said = run_stage(stage, "--help", folder=tmp_path)
+    assert said.returncode == 0 and said.stdout.startswith(f"Stage `{stage}`: ")
+    own = OmegaConf.load(ROOT / f"conf/{stage}.yaml")
+    assert {str(key) for key in own if key != "defaults"} <= set(
+        re.findall(r"^(\w+):", said.stdout, re.MULTILINE)
+    )
+    assert len(said.stdout.splitlines()) <= 60 and "bobcat_e10" in said.stdout
 
 
 @pytest.mark.parametrize("profile", PROFILES)
