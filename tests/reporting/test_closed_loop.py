@@ -275,7 +275,7 @@ def test_sentence_of_a_named_effect():
     document = documents()["named"]
     assert verdict_sentence(document, evidence_of(document)) == (
         "The arm moves 25 % slower than the model when it moves in the negative direction (speed ratio 0.75, 95 % 0.73 "
-        "to 0.77; no other effect explains it as well, p = 1e-6); with that in the model, the 4 s error on held-out "
+        "to 0.77; no other effect explains it as well, p = 1e-6). With that in the model, the 4 s error on held-out "
         "logs falls from 107 to 41 mrad."
     )
 
@@ -311,7 +311,7 @@ def test_sentences_say_the_document(name, said):
     sentence = verdict_sentence(document, evidence_of(document))
     for part in said:
         assert part.lower() in sentence.lower(), sentence
-    assert sentence.count(". ") == 0 and sentence.endswith(".")
+    assert sentence.count(". ") <= 1 and sentence.endswith(".")  # what was found, then errors
 
 
 @pytest.mark.parametrize(
@@ -407,7 +407,7 @@ def test_an_effect_that_corrects_nothing_is_not_told_as_a_correction():
         signature.fitted[:] = 0.0
     page = closed_loop_page(document, evidence, "m", "a", "b")
     text = text_of(page)
-    for said in ("There is no line: the effect has no equation", "no correction"):
+    for said in ("There is no line: the effect has no equation", "No correction"):
         assert said in text
     for unsaid in (
         "orrected model",

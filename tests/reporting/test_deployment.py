@@ -148,7 +148,7 @@ def test_the_chapter_says_what_the_transfer_costs(made_up) -> None:
     assert f"SR(0.02, 0.02) from {before} to {after}" in points.sentences[0]
     assert points.sentences[0].endswith("in the paper 0.98 to 0.11, 1.00 to 1.00.")
     assert f"({N_EPISODES} trials)" in points.sentences[0]
-    assert "worst joint for its range (arm) is off by 0.090 rad" in section.paragraphs[0]
+    assert "worst joint relative to its range (arm) is off by 0.090 rad" in section.paragraphs[0]
 
 
 def test_one_sentence_per_controller_says_what_became_of_it(made_up) -> None:

@@ -312,6 +312,6 @@ def in_words(effect: SelectedEffect, judgement: Confirmed, joint: str) -> str:
     in_logs = ", ".join(f"{size.value:.0%}" for size in judgement.sizes)
     return (
         f"{effect.candidate.family} on {joint} is {'' if judgement.is_confirmed else 'not '}confirmed: on confirmation "
-        f"rows it removes {judgement.share:.0%} ({least}) of the squares; p = {judgement.p_value:.1g} of placebos"
-        + (f"; in single logs it is {in_logs} of its size." if in_logs else ".")
+        f"rows it removes {judgement.share:.0%} of the squared residual ({least}); p = {judgement.p_value:.1g} against "
+        f"placebos" + (f"; in single logs it is {in_logs} of its size." if in_logs else ".")
     )

@@ -149,6 +149,6 @@ def _floor_in_words(logs: PreparedLogs, nominal: NominalBehaviour) -> str:
 def _phases_in_words(phases: np.ndarray, dt_s: float) -> str:
     late_ms = ", ".join(f"{1e3 * dt_s * phase:.0f}" for phase in phases)
     return (
-        f"All joints of the measured logs respond alike by {late_ms} ms later than on nominal logs: when their "
-        "recordings began, which is taken out of what follows."
+        f"In the measured logs all joints respond {late_ms} ms later than in nominal logs, because recordings begin "
+        "between two ticks; this shift is removed."
     )

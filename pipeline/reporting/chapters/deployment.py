@@ -37,7 +37,7 @@ def deployment_section(
     delays = tables.pop("delays", None)
     return Section(
         TITLE,
-        "The controllers in the asynchronous graph in which they would drive the machine, and through it on the plant.",
+        "The controllers drive the learned model, then the simulated machine (plant), through the delayed graph.",
         [figures[name] for name in FIGURES if name in figures],
         list(tables.values()),
         paragraphs=_paragraphs(machine, deployments),
@@ -92,7 +92,7 @@ def _paragraphs(machine: MachineSpecification, deployments: Sequence[Deployment]
         stops = deployment.safety.get("emergency_stops", 0)
         paragraphs.append(
             f"{controller_title(deployment.name)} on the plant: over four seconds of its drive the model's worst "
-            f"joint for its range ({joint}) is off by {deployment.model_error[joint]:.3f} {unit}; "
+            f"joint relative to its range ({joint}) is off by {deployment.model_error[joint]:.3f} {unit}; "
             f"emergency stops: {stops}."
         )
     return paragraphs

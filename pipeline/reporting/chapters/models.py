@@ -31,7 +31,7 @@ def model_section(machine: MachineSpecification, models: Sequence[ModelResult], 
     worst, unit = worst_joint(machine, errors)
     return Section(
         "How well the model predicts",
-        f"After up to four seconds without a measurement the worst joint for its range ({worst}) is off by "
+        f"After up to four seconds without a measurement the worst joint relative to its range ({worst}) is off by "
         f"{errors[worst]:.3f} {unit} (root mean square, {judged_on(models[0])}).",
         [figure],
         tables,

@@ -44,7 +44,9 @@ def key_figures(document: Document, evidence: ReportData) -> list[tuple[str, str
         share = percent(number(effects[0]["error_reduction"]))
         shown.append((share, "of the squared error removed by the first effect alone"))
     if effects and math.isfinite(number(effects[0].get("p_value"))):
-        shown.append((probability(number(effects[0]["p_value"])), "chance of such a sign without any effect"))
+        shown.append(
+            (probability(number(effects[0]["p_value"])), "probability of such a pattern without any effect")
+        )
     ratios = _multiples_of_floor(evidence.before, evidence)
     if not effects and np.isfinite(ratios).any():
         worst = int(np.nanargmax(ratios))
@@ -89,8 +91,8 @@ def memory_sentence(evidence: ReportData) -> str:
     if not parts:
         return ""
     return (
-        f"The measured residual resembles itself for {listed(parts)}: rows closer than "
-        "that are not independent evidence, which all intervals here take into account."
+        f"The measured residual is correlated in time: {listed(parts)}. Rows closer than that are not independent "
+        "evidence; all intervals here take that into account."
     )
 
 

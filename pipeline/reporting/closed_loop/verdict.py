@@ -1,4 +1,4 @@
-"""The verdict of a closed loop in one sentence, for each verdict of the contract (section 4)."""
+"""The verdict of a closed loop in two sentences, for each verdict of the contract (section 4)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -50,7 +50,7 @@ class JointUnits(Protocol):
 
 
 def verdict_sentence(document: Document, evidence: JointUnits) -> str:
-    """The finding in one sentence: effect, joints, size, certainty, held-out error before and after."""
+    """The finding: effect, joints, size, certainty; then the held-out error before and after."""
     verdict, effects = document["verdict"], list(document.get("effects") or [])
     if verdict == "none":
         text = f"the measured logs show nothing that the model lacks{_nominal_comparison(document, evidence)}"
@@ -66,21 +66,21 @@ def verdict_sentence(document: Document, evidence: JointUnits) -> str:
         chance = number(effects[0].get("p_value"))
         text = " or ".join([first, *twins]) + ", and these logs cannot tell which"
         text += (
-            f" (chance of such a sign without any effect: {probability(chance)})"
+            f" (probability of such a pattern without any effect: {probability(chance)})"
             if math.isfinite(chance)
             else ""
         )
         text += f"; besides, {listed(rest)}" if rest else ""
-        text += _outcome(document, evidence, effects, "with the first of them in the model")
+        text += _outcome(document, evidence, effects, "With the first of them in the model")
     elif verdict == "outside_catalogue" and len(effects) == 1:
         text = clause(effects[0]) + _size(effects[0])
-        text += _outcome(document, evidence, effects, "with an unnamed correction")
+        text += _outcome(document, evidence, effects, "With an unnamed correction")
     else:
         found = [clause(effect) + _size(effect) for effect in effects]
         lead = "" if len(found) == 1 else f"{_count(len(found))} effects are missing from the model: "
         text = lead + ("; ".join(found[:-1]) + "; and " if found[1:] else "") + found[-1]
-        added = {1: "with that in the model", 2: "with both in the model"}
-        text += _outcome(document, evidence, effects, added.get(len(found), "with all of them in the model"))
+        added = {1: "With that in the model", 2: "With both in the model"}
+        text += _outcome(document, evidence, effects, added.get(len(found), "With all of them in the model"))
     return text[0].upper() + text[1:] + "." + _known_before(document)
 
 
@@ -161,15 +161,15 @@ def _outcome(document: Document, evidence: JointUnits, effects: Sequence[Documen
     if not changes:
         return ""
     if all(fall == 0 for fall in falls):
-        return f"; no correction was taken into the model, whose 4 s error on held-out logs stays {listed(changes)}"
+        return f". No correction was taken into the model; its 4 s error on held-out logs stays {listed(changes)}"
     how = (
         "falls" if all(fall > 0 for fall in falls) else "rises" if all(fall < 0 for fall in falls) else "goes"
     )
-    return f"; {added}, the 4 s error on held-out logs {how} {listed(changes)}"
+    return f". {added}, the 4 s error on held-out logs {how} {listed(changes)}"
 
 
 def _nominal_comparison(document: Document, evidence: JointUnits) -> str:
-    """Clause on the joint with the largest error relative to that on held-out nominal logs."""
+    """Sentence on the joint with the largest error relative to that on held-out nominal logs."""
     floor = document.get("baselines", {}).get("nominal_floor", {}).get(HORIZON) or {}
     ratios = {
         joint: held_out_error(document, "before", joint) / number(floor[joint])
@@ -186,7 +186,7 @@ def _nominal_comparison(document: Document, evidence: JointUnits) -> str:
         for value in (held_out_error(document, "before", worst), number(floor[worst]))
     )
     return (
-        f"; its 4 s error on held-out measured logs is at worst {significant(ratios[worst], 2)} times that on nominal "
+        f". Its 4 s error on held-out measured logs is at worst {significant(ratios[worst], 2)} times that on nominal "
         f"logs ({worst}: {with_unit(measured, unit)} against {nominal})"
     )
 

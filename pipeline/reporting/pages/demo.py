@@ -79,14 +79,13 @@ def demo_page(
     return render_page(
         f"From logs of a hydraulic arm ({machine.name}) to reaching, and to what has changed",
         "A model was learned from logs of the simulated machine, and a planner drives the arm to targets on it. Then "
-        "one thing in the machine was changed and sealed, and new logs were searched for it. A seed draws what "
-        "changes; this seed was chosen for a change that a model can be corrected by. How often such a search is "
-        "right: docs/benchmark.md.",
+        "the machine was changed, the change was sealed, and new logs were searched for it. A seed draws what changes; "
+        "this seed was chosen so that a model can be corrected. How often such a search is right: docs/benchmark.md.",
         figures,
         [reaching, changed, _steps_section(steps)],
         [
             ("logs", "recorded on the simulated machine, no real one"),
-            ("settings", "small budgets, as the commands below say: a first look, not the result"),
+            ("settings", "small budgets, as the commands above say: a first look, not the result"),
             ("made by", "make demo"),
         ],
     )
@@ -112,14 +111,14 @@ def reaching_section(
     count = f"{sum(reached)} of {len(reached)}"
     answer = f"{PLANNER}, reaches {count} targets within {WITHIN[0]:g} m and {WITHIN[1]:g} rad."
     paragraphs.append(
-        "The arm in the films moves as the learned model says. On the machine itself the model's errors and the "
-        "delays of the control system come on top."
+        "The green hammer is the target pose, the translucent sector the workspace that the tip may not leave. The arm "
+        "moves as the learned model says; on the machine itself the model's errors and delays come on top."
     )
     return count, Section("Reaching", answer, films, paragraphs=paragraphs, gallery=True)
 
 
 def _steps_section(steps: Sequence[DemoStep]) -> Section:
-    rows = [[step.title, f"{step.seconds:.0f} s", step.command] for step in steps]
+    rows = [[step.title, f"{step.seconds:.0f}\N{NO-BREAK SPACE}s", step.command] for step in steps]
     return Section(
         "What was done",
         "Each step is a command that you can run by hand; docs/tutorial.md explains them one by one.",

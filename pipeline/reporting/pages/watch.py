@@ -55,7 +55,7 @@ def _row(name: str, document: dict[str, Any]) -> list[str]:
     latest = sessions[-1]["begin"][:10] if sessions else "none"
     open_ones = [of for of in findings if of["until"] is None]
     what = _told(open_ones[-1]) if open_ones else ""
-    evidence = f"{document['e_value']:.2g} of {document['alarm_at']:g}"
+    evidence = f"{document['e_value']:.2g} (alarm at {document['alarm_at']:g})"
     return [name, STATES[document["state"]], what, latest, str(len(sessions)), evidence]
 
 
@@ -80,10 +80,15 @@ def _section(name: str, document: dict[str, Any]) -> Section:
     if not sessions:
         return Section(name, "No session yet.")
     figures = [
-        Figure("Evidence", "Above the line a machine is told as changed.", evidence_figure(document), SVG)
+        Figure("Evidence", "From the line on a machine counts as changed.", evidence_figure(document), SVG)
     ]
     figures += [
-        Figure(f"Since {of['onset']['session']}", "Grey: range before the change.", course_figure(of), SVG)
+        Figure(
+            f"Since {of['onset']['session']}",
+            "Grey: range before the change. Dashed: trend.",
+            course_figure(of),
+            SVG,
+        )
         for of in document["findings"]
     ]
     points = (
@@ -98,11 +103,11 @@ def _section(name: str, document: dict[str, Any]) -> Section:
 
 def _sentence(finding: dict[str, Any]) -> str:
     onset, trend = finding["onset"], finding["trend"]
-    how = "grows since" if onset["course"] == "ramp" else "began with"
+    how = "has grown since" if onset["course"] == "ramp" else "began with"
     text = f"{_told(finding)}. It {how} session {onset['session']}"
     first, last = onset["interval"]
     text += "" if first == last else f" (95 %: {first} to {last})"
-    text += f", and was told after {finding['alarm']}"
+    text += f", and was found after {finding['alarm']}"
     text += "." if finding["until"] is None else f"; gone since {finding['until']}."
     if trend is not None and trend["reaches_limit_in_sessions"] is not None:
         fewest, most = trend["reaches_limit_in_sessions"]

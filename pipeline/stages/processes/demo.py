@@ -59,7 +59,7 @@ def draw(steps: list[DemoStep]) -> str:
             FIRST_JUDGED_ROW,
             PREDICTED_STEPS,
         )
-        for when in ("before", "after")
+        for when in ("after", "before")  # in the colours of the report
     }
     return demo_page(machine, MACHINE_DIRECTORY, FOLDER, predictions, steps)
 

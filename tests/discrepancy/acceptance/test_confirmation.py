@@ -142,7 +142,7 @@ def test_the_sentence_says_whose_bound_it_is() -> None:
     assert "not confirmed" in in_words(coupled(0, 0.1), pooled, "lift")
     assert "(with its other joints at least 20%)" in in_words(coupled(0, 0.1), pooled, "lift")
     local = replace(judgement, bound=0.9, is_local=True)
-    assert "it removes 30% (where it acts at least 90%) of the squares" in in_words(
+    assert "it removes 30% of the squared residual (where it acts at least 90%)" in in_words(
         coupled(0, 0.1), local, "lift"
     )
 
