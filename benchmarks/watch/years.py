@@ -20,8 +20,8 @@ REPEATS, BEFORE, RAMP, AFTER = 10, (5, 40), 30, 40  # draws; sound sessions; to 
 BROKEN, AFTER_REPAIR = 10, 10  # sessions
 COLUMNS = (
     "machine",
-    "sound, but told as changed",
-    "step: sessions until told, median",
+    "unchanged, but reported as changed",
+    "step: sessions until reported, median",
     "90 %",
     "ramp: median",
     "90 %",
