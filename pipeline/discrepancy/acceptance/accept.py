@@ -4,10 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
+from pipeline.discrepancy.acceptance.e_value import e_values
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects, grouped, refitted
 from pipeline.discrepancy.acceptance.parameters import parameters_of
+from pipeline.discrepancy.acceptance.power import Visible, visible_sizes
 from pipeline.discrepancy.acceptance.size_of_an_effect import (
-    share_on_nominal,
+    asked_for_on_nominal,
+    to_put_on_nominal,
     why_it_is_misfit,
     why_it_is_no_supply,
 )
@@ -16,7 +19,6 @@ from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.explanations import Explanation
-from pipeline.discrepancy.posterior.power import Visible
 from pipeline.discrepancy.selection.candidate import Key
 from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.select import Selection
@@ -30,16 +32,18 @@ class Acceptance:
     Attributes:
         judgements: Of each effect that was selected.
         fit: Effects that passed.
-        probability_none: Of no effect at all; None: no posterior was asked for.
+        e_values: Of these, as effects of the machine.
         power: What these logs would have shown.
+        probability_none: Of no effect at all; None: no posterior was asked for.
         of_rivals: Probability of equivalents, by family and joint.
         explanations: All that were weighed, on all rows; empty where no posterior was asked for.
     """
 
     judgements: Mapping[Key, Confirmed]
     fit: FittedEffects
+    e_values: Mapping[Key, float]
+    power: Sequence[Visible]
     probability_none: float | None = None
-    power: Sequence[Visible] = ()
     of_rivals: Mapping[tuple[str, int], float] = field(default_factory=dict)
     explanations: Sequence[Explanation] = ()
 
@@ -68,7 +72,7 @@ def accept(diagnosis: Diagnosis, selection: Selection, journal: Journal) -> Acce
     fit = refitted(diagnosis, passed) if is_part else grouped(diagnosis, passed)
     fit = beyond_misfit(fit, journal.log)
     journal.end_part("gate")
-    return Acceptance(judgements, fit)
+    return Acceptance(judgements, fit, e_values(fit, judgements), visible_sizes(fit))
 
 
 def is_given(effect: SelectedEffect) -> bool:
@@ -97,11 +101,7 @@ def beyond_misfit(fit: FittedEffects, log: Callable[[str], None]) -> FittedEffec
 def _why_it_is_none(fit: FittedEffects, effect: MachineEffect) -> str | None:
     if effect.family == SUPPLY:
         return why_it_is_no_supply(parameters_of(fit, effect)["correlation_time"], len(effect.joints))
-    nominal, logs = fit.diagnosis.nominal, fit.diagnosis.logs
-    if effect.family in nominal.present or logs.is_of_one_machine:
-        return None  # the nominal logs are with it
-    # Of what has no equation nothing can be put on nominal logs; of what stops showed, they say nothing.
-    members = [m for m in effect.members if has_wrapper(m.candidate) and m.candidate.deviation is None]
+    members = to_put_on_nominal(fit.diagnosis, effect)
     if not members:
         return None
-    return why_it_is_misfit(share_on_nominal(nominal.simulation, nominal.rows, members))
+    return why_it_is_misfit(asked_for_on_nominal(fit.diagnosis.nominal, members).share)

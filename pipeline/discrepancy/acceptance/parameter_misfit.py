@@ -20,10 +20,14 @@ from pipeline.discrepancy.selection.selected_effect import SelectedEffect, resid
 MISFIT_PARTS = 6  # of the nominal logs: four minutes each, of 24
 
 
-def on_nominal_parts(found: Sequence[SelectedEffect], n_rows: int) -> tuple[list[SelectedEffect], np.ndarray]:
-    """Effects as nominal logs would show them, which know no onset, and (N,) the part that each nominal row is of."""
-    part = np.arange(n_rows) * MISFIT_PARTS // max(n_rows, 1)
-    return [replace(f, candidate=replace(f.candidate, onset=None)) for f in found], part
+def without_onsets(found: Sequence[SelectedEffect]) -> list[SelectedEffect]:
+    """Effects as nominal logs would show them, which know no onset."""
+    return [replace(f, candidate=replace(f.candidate, onset=None)) for f in found]
+
+
+def nominal_parts(n_rows: int) -> np.ndarray:
+    """(N,) the part that each nominal row is of."""
+    return np.arange(n_rows) * MISFIT_PARTS // max(n_rows, 1)
 
 
 def misfit_covariance(
@@ -37,7 +41,7 @@ def misfit_covariance(
         found: Effects, in the order of their coordinates.
     """
     residual = residual_of(simulation, rows, [])
-    everywhere, part = on_nominal_parts(found, len(residual))
+    everywhere, part = without_onsets(found), nominal_parts(len(residual))
     coordinates = coordinates_of(simulation, everywhere)
     if not any(coordinates.values()):
         return {}

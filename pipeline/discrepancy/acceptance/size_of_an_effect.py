@@ -5,36 +5,65 @@ Of a supply it is not its size that tells, but on how many joints and for how lo
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.discrepancy.acceptance.parameter_misfit import MISFIT_PARTS, on_nominal_parts
-from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.acceptance.parameter_misfit import MISFIT_PARTS, nominal_parts, without_onsets
+from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
+from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour
 from pipeline.discrepancy.families.supply_variation import SHORTEST_S
+from pipeline.discrepancy.families.uncorrectable import has_wrapper
+from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 from pipeline.effects.draws import OF_95_PERCENT
 
 
-def share_on_nominal(simulation: Simulation, rows: ScoredRows, members: Sequence[SelectedEffect]) -> float:
-    """Share of an effect's size that nominal logs ask for, by least squares; root mean square over their parts.
+class Asked(NamedTuple):
+    """What logs that are without an effect ask for, by least squares.
 
-    It would be zero, were the diagnosis model right: the logs are without the effect. Where it is not, measured logs
-    that visit the same places more often show more of the same misfit, but none of another size.
+    Attributes:
+        share: Of the effect's size; root mean square over parts of the logs.
+        squares: Of what the effect changes, in units of the noise floor's: mean over the parts.
+    """
+
+    share: float
+    squares: float
+
+
+def asked_for(change: np.ndarray, residual: np.ndarray, floor: np.ndarray) -> Asked:
+    """Of an effect of size one.
 
     Args:
-        simulation: On nominal logs, by members that did not see them.
-        rows: Of the nominal logs.
-        members: The effect, joint by joint, with the values that measured logs gave it.
+        change: (N, k) by the effect.
+        residual: (N, k) without it.
+        floor: (k,) mean squares of the noise.
     """
-    residual = residual_of(simulation, rows, [])
-    everywhere, part = on_nominal_parts(members, len(residual))
-    change = residual - residual_of(simulation, rows, everywhere)
     # Curvature of all rows, not of the part: a part that hardly shows the effect says little, not anything.
-    squares = np.sum(change**2 / rows.floor) / MISFIT_PARTS
-    asked = np.bincount(part, np.sum(change * residual / rows.floor, axis=1), MISFIT_PARTS)
-    return float(np.sqrt(np.mean((asked / max(squares, 1e-12)) ** 2)))
+    squares = float(np.sum(change**2 / floor)) / MISFIT_PARTS
+    asked = np.bincount(nominal_parts(len(residual)), np.sum(change * residual / floor, axis=1), MISFIT_PARTS)
+    return Asked(float(np.sqrt(np.mean((asked / max(squares, 1e-12)) ** 2))), squares)
+
+
+def asked_for_on_nominal(nominal: NominalBehaviour, members: Sequence[SelectedEffect]) -> Asked:
+    """Of an effect, joint by joint, with the values that measured logs gave it.
+
+    It would be zero, were the diagnosis model right. Where it is not, measured logs that visit the same places more
+    often show more of the same misfit, but none of another size.
+    """
+    residual = residual_of(nominal.simulation, nominal.rows, [])
+    change = residual - residual_of(nominal.simulation, nominal.rows, without_onsets(members))
+    return asked_for(change, residual, nominal.rows.floor)
+
+
+def to_put_on_nominal(diagnosis: Diagnosis, effect: MachineEffect) -> list[SelectedEffect]:
+    """An effect joint by joint, where nominal logs are without it; empty where nothing can be asked of them.
+
+    Of what has no equation nothing can be put on nominal logs; of what stops showed, they say nothing.
+    """
+    if effect.family in diagnosis.nominal.present or diagnosis.logs.is_of_one_machine:
+        return []
+    return [m for m in effect.members if has_wrapper(m.candidate) and m.candidate.deviation is None]
 
 
 def why_it_is_misfit(share: float) -> str | None:

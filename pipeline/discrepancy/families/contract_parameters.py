@@ -58,8 +58,7 @@ def describe(
         deviation, widest = spread.get(name, UNKNOWN)
         return quantity(value, unit, abs(factor) * deviation, abs(factor) * widest)
 
-    units = {"length": unit, "speed": f"{unit}/s"}
-    told = {}
+    units, told = units_of(unit), {}
     for parameter in effect.card.parameters:
         name, index = parameter.name, candidate.index_of(parameter.name)
         value, place = candidate.point.get(name, parameter.neutral), name
@@ -245,3 +244,8 @@ def of_all_joints(described: Sequence[Mapping[str, Any]], joints: Sequence[str])
         merged[name] = quantity(mean, next(iter(having.values()))["unit"], deviation, widest)
         merged |= {f"{name}:{joint}": of for joint, of in having.items()}
     return merged
+
+
+def units_of(unit: str) -> dict[str, str]:
+    """What a card's lengths and speeds are told in on a joint whose positions are in `rad` or `m`."""
+    return {"length": unit, "speed": f"{unit}/s"}

@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.discrepancy.acceptance.accept import Acceptance
 from pipeline.discrepancy.acceptance.confirmation import Confirmed
 from pipeline.discrepancy.acceptance.fitted_effects import grouped, refitted
+from pipeline.discrepancy.acceptance.power import Visible
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.posterior.e_values import e_value_of, log_e_value
@@ -20,7 +21,7 @@ from pipeline.discrepancy.posterior.findings import (
     rivals_of,
 )
 from pipeline.discrepancy.posterior.new_rows import on_all_rows
-from pipeline.discrepancy.posterior.power import Visible, visible_sizes
+from pipeline.discrepancy.posterior.power import visible_sizes
 from pipeline.discrepancy.posterior.select_by_posterior import CREDIBLE, PosteriorSelection, rows_with_columns
 from pipeline.discrepancy.selection.grouping import OTHER, told_as
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
@@ -91,7 +92,10 @@ def accept_by_posterior(diagnosis: Diagnosis, selection: PosteriorSelection, jou
         for rival, of in belief.rivals
         for joint in rival.joints
     }
-    return Acceptance(judgements, fit, of_none, _power(diagnosis, selection), of_rivals, explanations)
+    e_values = {key: e_value_of(judgement.bound) for key, judgement in judgements.items()}
+    return Acceptance(
+        judgements, fit, e_values, _power(diagnosis, selection), of_none, of_rivals, explanations
+    )
 
 
 def _with_rivals_left(effect: SelectedEffect, belief: Belief) -> SelectedEffect:

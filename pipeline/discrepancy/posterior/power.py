@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from pipeline.discrepancy.acceptance.power import FOUND_WITH, Visible
 from pipeline.discrepancy.posterior.evidence.joint_evidence import JointEvidence, Scatter
 from pipeline.discrepancy.posterior.evidence.nominal_joint import LEAST_SHARES
 from pipeline.discrepancy.posterior.evidence.products import Products
@@ -22,24 +23,6 @@ from pipeline.discrepancy.posterior.probabilities import OF_ANY
 from pipeline.discrepancy.posterior.residual.columns import Term
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Parameter
-
-FOUND_WITH = 0.9
-
-
-class Visible(NamedTuple):
-    """Of a family on a joint.
-
-    Attributes:
-        family: Name.
-        joint: Index.
-        size: Of its first parameter, how far from neutral; infinite where no plausible size would have been found.
-        unit: Of that parameter, as on its card.
-    """
-
-    family: str
-    joint: int
-    size: float
-    unit: str
 
 
 class Priced(NamedTuple):

@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 
 from pipeline.discrepancy.acceptance.confirmation import Confirmed
+from pipeline.discrepancy.acceptance.e_value import as_told
 from pipeline.discrepancy.acceptance.parameters import parameters_of
+from pipeline.discrepancy.acceptance.power import Visible
 from pipeline.discrepancy.correction.correct import Alternative
 from pipeline.discrepancy.diagnosis.splits import Purpose
-from pipeline.discrepancy.posterior.e_values import e_value_of
+from pipeline.discrepancy.families.contract_parameters import units_of
 from pipeline.discrepancy.posterior.select_by_posterior import CREDIBLE
 from pipeline.discrepancy.selection.grouping import (
     OTHER,
@@ -39,6 +41,7 @@ def document_of(verdict: Verdict) -> dict[str, Any]:
         "effects": entries,
         **({"known": known_entries(verdict)} if diagnosis.known else {}),
         **_of_posterior(verdict),
+        "power": [_visible(verdict, of) for of in verdict.acceptance.power],
         "alternatives": [_alternative(verdict, of) for of in verdict.correction.alternatives],
         "error": _errors(verdict),
         "baselines": _baselines(verdict),
@@ -106,18 +109,14 @@ def _held_out(verdict: Verdict) -> dict[str, Any]:
 
 
 def _of_posterior(verdict: Verdict) -> dict[str, Any]:
-    acceptance = verdict.acceptance
-    if acceptance.probability_none is None:
-        return {}
-    power = [
-        {
-            **of._asdict(),
-            "joint": verdict.logs.joints[of.joint],
-            "size": of.size if np.isfinite(of.size) else None,
-        }
-        for of in acceptance.power
-    ]
-    return {"probability_none": acceptance.probability_none, "power": power}
+    of_none = verdict.acceptance.probability_none
+    return {} if of_none is None else {"probability_none": of_none}
+
+
+def _visible(verdict: Verdict, of: Visible) -> dict[str, Any]:
+    unit = units_of(verdict.logs.units[of.joint]).get(of.unit, of.unit)
+    size = of.size if np.isfinite(of.size) else None
+    return {"family": of.family, "joint": verdict.logs.joints[of.joint], "size": size, "unit": unit}
 
 
 def _by_joint(joints: Sequence[str], values: np.ndarray) -> dict[str, float | None]:
@@ -138,21 +137,17 @@ def _entry(verdict: Verdict, effect: MachineEffect, error_reduction: float) -> d
         "onset": onset,
         "certain": not effect.equivalents,
         **_belief(judgements[effect.members[0].candidate.key]),
-        "p_value": float(min(judgements[m.candidate.key].p_value for m in effect.members)),
+        **as_told(verdict.acceptance.e_values[effect.members[0].candidate.key]),
         "error_reduction": error_reduction,
     }
     return {**entry, "of": effect.family} if onset is not None else entry
 
 
 def _belief(judgement: Confirmed) -> dict[str, Any]:
-    """What the posterior and confirmation rows say, where there is one."""
+    """What the posterior says, where there is one."""
     if judgement.probability is None:
         return {}
-    return {
-        "certain": judgement.probability >= CREDIBLE,
-        "probability": judgement.probability,
-        "e_value": e_value_of(judgement.bound),
-    }
+    return {"certain": judgement.probability >= CREDIBLE, "probability": judgement.probability}
 
 
 def _onset(measured: Sequence[Trajectory], stamp_ns: int | None) -> dict[str, Any] | None:

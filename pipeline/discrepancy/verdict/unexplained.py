@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from pipeline.discrepancy.acceptance.accept import Acceptance, is_given
+from pipeline.discrepancy.acceptance.e_value import as_told, e_value_of
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
@@ -72,7 +73,7 @@ def unexplained(diagnosis: Diagnosis, selection: Selection, acceptance: Acceptan
                 "parameters": {},
                 "onset": None,
                 "certain": False,
-                "p_value": p_value,
+                **as_told(e_value_of(p_value)),
                 "error_reduction": 0.0,
             }
         )

@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.discrepancy.acceptance import accept as accepting
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
+from pipeline.discrepancy.acceptance.size_of_an_effect import Asked
 from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from tests.discrepancy.bare_candidate import bare_candidate
@@ -26,7 +27,9 @@ def test_the_rest_is_fitted_again(monkeypatch, present, is_of_one_machine: bool,
     effects = [MachineEffect(family, [SelectedEffect(bare_candidate(family, 0))]) for family in ASKED_FOR]
     said: list[str] = []
     monkeypatch.setattr(
-        accepting, "share_on_nominal", lambda _, __, members: ASKED_FOR[members[0].candidate.family]
+        accepting,
+        "asked_for_on_nominal",
+        lambda _, members: Asked(ASKED_FOR[members[0].candidate.family], squares=1.0),
     )
     monkeypatch.setattr(
         accepting,
@@ -36,7 +39,7 @@ def test_the_rest_is_fitted_again(monkeypatch, present, is_of_one_machine: bool,
         ),
     )
     diagnosis: Any = SimpleNamespace(
-        nominal=SimpleNamespace(present=present, simulation=None, rows=None),
+        nominal=SimpleNamespace(present=present),
         logs=SimpleNamespace(is_of_one_machine=is_of_one_machine),
     )
     fit = FittedEffects(diagnosis, [member for effect in effects for member in effect.members], effects)

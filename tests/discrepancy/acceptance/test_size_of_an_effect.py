@@ -1,43 +1,35 @@
 """Which sizes are told from none."""
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 
 from pipeline.discrepancy.acceptance import size_of_an_effect as sizes
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect
-from tests.discrepancy.bare_candidate import bare_candidate
+from pipeline.discrepancy.acceptance.parameter_misfit import MISFIT_PARTS
 
-N_ROWS = 6000
-ROWS: Any = SimpleNamespace(floor=np.array([1.0, 4.0]))
+N_ROWS, FLOOR = 6000, np.array([1.0, 4.0])
 
 
-def share(monkeypatch: pytest.MonkeyPatch, of_rows: np.ndarray, noise: float = 0.0) -> float:
+def share(of_rows: np.ndarray, noise: float = 0.0) -> float:
     """Of an effect on both joints, of whose size nominal rows hold `of_rows`, (N,), beside noise."""
     random = np.random.default_rng(0)
-    change = random.normal(0.0, 1.0, (N_ROWS, 2)) * np.sqrt(ROWS.floor)
-    residual = of_rows[:, None] * change + noise * random.normal(0.0, 1.0, (N_ROWS, 2)) * np.sqrt(ROWS.floor)
-    monkeypatch.setattr(sizes, "residual_of", lambda _, __, found: residual - change if found else residual)
-    simulation: Any = None
-    members = [SelectedEffect(bare_candidate("gain", joint)) for joint in (0, 1)]
-    return sizes.share_on_nominal(simulation, ROWS, members)
+    change = random.normal(0.0, 1.0, (N_ROWS, 2)) * np.sqrt(FLOOR)
+    residual = of_rows[:, None] * change + noise * random.normal(0.0, 1.0, (N_ROWS, 2)) * np.sqrt(FLOOR)
+    return sizes.asked_for(change, residual, FLOOR).share
 
 
-def test_nominal_logs_ask_for_the_share_that_they_hold(monkeypatch) -> None:
-    assert share(monkeypatch, np.full(N_ROWS, 0.6)) == pytest.approx(0.6, rel=0.01)
-    assert share(monkeypatch, np.zeros(N_ROWS)) == 0.0
+def test_nominal_logs_ask_for_the_share_that_they_hold() -> None:
+    assert share(np.full(N_ROWS, 0.6)) == pytest.approx(0.6, rel=0.01)
+    assert share(np.zeros(N_ROWS)) == 0.0
 
 
-def test_shares_of_parts_that_differ_do_not_cancel(monkeypatch) -> None:
+def test_shares_of_parts_that_differ_do_not_cancel() -> None:
     sign = np.where(np.arange(N_ROWS) < N_ROWS // 2, 0.6, -0.6)
-    assert share(monkeypatch, sign) == pytest.approx(0.6, rel=0.01)
+    assert share(sign) == pytest.approx(0.6, rel=0.01)
 
 
-def test_noise_alone_asks_for_what_a_fit_of_a_part_scatters_by(monkeypatch) -> None:
-    by_chance = 2.0 / np.sqrt(2 * N_ROWS / sizes.MISFIT_PARTS)
-    assert share(monkeypatch, np.zeros(N_ROWS), noise=2.0) == pytest.approx(by_chance, rel=0.7)
+def test_noise_alone_asks_for_what_a_fit_of_a_part_scatters_by() -> None:
+    by_chance = 2.0 / np.sqrt(2 * N_ROWS / MISFIT_PARTS)
+    assert share(np.zeros(N_ROWS), noise=2.0) == pytest.approx(by_chance, rel=0.7)
 
 
 @pytest.mark.parametrize(("of_size", "is_none"), [(0.0, False), (0.5, False), (0.52, True), (1.0, True)])

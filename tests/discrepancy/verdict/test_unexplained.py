@@ -62,7 +62,7 @@ def entries(
     selection = Selection(searched, screened, comparison, {})
     judgement: Any = SimpleNamespace(is_confirmed=borne_out)
     fit: Any = None
-    acceptance = Acceptance({f.candidate.key: judgement for f in searched}, fit)
+    acceptance = Acceptance({f.candidate.key: judgement for f in searched}, fit, {}, ())
     return unexplained(diagnosis, selection, acceptance)
 
 
