@@ -374,6 +374,18 @@ def test_every_family_has_words(family, parameters, said):
     assert "nan" not in text_of(closed_loop_page(document, evidence_of(document), "m", "a", "b")).split()
 
 
+def test_what_the_logs_would_have_shown_stands_by_joint() -> None:
+    sizes = [("gain", "swing", 0.0812, "1"), ("gain", "arm", None, "1"), ("backlash", "boom", 0.00942, "rad")]
+    power = [dict(zip(("family", "joint", "size", "unit"), of, strict=True)) for of in sizes]
+    document = documents()["none"] | {"power": power}
+    page = closed_loop_page(document, evidence_of(document), "bobcat_e10", "nominal", "measured")
+    rows = re.findall(r"<tr><td>(changed speed|play on reversal)</td>(.*?)</tr>", page)
+    assert [(name, re.findall(r">([^<>]+)</td>", cells)) for name, cells in rows] == [
+        ("changed speed", ["0.081", "–", "–", "–"]),
+        ("play on reversal", ["–", "9.4 mrad", "–", "–"]),
+    ]
+
+
 def test_a_baseline_that_wins_is_named_and_marked():
     document = documents()["named"]
     evidence = evidence_of(document)

@@ -22,6 +22,7 @@ from pipeline.reporting.closed_loop.errors import (
     winner_sentences,
 )
 from pipeline.reporting.closed_loop.method import key_figures, memory_sentence, provenance, residual_answer
+from pipeline.reporting.closed_loop.power import visible_sizes
 from pipeline.reporting.closed_loop.search import alternatives, effect_cards, ranking, ranking_answer
 from pipeline.reporting.closed_loop.verdict import is_corrected, verdict_sentence
 
@@ -97,6 +98,8 @@ def closed_loop_page(
         alternatives=alternatives(document),
         effects=effect_cards(document),
         warnings=evidence.warnings,
+        joints=evidence.joints,
+        visible=visible_sizes(document, evidence.joints),
         next_experiment=document.get("next_experiment"),
         provenance=provenance(document, machine_name, nominal, measured),
         steps=evidence.steps,
