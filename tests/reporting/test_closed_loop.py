@@ -381,7 +381,7 @@ def test_what_the_logs_would_have_shown_stands_by_joint() -> None:
     page = closed_loop_page(document, evidence_of(document), "bobcat_e10", "nominal", "measured")
     rows = re.findall(r"<tr><td>(changed speed|play on reversal)</td>(.*?)</tr>", page)
     assert [(name, re.findall(r">([^<>]+)</td>", cells)) for name, cells in rows] == [
-        ("changed speed", ["0.081", "–", "–", "–"]),
+        ("changed speed", ["8 %", "–", "–", "–"]),
         ("play on reversal", ["–", "9.4 mrad", "–", "–"]),
     ]
 
