@@ -44,15 +44,22 @@ demo: env ## films of reaching, and an undeclared change found: one page in some
 COMPILED_QUICKLY := JAX_DISABLE_MOST_OPTIMIZATIONS=1 \
   XLA_FLAGS="--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
 
+# The graph in a folder of its own, with nothing made yet; what was made there before stays.
+define copy_graph
+mkdir -p $(1)
+git ls-files -co --exclude-standard -z -- . ':!artifacts' ':!dvc.lock' | tar --create --null --files-from=- \
+  | tar --extract --directory $(1)
+git init --quiet $(1)
+endef
+
 .PHONY: graph-smoke
 graph-smoke: env ## test the whole graph: `dvc repro` on the smoke profile in build/graph_smoke (its figures mean nothing)
-	rm -rf build/graph_smoke && mkdir -p build/graph_smoke
-	git ls-files -co --exclude-standard -z -- . ':!artifacts' ':!dvc.lock' | tar --create --null --files-from=- \
-	  | tar --extract --directory build/graph_smoke
+	rm -rf build/graph_smoke
+	$(call copy_graph,build/graph_smoke)
 	sed -i -e 's/^profile: .*/profile: smoke/' -e 's/^seeds: .*/seeds: [0]/' -e 's/^icem_variants: .*/icem_variants: [icem]/' \
 	  -e 's/^frames_per_second: .*/frames_per_second: 2/' \
 	  -e '/^  icem_double_dagger_/d' build/graph_smoke/params.yaml
-	cd build/graph_smoke && git init --quiet \
+	cd build/graph_smoke \
 	  && export JAX_COMPILATION_CACHE_DIR="$${JAX_COMPILATION_CACHE_DIR:-$$PWD/compiled}" \
 	  && mkdir -p "$$JAX_COMPILATION_CACHE_DIR" && export NUMBA_CACHE_DIR="$$JAX_COMPILATION_CACHE_DIR" \
 	  JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.2 TF_CPP_MIN_LOG_LEVEL=3 $(COMPILED_QUICKLY) \
@@ -68,8 +75,17 @@ search: env ## search hyper-parameters for all four model kinds, then select (ne
 control-level: env ## policies from before and after closing the loop, on the changed machine (two hours, after `make repro`)
 	PATH="$(CURDIR)/$(BIN):$$PATH" dvc repro experiments/control_level/dvc.yaml
 
+# Models are chosen on all validation windows, as in docs/machines.md.
+.PHONY: field
+field: env ## `make repro` on the machine in the field, in build/field; the next report shows its Sim2Real (15 minutes)
+	$(call copy_graph,build/field)
+	sed -i -e 's/^condition: .*/condition: field/' -e 's/^seeds: .*/seeds: [0]/' build/field/params.yaml
+	sed -i -e 's/^identify:.*/&\n  evaluation_windows: 8320/' build/field/conf/profile/default.yaml
+	cd build/field && PATH="$(CURDIR)/$(BIN):$$PATH" python -m pipeline.stages.processes.side_by_side
+	cp build/field/artifacts/report/tables/sim2real.* experiments/paper_tables/field
+
 .PHONY: paper-tables
-paper-tables: search ablation ## make the paper's tables, after `make repro`: a night or more; a killed run goes on where it was
+paper-tables: search ablation field ## make the paper's tables, after `make repro`: a night or more; a killed run goes on where it was
 	PATH="$(CURDIR)/$(BIN):$$PATH" python -m pipeline.stages.processes.side_by_side experiments/paper_tables/dvc.yaml
 
 # On a machine that has Python and JAX of its own, and no network:

@@ -23,7 +23,7 @@ from pipeline.reporting.page import render_page
 from pipeline.reporting.pictures import Pictures
 from pipeline.reporting.results.artifacts import PipelineResults
 from pipeline.reporting.results.controllers import by_controller
-from pipeline.reporting.results.paper import DEPLOYMENT_COLUMNS
+from pipeline.reporting.results.paper import DEPLOYMENT_COLUMNS, SIMULATED
 from pipeline.reporting.table import Table
 from pipeline.reporting.tables.evaluation import brax_evaluation_table, comparison_table
 
@@ -75,7 +75,8 @@ def build_report(
         figures = {name: figure for name, figure in pictures.figures.items() if name not in FIGURES}
         sections.append(controller_section(results.controllers, figures, origin))
     if results.deployments:
-        sections.append(deployment_section(machine, results.deployments, pictures.figures, origin))
+        in_field = results.in_field if origin == SIMULATED else None
+        sections.append(deployment_section(machine, results.deployments, pictures.figures, origin, in_field))
     sections.append(model_section(machine, results.models, origin))
     sections += [*map(judgement_section, results.judgements), data, closed_loop]
     page = render_page(

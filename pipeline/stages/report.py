@@ -27,6 +27,7 @@ class ReportStage(PipelineConfiguration):
     sessions: InputLogs = MISSING
     artifacts: InputPath = MISSING
     output: OutputFolder = MISSING
+    field: InputPath | None = None
 
 
 @stage(ReportStage)
@@ -35,7 +36,7 @@ def main(configuration: ReportStage, run: StageRun) -> None:
     machine, artifacts = configuration.machine, Path(configuration.artifacts)
     output = Path(configuration.output)
     cells = read_controller_cells(Path(configuration.cells), "identified", "logs")
-    results = read_results(artifacts, list(cells["identified"]), controllers_of(cells))
+    results = read_results(artifacts, list(cells["identified"]), controllers_of(cells), configuration.field)
     run.inputs(configuration.sessions, *files_read(artifacts, results))
     report = build_report(
         machine,
@@ -49,8 +50,7 @@ def main(configuration: ReportStage, run: StageRun) -> None:
         provenance(configuration.profile, machine.name, run),
     )
     write_report(report, output)
-    summary = flatten_metrics(report.summary)
-    run.metrics(summary)
+    run.metrics(summary := flatten_metrics(report.summary))
     run.parent_metrics(summary, data_tags())
     run.artifact(output, "report")
     print(f"report: open {output / 'index.html'}")

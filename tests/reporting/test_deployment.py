@@ -130,6 +130,17 @@ def test_the_tables_hold_our_figures_over_the_same_trials_and_the_paper_s(made_u
         assert table.markdown() and r"\begin{table}" in table.latex() and json.loads(table.json())["rows"]
 
 
+def test_the_table_of_a_run_in_the_field_stands_beside_the_workshop_s(made_up, tmp_path) -> None:
+    machine, deployments = load_machine("bobcat_e10"), made_up[0]
+    tables = deployment_tables(machine, deployments, SIMULATED)
+    tables["sim2real"].write(tmp_path, "sim2real")
+    in_field = json.loads((tmp_path / "sim2real.json").read_text())
+    section = deployment_section(machine, deployments, {}, SIMULATED, in_field)
+    workshop, *_, field = (table.markdown().splitlines() for table in (tables["sim2real"], *section.tables))
+    assert field[1:] == workshop[1:]
+    assert field[0].endswith("on the plant, in the field**")
+
+
 def test_goals_and_delays_are_counted(made_up) -> None:
     tables = deployment_tables(load_machine("bobcat_e10"), made_up[0], SIMULATED)
     assert list(tables["until_goal"].rows[0]) == ["PPO", "MLP Δq̇", "5", "4", "7.5", "9.0"]

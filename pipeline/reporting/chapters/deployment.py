@@ -1,6 +1,7 @@
 """The report's chapter on deployment: the controllers in the graph with delays, and on the plant."""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from pipeline.reporting.tables.deployment import (
     sim2real_table,
     sim2sim_table,
     success_rate_changes,
+    table_in_field,
     until_goal_table,
 )
 
@@ -31,10 +33,13 @@ def deployment_section(
     deployments: Sequence[Deployment],
     figures: Mapping[str, Figure],
     origin: str,
+    in_field: Mapping[str, Any] | None = None,
 ) -> Section:
-    """Change of success rates through delays and through transfer to the plant."""
+    """Change of success rates through delays and through transfer to the plant, and to that in the field."""
     tables = deployment_tables(machine, deployments, origin)
     delays = tables.pop("delays", None)
+    if in_field is not None:
+        tables["in_field"] = table_in_field(in_field)
     return Section(
         TITLE,
         "The controllers drive the learned model, then the simulated machine (plant), through the delayed graph.",

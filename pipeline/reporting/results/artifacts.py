@@ -58,10 +58,14 @@ class PipelineResults:
     controllers: list[ControllerResult]
     closed_loop: ClosedLoopResult
     deployments: list[Deployment] = field(default_factory=list)
+    in_field: dict[str, Any] | None = None  # table of Sim2Real of the simulated machine in the field
 
 
 def read_results(
-    artifacts: Path, kinds: Sequence[str], controllers: Mapping[str, Sequence[int]]
+    artifacts: Path,
+    kinds: Sequence[str],
+    controllers: Mapping[str, Sequence[int]],
+    in_field: str | None = None,
 ) -> PipelineResults:
     """Read the stages' outputs.
 
@@ -69,6 +73,7 @@ def read_results(
         artifacts: Folder of the stages' outputs.
         kinds: Model kinds, `<parameterization>_<target>`.
         controllers: Names and seeds of the required controllers.
+        in_field: File of a table of Sim2Real that was made in the field.
 
     Raises:
         InputError: a file of a stage is missing or damaged.
@@ -86,6 +91,7 @@ def read_results(
             read_closed_loop(artifacts / "close_loop"), repair=read_json(artifacts / "repair/repair.json")
         ),
         read_deployments(artifacts, evaluated),
+        None if in_field is None else read_json(Path(in_field)),
     )
 
 

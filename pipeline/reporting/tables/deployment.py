@@ -2,6 +2,7 @@
 
 import statistics
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from pipeline.machine.specification import MachineSpecification
 from pipeline.reporting.results.controllers import controller_title, split_name
@@ -62,6 +63,12 @@ def sim2real_table(deployments: Sequence[Deployment], origin: str) -> Table | No
     rows = _rows(drives, (Where.graph, Where.plant), SIM2REAL, PAPER_TARGETS)
     notes = [LEGEND, GRAPH, PLANT, machine_note(origin)]
     return _table("Sim2Real transfer: successive targets on the plant", "Trials", rows, notes)
+
+
+def table_in_field(content: Mapping[str, Any]) -> Table:
+    """The table of Sim2Real that a run in the field wrote as JSON."""
+    rows = [list(row.values()) for row in content["rows"]]
+    return _table(f"{content['title']}, in the field", "Trials", rows, content["notes"])
 
 
 def until_goal_table(machine: MachineSpecification, deployments: Sequence[Deployment]) -> Table | None:
