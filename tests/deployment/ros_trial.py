@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.configuration.load import load_machine
 from pipeline.deployment.component import NANOSECONDS
-from pipeline.deployment.messages import JointCommand, ReachGoal, Topic
+from pipeline.deployment.messages import JointCommand, Joystick, ReachGoal, Reset, Topic
 from pipeline.deployment.transports.ros1.can_bus import CanBusConfig, open_bus
 from pipeline.deployment.transports.ros1.installation import require_ros
 from pipeline.deployment.transports.ros1.launch import graph
@@ -24,7 +24,7 @@ from pipeline.deployment.transports.ros1.message_types import carriers
 from pipeline.deployment.transports.ros1.operator import Operator
 from pipeline.deployment.transports.ros1.reach_action import ReachClient
 from pipeline.errors import InputError
-from tests.deployment.ros_node import CAN, NODES, SIMULATED, bus_config
+from tests.deployment.ros_node import CAN, NODES, SIMULATED, bus_config, config
 
 START_S = 180.0
 PATIENCE_S = 30.0  # for goals that take one or two seconds
@@ -35,7 +35,7 @@ ROGUE_PERIOD_S = 0.02
 
 
 def run(folder: Path) -> dict:
-    """Two goals in peace; some that end early; one in which somebody sends an impossible command; then more."""
+    """Two goals in peace; some that end early; one in which somebody sends an impossible command; more; a reset."""
     rospy, machine = require_ros(), load_machine("bobcat_e10")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("", 0))
@@ -72,6 +72,10 @@ def run(folder: Path) -> dict:
         operator.give(goal(3))
         results.append(operator.result(PATIENCE_S))
         time.sleep(WATCHED_S)
+        let_go_ns = reset(operator)
+        released_ns = operator.now_ns()
+        time.sleep(WATCHED_S)  # until the server has heard of it, too
+        results += operator.pursue([goal(7)], PATIENCE_S)
     heard = operator.recorder
     return {
         "drivers": drivers,
@@ -84,13 +88,42 @@ def run(folder: Path) -> dict:
         "stops": [{"rule": stop.rule, "s": stop.stamp_ns / NANOSECONDS} for stop in heard.stops],
         "outputs": [[out.stamp_ns / NANOSECONDS, bool(np.any(out.values))] for out in operator.outputs],
         "rogue_from_s": rogue_from_ns / NANOSECONDS,
+        "let_go_s": let_go_ns / NANOSECONDS,
+        "releases_s": [release.stamp_ns / NANOSECONDS for release in heard.releases],
+        "released_s": released_ns / NANOSECONDS,
     }
 
 
-def carries_frames(config: CanBusConfig) -> bool:
+def reset(operator: Operator) -> int:
+    """Acknowledge the stop with a stick held, let go later, wait for the release; when it was let go, ns."""
+    rospy, settings, topics = require_ros(), config(), carriers(load_machine("bobcat_e10"))
+    axes = np.ones(max(settings.teleoperation.axes) + 1)
+    stick, reset = (
+        rospy.Publisher(topics[topic].name, topics[topic].ros_type, queue_size=10)
+        for topic in (Topic.joystick, Topic.reset)
+    )
+    while not (
+        stick.get_num_connections() and reset.get_num_connections() > 1
+    ):  # as the operator records resets
+        time.sleep(ROGUE_PERIOD_S)
+    stick.publish(topics[Topic.joystick].to_ros(Joystick(operator.now_ns(), axes)))
+    time.sleep(WATCHED_S)
+    stop_ns = max(stop.stamp_ns for stop in operator.recorder.stops)
+    reset.publish(topics[Topic.reset].to_ros(Reset(operator.now_ns(), stop_ns)))
+    time.sleep(2 * settings.supervisor.neutral_s)
+    let_go_ns = operator.now_ns()
+    stick.publish(topics[Topic.joystick].to_ros(Joystick(let_go_ns, 0 * axes)))
+    deadline = time.monotonic() + PATIENCE_S
+    while not operator.recorder.releases:
+        assert time.monotonic() < deadline, "no release"
+        time.sleep(ROGUE_PERIOD_S)
+    return let_go_ns
+
+
+def carries_frames(bus: CanBusConfig) -> bool:
     """Whether the bus joins processes here: it takes a network interface that does multicast."""
     try:
-        with open_bus(config) as here, open_bus(config) as there:
+        with open_bus(bus) as here, open_bus(bus) as there:
             here.send(can.Message(arbitration_id=1, is_extended_id=False))
             return there.recv(timeout=1.0) is not None
     except (InputError, can.CanError):

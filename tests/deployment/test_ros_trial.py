@@ -13,7 +13,7 @@ import pytest
 
 from pipeline.configuration.load import load_machine
 from pipeline.deployment.messages import InterfaceRule
-from tests.deployment.ros_node import CAN, GOAL_TICKS, NODES
+from tests.deployment.ros_node import CAN, GOAL_TICKS, NODES, config
 from tests.ros_graph import DIST_PACKAGES, ROSMASTER, requires_debian
 
 PACKAGES = {
@@ -47,7 +47,7 @@ def trial(folder: Path) -> dict:
 
 def test_goals_end(trial: dict) -> None:
     outcomes = [(result["outcome"], result["goal_id"]) for result in trial["results"]]
-    assert outcomes == [("timed_out", 0), ("timed_out", 1), ("stopped", 2), ("stopped", 3)]
+    assert outcomes == [("timed_out", 0), ("timed_out", 1), ("stopped", 2), ("stopped", 3), ("timed_out", 7)]
     assert [result["n_ticks"] for result in trial["results"][:2]] == [GOAL_TICKS, GOAL_TICKS]
     assert 0 < trial["results"][2]["n_ticks"] < GOAL_TICKS and trial["results"][3]["n_ticks"] == 0
 
@@ -79,11 +79,12 @@ def test_an_emergency_mutes_every_later_command(trial: dict) -> None:
     stop = first_stop(trial)
     sent_s, moves = np.array(trial["command_s"]), np.array(trial["moves"])
     muted = int(np.argmax(sent_s > trial["rogue_from_s"]))  # the stopped goal's result has come by then
-    last_move_s = sent_s[np.flatnonzero(moves)[-1]]
-    assert moves.any() and last_move_s < trial["rogue_from_s"]
+    released = int(np.searchsorted(sent_s, trial["released_s"]))
+    last_move_s = sent_s[np.flatnonzero(moves[:released])[-1]]
+    assert last_move_s < trial["rogue_from_s"]
     # the server's last zero command ends the goal; from then on the interface alone speaks
     assert last_move_s - stop["s"] < 0.5
-    assert len(moves[muted:]) > 10 and not moves[muted:].any()
+    assert len(moves[muted:released]) > 10 and not moves[muted:released].any()
 
 
 def test_the_plc_zeroes_its_outputs_and_stays_so(trial: dict) -> None:
@@ -97,7 +98,13 @@ def test_the_plc_zeroes_its_outputs_and_stays_so(trial: dict) -> None:
     is_moving, zero_s = bool(moves[before][-1]), at_s[~before & (moves == 0)]
     held_s = stop["s"] if not is_moving else zero_s[0] if len(zero_s) else np.inf
     assert held_s - stop["s"] < 0.5
-    assert not moves[at_s > held_s].any()
+    is_released = at_s > trial["released_s"]
+    assert not moves[(at_s > held_s) & ~is_released].any() and moves[is_released].any()
+
+
+def test_a_reset_waits_for_the_sticks_and_for_no_motion_that_is_left_over(trial: dict) -> None:
+    (release_s,) = trial["releases_s"]  # though the stop was acknowledged long before the stick was let go
+    assert trial["let_go_s"] + config().supervisor.neutral_s <= release_s <= trial["released_s"]
 
 
 def test_every_node_says_what_it_measured(folder: Path, trial: dict) -> None:

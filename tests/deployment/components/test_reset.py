@@ -16,6 +16,7 @@ from pipeline.deployment.components.teleoperation_server import TeleoperationSer
 from pipeline.deployment.drivers.bobcat_e10_driver import MachineDriver
 from pipeline.deployment.messages import (
     EmergencyStop,
+    InterfaceRule,
     JointCommand,
     Joystick,
     Level,
@@ -36,8 +37,12 @@ CONFIG = dataclasses.replace(
     supervisor=dataclasses.replace(
         PAPER.supervisor, rules=["command_value"], neutral_s=NEUTRAL_TICKS * TICK_S, period_s=TICK_S
     ),
-    interface=dataclasses.replace(
-        PAPER.interface, supervised=True, maximum_supervisor_silence_s=2.5 * TICK_S
+    interface=dataclasses.replace(  # as many signs of life as in the paper's profile: one of them may be late
+        PAPER.interface,
+        supervised=True,
+        maximum_supervisor_silence_s=(
+            PAPER.interface.maximum_supervisor_silence_s / PAPER.supervisor.period_s * TICK_S
+        ),
     ),
 )
 # A violation, the acknowledgement of the stop, sticks, another server's command, a tick; the acknowledgement of a
@@ -64,6 +69,7 @@ class Graph:
         self.interface = ControlInterface(MACHINE, CONFIG.interface)
         self.supervisor = supervise(MACHINE, CONFIG, MACHINE_DIRECTORY)
         self.now_ns, self.sequence, self.stops = 0, 0, [0]
+        self.heard_ns, self.released_ns = 0, 0  # newest stops: that the interface knows, that are over
         self.moved: list[np.ndarray] = []
         # The requirement, written down without the components: when motion is allowed.
         self.is_stopped = self.is_acknowledged = self.is_deflected = False
@@ -73,6 +79,12 @@ class Graph:
     @property
     def components(self) -> tuple[Component, ...]:
         return self.supervisor, self.interface, self.teleoperation
+
+    @property
+    def is_unheard(self) -> bool:
+        """Whether a stop is under way while the interface knows of none: nobody can obey it yet."""
+        is_sent = any(output.topic is Topic.emergency_stop for output in self.held)
+        return is_sent and self.heard_ns <= self.released_ns
 
     def happen(self, event: str) -> None:
         self.now_ns += 1
@@ -113,6 +125,7 @@ class Graph:
             self.neutral_ticks += 1
             if self.neutral_ticks >= NEUTRAL_TICKS:
                 self.is_stopped = self.is_acknowledged = False
+                self.released_ns = self.stops[-1]
         for component in self.components:
             self._send(*component.on_timer(self.now_ns))
 
@@ -126,8 +139,11 @@ class Graph:
 
     def _at_once(self, outputs: Sequence[Output]) -> deque[Publication]:
         """What arrives at once; the operator knows of every stop."""
-        stops = [o.message.stamp_ns for o in outputs if o.topic is Topic.emergency_stop]
-        self.stops += [stop_ns for stop_ns in stops if stop_ns > self.stops[-1]]
+        for stop in (o.message for o in outputs if o.topic is Topic.emergency_stop):
+            if stop.stamp_ns > self.stops[-1]:
+                self.stops.append(stop.stamp_ns)
+            if stop.rule in [*InterfaceRule]:  # its own
+                self.heard_ns = max(self.heard_ns, stop.stamp_ns)
         self.held += [output for output in outputs if output.topic in self.late]
         return deque(output for output in outputs if output.topic not in self.late)
 
@@ -136,6 +152,9 @@ class Graph:
             topic, message = queue.popleft()
             if isinstance(message, MachineCommand) and np.any(message.values):
                 self.moved.append(message.values)
+            elif isinstance(message, EmergencyStop | SupervisorState):
+                told_ns = message.stamp_ns if isinstance(message, EmergencyStop) else message.stop_ns
+                self.heard_ns = max(self.heard_ns, told_ns)
             for component in self.components:
                 if topic in component.subscriptions:
                     queue += self._at_once(component.on_message(topic, message, self.now_ns))
@@ -143,18 +162,13 @@ class Graph:
 
 def explore(length: int, late: Sequence[Topic]) -> Iterator[tuple[tuple[str, ...], Graph]]:
     """Graphs after each order of so many events, a stop before them; the requirement is checked at every event."""
-    under_way = int(
-        Topic.emergency_stop in late
-    )  # events until a stop is heard, which nobody can obey before
     for events in itertools.product(EVENTS, repeat=length):
         graph = Graph(late)
         graph.happen("violation")
         assert graph.interface.is_muted
-        n_stopped = 1 + under_way
         for event in events:
-            was_stopped = n_stopped > under_way
+            was_stopped = graph.is_stopped and not graph.is_unheard
             graph.happen(event)
-            n_stopped = n_stopped + 1 if graph.is_stopped else 0
             if event == "violation" or (was_stopped and (event != "tick" or graph.is_stopped)):
                 assert not graph.moved, events
             if graph.moved:

@@ -90,6 +90,7 @@ class ControlSupervisor(Component):
         if isinstance(message, JointState):
             return self._judge(now_ns, {n: rule.on_state(message, now_ns) for n, rule in self._rules.items()})
         if isinstance(message, Joystick):
+            self._wait_for_sticks(now_ns)  # they were not neutral until now
             self._are_sticks_neutral = self._are_neutral(message)
             self._wait_for_sticks(now_ns)
         elif isinstance(message, EmergencyStop):

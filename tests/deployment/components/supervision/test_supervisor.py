@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
@@ -167,6 +167,8 @@ def test_an_arm_at_its_end_stop_is_not_frozen(stop: np.ndarray) -> None:
     st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4),
     st.sampled_from([0.0, 0.15]),
 )
+@example([0.5 + 0.99 * (0.5 + CONFIG.limit_tolerance)] * 4, [0.0] * 4, 0.0)
+@example([0.5 - 0.99 * (0.5 + CONFIG.limit_tolerance)] * 4, [0.0] * 4, 0.0)
 def test_a_reading_beyond_its_limit_is_no_end_stop(
     shares: list[float], velocity: list[float], prediction_s: float
 ) -> None:
@@ -207,6 +209,13 @@ def test_a_joint_is_pressed_into_its_stop_for_so_long_and_no_longer(
             n += 1
 
 
+@pytest.mark.parametrize("stop", [LOWER, UPPER], ids=["lower", "upper"])
+def test_an_arm_that_rests_at_its_end_stop_is_not_pressed(stop: np.ndarray) -> None:
+    rule = JointLimits(bobcat(), CONFIG)
+    assert rule.on_state(state(0.0, stop), 0) is None
+    assert rule.on_tick(nanoseconds(2 * CONFIG.maximum_stop_s)) is None
+
+
 def test_a_joint_that_runs_into_its_stop_and_away_again_is_ordinary_work() -> None:
     """At the fastest joint's speed: two and a half seconds of way, as long at the stop, and back."""
     rule, q, period_s = JointLimits(bobcat(), CONFIG), MIDDLE.copy(), 0.05
@@ -227,6 +236,13 @@ def test_a_clearance_is_cut_off_at_its_horizon(shares: list[float], horizon_m: f
     q = LOWER + np.array(shares) * RANGE
     shapes = SelfCollision(bobcat(), MACHINE_DIRECTORY)
     assert shapes.clearance(q, horizon_m) == pytest.approx(min(shapes.clearance(q, 1.0), horizon_m), abs=1e-6)
+
+
+def test_shapes_go_by_their_joints_names_not_by_their_order() -> None:
+    machine, folded = bobcat(), np.array([0.0, 0.3, -2.2, -2.2])
+    turned = SelfCollision(dataclasses.replace(machine, joints=machine.joints[::-1]), MACHINE_DIRECTORY)
+    shapes = SelfCollision(machine, MACHINE_DIRECTORY)
+    assert turned.clearance(folded[::-1], 1.0) == pytest.approx(shapes.clearance(folded, 1.0))
 
 
 def test_a_hammer_folded_into_the_boom_is_a_collision() -> None:
@@ -311,6 +327,21 @@ def test_sticks_at_their_threshold_are_neutral_on_the_axes_that_count() -> None:
         assert (supervisor.stop is None) == is_released
 
 
+def test_the_neutral_time_begins_when_the_stick_is_let_go_between_two_ticks() -> None:
+    supervisor, neutral_ns = (
+        supervise(bobcat(), supervised(), MACHINE_DIRECTORY),
+        nanoseconds(CONFIG.neutral_s),
+    )
+    supervisor.on_message(Topic.emergency_stop, EmergencyStop(5, "a", ""), 10)
+    supervisor.on_message(Topic.joystick, Joystick(20, np.ones(8)), 20)
+    supervisor.on_message(Topic.reset, Reset(30, 5), 30)
+    supervisor.on_timer(40)
+    supervisor.on_message(Topic.joystick, Joystick(60, np.zeros(8)), 60)
+    for now_ns, is_stopped in ((59 + neutral_ns, True), (60 + neutral_ns, False)):
+        supervisor.on_timer(now_ns)
+        assert (supervisor.stop is not None) == is_stopped
+
+
 def test_only_a_released_stop_is_released_again() -> None:
     supervisor = supervise(bobcat(), supervised(), MACHINE_DIRECTORY)
     assert supervisor.on_message(Topic.reset, Reset(7, 6), 7) == ()
@@ -367,3 +398,9 @@ def test_objections_tell_times_in_seconds() -> None:
         frozen.on_state(JointState(0, MIDDLE, zero), now_ns)
     joint = bobcat().joint_names[1]
     assert frozen.on_tick(2 * at_ns[0]) == f"encoder of {joint} has not changed for 2.00 s of commands"
+    limits, q = JointLimits(bobcat(), config), np.where(np.arange(4) == 1, UPPER, MIDDLE)
+    limits.on_command(command(values=(0, 1, 0, 0)), 0)
+    limits.on_state(state(0.0, q), 0)
+    assert limits.on_tick(nanoseconds(6.0)) == f"{joint} has been commanded into its end stop for 6.00 s"
+    q[1] = UPPER[1] + 1.0
+    assert limits.on_state(state(6.0, q), 0) == f"{joint} at {q[1]:.3f} rad leaves its limits"
