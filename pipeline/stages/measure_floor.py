@@ -41,7 +41,8 @@ def main(configuration: MeasureFloorStage, run: StageRun) -> None:
         f"{name} {size:.4f} {unit}"
         for name, size, unit in zip(machine.joint_names, floor.scale.tolist(), machine.units, strict=True)
     )
-    print(f"measure_floor: {len(floor.scores)} blocks; error per block: {sizes}")
+    alike = ", ".join(f"{factor:.1f}" for factor in floor.dependence.tolist())
+    print(f"measure_floor: {len(floor.scores)} blocks; error per block: {sizes}; dependence {alike}")
 
 
 if __name__ == "__main__":

@@ -12,9 +12,13 @@ Statistics 2021). With κ = 1 / ln(n + 1) it is largest for a block that is wors
 shape of errors for granted.
 
 Evidence of a joint is the logarithm of the product of successive blocks' e-values, begun anew where it falls below 0.
-On sound driving, blocks of all joints number at least b on average before one reaches ln b (Shin, Ramdas and Rinaldo,
-E-detectors, 2024). A joint's limit is what a share of its speed reaches within so many seconds of motion, which leaves
-the longest time between false stops: `measure_floor` slows the motion of its own logs to see it.
+Did sound blocks err independently, they would number at least b on average before one reaches ln b (Shin, Ramdas and
+Rinaldo, E-detectors, 2024). A late start spoils several: sums over runs of blocks vary D times as much, and b blocks
+reach D ln b, as a random walk does of this spread (Siegmund, Sequential Analysis, 1985). What outlasts a
+run, as a cold start of the engine, is not in D: only hours that were driven tell of it.
+
+A joint's limit is what a share of its speed reaches within so many seconds of motion, which leaves the longest time
+between false stops: `measure_floor` slows the motion of its own logs to see it.
 """
 
 import json
@@ -38,7 +42,7 @@ LATER_SHARE = 0.01  # of slowed motion that takes longer
 FEWEST_BLOCKS = (
     100  # of fewer, two seconds of blocks that are all worse are no evidence of once in 3000 hours
 )
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 class Blocks(NamedTuple):
@@ -72,12 +76,19 @@ class ModelFloor:
         scale: (n_joint,) root mean square of R, rad (m).
         scores: (n,) of all joints' blocks, ascending.
         limit: (n_joint,) evidence at which a joint no longer follows its model.
+        dependence: (n_joint,) D of sound driving, in runs as long as it takes to tell a slow joint.
     """
 
     model: str
     scale: np.ndarray
     scores: np.ndarray
     limit: np.ndarray
+    dependence: np.ndarray
+
+    @property
+    def n_blocks(self) -> float:
+        """Least number of sound blocks on average between two false stops."""
+        return float(np.exp((self.limit / self.dependence).min()))
 
     def log_e_value(self, joint: int, residual: ArrayLike, motion: ArrayLike) -> np.ndarray:
         """Logarithms of blocks' e-values, of R and M, rad (m), all of one shape."""
@@ -94,6 +105,7 @@ class ModelFloor:
             "model": self.model,
             "scale": self.scale.tolist(),
             "limit": self.limit.tolist(),
+            "dependence": self.dependence.tolist(),
             "scores": np.round(self.scores, 4).tolist(),
         }
         write_json(path, content)
@@ -113,7 +125,7 @@ def read_floor(path: Path, model: str) -> ModelFloor:
     remedy = "run measure_floor with this model"
     try:
         content = json.loads(path.read_text())
-        columns = (np.array(content[name], float) for name in ("scale", "scores", "limit"))
+        columns = (np.array(content[name], float) for name in ("scale", "scores", "limit", "dependence"))
         floor = ModelFloor(str(content["model"]), *columns)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; {remedy}") from error
@@ -175,12 +187,17 @@ def measure_floor(
         )
     scale = np.array([np.sqrt(np.mean(blocks.residual**2)) for blocks in joined])
     scores = [score(*blocks, of) for blocks, of in zip(joined, scale.tolist(), strict=True)]
-    floor = ModelFloor(model, scale, np.sort(np.concatenate(scores)), np.zeros_like(scale))
+    floor = ModelFloor(
+        model, scale, np.sort(np.concatenate(scores)), np.zeros_like(scale), np.ones_like(scale)
+    )
     limit = [
         np.quantile(_reached(floor.log_e_value(joint, *_joined(blocks)), n_blocks_within), LATER_SHARE)
         for joint, blocks in enumerate(slowed)
     ]
-    return replace(floor, limit=np.array(limit))
+    alike = [
+        dependence(floor.log_e_value(joint, *blocks), n_blocks_within) for joint, blocks in enumerate(joined)
+    ]
+    return replace(floor, limit=np.array(limit), dependence=np.array(alike))
 
 
 def blocks_of(expected: np.ndarray, measured: np.ndarray) -> Blocks:
@@ -198,6 +215,14 @@ def evidence(log_e_values: np.ndarray) -> np.ndarray:
         reached = max(reached, 0.0) + value
         products[number] = reached
     return products
+
+
+def dependence(log_e_values: np.ndarray, n_blocks: int) -> float:
+    """How many times as much sums of so many successive blocks, of (n,), vary as if they were independent; from 1."""
+    if not np.ptp(log_e_values):
+        return 1.0
+    sums = np.lib.stride_tricks.sliding_window_view(log_e_values, n_blocks).sum(axis=1)
+    return max(1.0, float(np.var(sums) / (n_blocks * np.var(log_e_values))))
 
 
 def _reached(log_e_values: np.ndarray, n_blocks: int) -> np.ndarray:

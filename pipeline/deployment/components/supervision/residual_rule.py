@@ -38,11 +38,11 @@ class FollowsModel(Rule):
         self._moving = MovingSteps(follower.specification)
         self._dt_ns = nanoseconds(follower.specification.dt_s)
         n_blocks = hours * HOUR_S / follower.specification.dt_s / BLOCK_STEPS * machine.n_joint
-        if floor.limit.min() < np.log(n_blocks):
+        if floor.n_blocks < n_blocks:
             raise InputError(
-                f"deployment.supervisor.false_stop_hours is {hours}: this floor tells a slow joint only from one "
-                f"block in {np.exp(floor.limit.min()):.0f}, and so many hours have {n_blocks:.0f}; measure it "
-                "on longer logs, or for a lower speed or a longer time"
+                f"deployment.supervisor.false_stop_hours is {hours}: this floor carries "
+                f"{hours * floor.n_blocks / n_blocks:.3g}; measure it on longer logs, or for a lower speed or a "
+                "longer time"
             )
         self.evidence = np.zeros(machine.n_joint)
         self._commands: deque[tuple[int, np.ndarray]] = deque([(0, np.zeros(machine.n_joint))])

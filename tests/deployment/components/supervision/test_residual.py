@@ -17,6 +17,7 @@ from pipeline.deployment.components.supervision.model_floor import (
     ModelFloor,
     MovingSteps,
     blocks_of,
+    dependence,
     evidence,
     measure_floor,
     read_floor,
@@ -97,6 +98,20 @@ def test_e_values_of_the_floor_s_own_blocks_are_one_on_average(floor: ModelFloor
     assert floor.log_e_value(0, 0.24 * motion, motion) == pytest.approx(
         np.log(e_values[-1])
     )  # one that follows
+
+
+def test_blocks_that_err_in_spells_stop_a_sound_machine_as_seldom_as_is_said() -> None:
+    """Of spells of so many equal values, the product's exponent is exactly so many times smaller."""
+    n, level, kappa, random = 200_000, 5.0, 0.2, np.random.default_rng(0)
+    for spell in (1, 3):
+        p = np.repeat(random.random(n // spell), spell)
+        values = np.log(kappa) + (kappa - 1.0) * np.log(p)
+        factor = dependence(values, 60)
+        assert factor == pytest.approx(spell, rel=0.1)
+        stops = np.count_nonzero(np.diff(evidence(values) >= level, prepend=False) > 0)
+        assert np.exp(level / factor) <= n / stops
+    assert n / stops < np.exp(level)
+    assert dependence(np.full(100, -2.0), 10) == 1.0
 
 
 def test_evidence_begins_anew_below_zero() -> None:
@@ -206,6 +221,7 @@ def test_a_floor_is_read_as_it_was_written(floor: ModelFloor, tmp_path: Path) ->
     again = read_floor(path, "lag")
     np.testing.assert_array_equal(again.scale, floor.scale)
     np.testing.assert_array_equal(again.limit, floor.limit)
+    np.testing.assert_array_equal(again.dependence, floor.dependence)
     np.testing.assert_allclose(again.scores, floor.scores, atol=1e-4)
     with pytest.raises(InputError, match="is the floor of another model"):
         read_floor(path, "other")
@@ -288,7 +304,8 @@ def test_the_rule_is_built_of_a_model_s_folder_and_its_floor(tmp_path: Path) -> 
     model = DynamicsModel(specification())
     save_model(tmp_path / "model", model, model.initialise(jax.random.key(0)), {}, {}, {})
     one = np.ones(4)
-    ModelFloor(model_fingerprint(tmp_path / "model"), one, one, 100 * one).write(tmp_path / "floor.json")
+    floor = ModelFloor(model_fingerprint(tmp_path / "model"), one, one, 100 * one, one)
+    floor.write(tmp_path / "floor.json")
     config = dataclasses.replace(
         supervised().supervisor, rules=["model_residual"], floor=str(tmp_path / "floor.json")
     )
@@ -312,7 +329,8 @@ def test_the_first_block_is_judged_once_its_rows_are_counted(floor: ModelFloor) 
 
 def test_a_floor_must_be_told_from_as_many_blocks_as_the_hours_hold(floor: ModelFloor) -> None:
     blocks_per_hour = 3600.0 / (DT_S * BLOCK_STEPS) * 4
-    longest_h = np.exp(floor.limit.min()) / blocks_per_hour
+    floor = dataclasses.replace(floor, dependence=np.array([1.0, 1.0, 1.0, 2.0]))
+    longest_h = np.exp(min(*floor.limit[:3], floor.limit[3] / 2.0)) / blocks_per_hour
     FollowsModel(MACHINE, FOLLOWER, floor, 0.99 * longest_h)
-    with pytest.raises(InputError, match="measure it on longer logs"):
+    with pytest.raises(InputError, match=f"carries {longest_h:.3g}; measure it on longer logs"):
         FollowsModel(MACHINE, FOLLOWER, floor, 1.01 * longest_h)
