@@ -13,7 +13,6 @@ import numpy as np
 
 from pipeline.configuration.load import load_section
 from pipeline.deployment.component import NANOSECONDS, Component, nanoseconds
-from pipeline.deployment.components.control_interface import ControlInterface
 from pipeline.deployment.drivers.programmable_controller import ProgrammableController
 from pipeline.deployment.messages import (
     EmergencyStop,
@@ -39,6 +38,7 @@ DELAYS = {
     "inference": Distribution(np.array([0.001, 0.004]), 0.0),
     "timer": Distribution(np.array([0.0, 0.001]), 0.0),
 }
+LATEST_ARRIVAL_NS = nanoseconds(float(DELAYS["command"].quantiles_s[-1]))  # of what was sent
 RULES_WITHOUT_SHAPES = (  # of the pairs: distances between shapes take most of the time, and no fault concerns them
     "command_frequency",
     "command_delay",
@@ -199,7 +199,7 @@ class FaultRun:
         reaction: who reacted first, and by which rule.
         known_s: after the onset.
         stopped_s: from then until the PLC's outputs were zero; negative: they were already.
-        commands_after: commands other than zero that left the interface after it had been told.
+        commands_after: commands other than zero that left the interface after the first stop had arrived.
         moves_after: PLC cycles with an output other than zero after the first cycle without.
     """
 
@@ -213,23 +213,20 @@ class FaultRun:
 class Watch:
     """A tap that sees reactions and what leaves the interface."""
 
-    interface: ControlInterface
-
     def __init__(self) -> None:
+        self.stops_ns: list[int] = []
         self.reactions: list[tuple[int, str]] = []
         self.commands: list[tuple[int, bool]] = []
 
     def __call__(self, topic: Topic, message: Message, time_ns: int) -> None:
         if isinstance(message, EmergencyStop):
             who = "control_interface" if message.rule in list(InterfaceRule) else "control_supervisor"
+            self.stops_ns.append(time_ns)
             self.reactions.append((time_ns, f"{who}: {message.rule}"))
         elif isinstance(message, ReachResult):
             self.reactions.append((time_ns, f"autonomous_server: {message.outcome}"))
         elif isinstance(message, MachineCommand):
-            moves = bool(np.any(message.values))
-            if self.interface.is_muted and not moves:
-                self.reactions.append((time_ns, "control_interface: muted"))
-            self.commands.append((time_ns, moves))
+            self.commands.append((time_ns, bool(np.any(message.values))))
 
 
 class ObservedPLC(ProgrammableController):
@@ -275,7 +272,7 @@ def run_faults(
     controller, watch = BackAndForth(), Watch()
     with can.Bus(channel, interface="virtual") as host, can.Bus(channel, interface="virtual") as plc_end:
         components: list[Component] = can_graph(controller, Bus(host, is_off), Bus(plc_end, is_off), rules)
-        watch.interface, plc = components[2], components[-1]
+        plc = components[-1]
         plc.__class__, plc.outputs = ObservedPLC, []
         graph = SimulatedGraph(components, DELAYS, np.random.SeedSequence(seed), faults=faults, taps=[watch])
         clock.append(graph)
@@ -310,12 +307,12 @@ def outcome_of(watch: Watch, plc: ObservedPLC) -> FaultRun:
     known_ns, reaction = reactions[0] if reactions else (END_NS, "none")
     stopped = [t for t, moves in plc.outputs if t >= ONSET_NS and not moves]
     stopped_ns = stopped[0] if stopped else END_NS
-    told = [t for t, text in reactions if text == "control_interface: muted"]
+    told_ns = min((t for t in watch.stops_ns if t >= ONSET_NS), default=END_NS) + LATEST_ARRIVAL_NS
     return FaultRun(
         reaction,
         (known_ns - ONSET_NS) / NANOSECONDS,
         (stopped_ns - known_ns) / NANOSECONDS,
-        sum(moves for t, moves in watch.commands if told and t > told[0]),
+        sum(moves for t, moves in watch.commands if t > told_ns),
         sum(moves for t, moves in plc.outputs if t > stopped_ns),
     )
 
@@ -394,7 +391,7 @@ CHECKED = """
 The scripted operator leaves W⁺ 55 and 98 times an hour. As false count stops of `envelope` in which the true tip was
 inside at both ends of the control period: encoders show it some mm off. `model_residual` has the floor of the
 condition's own model; in the field of `speed=0 within_s=10`, which was chosen after 4 s had stopped 4 of 18 hours: the
-same sessions give 0, fresh ones have not been asked. Why 4 s falls short of `false_stop_hours` is not explained.
+same sessions give 0, fresh ones have not been asked.
 
 ## What was run
 
@@ -402,13 +399,18 @@ same sessions give 0, fresh ones have not been asked. Why 4 s falls short of `fa
 |---|---|---|---|
 | reset: eight events in every order, topics of stops an event late | `pytest -m long \
 tests/deployment/components/test_reset.py` | 4,096 orders of four with each choice of three topics, 262,144 of six \
-with none and all late | none moves the machine before its release, but for a command under way when a stop was sent |
+with none and all late | none moves the machine before its release, but for a command that arrives before the stop |
+| reset on the ROS graph | `pytest -m long tests/deployment/test_ros_trial.py` | acknowledged with a stick \
+held for 2 s | released 1 s after it was let go; the next goal moves the machine |
 | false stops of all rules | `python -m benchmarks.false_stops --condition workshop --model MODEL --floor FLOOR \
 --ledger FILE` | the hours above, of 300 wanted, which take a core \
 75 minutes | the table above |
 | half speed, standing joint: workshop | the same | 11 and 6 | all told, after 0.9 to 1.85 s and 1.0 to 1.2 s of \
 motion |
 | the same: field | the same | 8 and 8 | all told, after 13 to 20 s and 4.1 to 7.4 s |
+| why 4 s fell short | `measure_floor speed=0 within_s=4`, refused by the supervisor | field: a late start spoils \
+several blocks, whose sums vary 1.6 to 2.1 times as much as of independent ones | it carries 3.5 hours of motion, not \
+5,640; 2 s in the workshop carry 153, not 1,220 |
 | rules on recordings | `pytest tests/deployment/test_replay.py` | bags of ours and of the excavator | no objection \
 without a reason |
 | faults in triples | `python -m tests.deployment.fault_triples --ledger FILE` | 20,000; 2,700 a core-minute | none \
