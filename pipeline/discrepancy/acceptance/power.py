@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import norm
 
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
-from pipeline.discrepancy.acceptance.size_of_an_effect import asked_for
+from pipeline.discrepancy.acceptance.size_of_an_effect import LARGEST_BY_CHANCE, asked_for
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.families.plausibility import DELAY, TIMING
 from pipeline.discrepancy.posterior.residual.columns import Term, columns_of
@@ -22,7 +22,6 @@ from pipeline.discrepancy.selection.comparison import Comparison
 from pipeline.discrepancy.selection.grouping import OTHER, told_as
 from pipeline.discrepancy.selection.selected_effect import residual_of
 from pipeline.effects.catalogue import KNOWN
-from pipeline.effects.draws import OF_95_PERCENT
 from pipeline.effects.effect import Parameter
 
 FOUND_WITH = 0.9
@@ -132,7 +131,7 @@ def _passes(
 def _smallest(is_found: Callable[[float], bool], scatter: float, most: float) -> float:
     """The least size that is found with 90 %; infinite where it is larger than `most`."""
     beside = norm.ppf(FOUND_WITH) * scatter
-    least, largest = OF_95_PERCENT * scatter, most - beside
+    least, largest = LARGEST_BY_CHANCE * scatter, most - beside
     if largest < least or not is_found(largest):
         return np.inf
     if is_found(least):

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import t
 
 from pipeline.discrepancy.acceptance.parameter_misfit import MISFIT_PARTS, nominal_parts, without_onsets
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
@@ -16,7 +17,9 @@ from pipeline.discrepancy.families.supply_variation import SHORTEST_S
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
-from pipeline.effects.draws import OF_95_PERCENT
+
+# 95 % of sizes about zero are within so many times their root mean square over so few parts.
+LARGEST_BY_CHANCE = float(t.ppf(0.975, MISFIT_PARTS))
 
 
 class Asked(NamedTuple):
@@ -68,7 +71,7 @@ def to_put_on_nominal(diagnosis: Diagnosis, effect: MachineEffect) -> list[Selec
 
 def why_it_is_misfit(share: float) -> str | None:
     """A clause where an effect's size is within 95 % of what nominal logs ask for; None: it is beyond that."""
-    if OF_95_PERCENT * share < 1.0:
+    if LARGEST_BY_CHANCE * share < 1.0:
         return None
     return f"nominal logs, which are without it, ask for {share:.0%} of its size"
 
