@@ -171,7 +171,7 @@ def _without_bold(cell: str) -> str:
 def _html(cell: str) -> str:
     """A cell as HTML; mean and deviation stay on one line."""
     bold = _without_bold(cell)
-    text = with_superscripts(bold).replace(" ± ", "&nbsp;±&nbsp;")
+    text = with_superscripts(bold).replace(" ± ", "&#8239;±&#8239;")
     return text if bold == cell else f"<b>{text}</b>"
 
 

@@ -1,6 +1,7 @@
 """A planned experiment, as a file that a machine plays and a page that an operator reads."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -99,8 +100,8 @@ class Plan:
         joints = list(dict.fromkeys(name for step in self.steps for name in step.command))
         return (
             f"Play {FILE}: {self.motion_s:.0f} s of motion of {', '.join(joints)} within "
-            f"{self.duration_s / 60:.1f} minutes. Of {' and '.join(worst.explanations)}, "
-            f"the right one is then expected to be e^{worst.evidence:.1f} times as likely as the other."
+            f"{self.duration_s / 60:.1f} minutes. Of {' and '.join(worst.explanations)}, each as likely now, "
+            f"the right one is then expected to have {1.0 / (1.0 + math.exp(-worst.evidence)):.0%} of the probability."
         )
 
 

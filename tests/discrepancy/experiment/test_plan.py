@@ -42,7 +42,7 @@ PLAN = Plan(
 def test_a_plan_is_read_as_it_was_written(tmp_path: Path) -> None:
     PLAN.write(tmp_path / "plan.json")
     assert read_plan(tmp_path / "plan.json", MACHINE) == PLAN
-    assert "e^4.0" in PLAN.sentence and "lift" in PLAN.sentence
+    assert "98% of the probability" in PLAN.sentence and "lift" in PLAN.sentence
 
 
 @pytest.mark.parametrize(
