@@ -97,45 +97,50 @@ def close_loop_on_logs(
     if of_measured and inputs.allow_empty and all(is_empty_folder(Path(folder)) for folder in of_measured):
         log(write_note(output, machine, given, inputs.nominal, inputs.named("measured")))
         return None
-    logs = [
-        [one for folder in folders for one in load_logs(Path(folder), machine, ingest, loop_tracker)]
-        for folders in ([inputs.nominal], of_measured)
-        if folders
-    ]
-    for caution in cautions(itertools.chain(*logs)):
-        log(caution)
-    nominal, *others = ([rows for one in read for rows in one.trajectories] for read in logs)
-    measured = others[0] if others else None
-    for which, rows in (("nominal", nominal), ("measured", measured or [])):
-        if (twice := seen_twice(rows)) is not None:
-            raise InputError(
-                f"{which}={inputs.named(which)}: trajectory {twice.name} is there twice, which would count as twice "
-                "the evidence; name each recording once"
-            )
-    again = None if measured is None else seen_again(nominal, measured)
-    if again is not None:
-        log(
-            f"caution: trajectory {again.name} of measured={inputs.named('measured')} is among "
-            f"nominal={inputs.nominal}, too; in what is the same nothing can be found"
-        )
+    nominal, measured = _read(inputs, machine, ingest, loop_tracker, log)
     model, effects = given_model(given, machine)
     model = model or nominal_model(inputs.kind, nominal, machine, settings, identify)
-    counts = f"{len(nominal)} nominal"
-    log(
-        f"{counts} trajectories"
-        if measured is None
-        else f"{counts} and {len(measured)} measured trajectories"
-    )
+    of_both = "" if measured is None else f" and {len(measured)} measured"
+    log(f"{len(nominal)} nominal{of_both} trajectories")
     try:
         result = close_loop(
             nominal, measured, machine, model, settings, identify, log, kept=kept, given=effects
         )
     except UnusableLogs as error:
-        which = error.which if others else "nominal"
+        which = "nominal" if measured is None else error.which
         raise InputError(f"{which}={inputs.named(which)}: {error.why}") from None
-    shown = inputs.named("measured" if others else "nominal")
+    shown = inputs.named("nominal" if measured is None else "measured")
     report = LoopReport(machine.name, inputs.nominal, shown, result.evidence)
     write_closed_loop(output, result, nominal, report)
     known = known_in_words(result.document.get("known", []))
     log(f"verdict {result.document['verdict']}" + (f"; known before: {known}" if known else ""))
     return result, nominal
+
+
+def _read(
+    inputs: LoopInputs,
+    machine: MachineSpecification,
+    ingest: IngestConfig,
+    loop_tracker: LoopTrackerConfig,
+    log: Callable[[str], None],
+) -> tuple[list[Trajectory], list[Trajectory] | None]:
+    """Nominal and measured trajectories; None where no folder of these is named."""
+    logs = [
+        [one for folder in folders for one in load_logs(Path(folder), machine, ingest, loop_tracker)]
+        for folders in ([inputs.nominal], inputs.of_measured)
+    ]
+    for caution in cautions(itertools.chain(*logs)):
+        log(caution)
+    nominal, measured = ([rows for one in read for rows in one.trajectories] for read in logs)
+    for which, rows in (("nominal", nominal), ("measured", measured)):
+        if (twice := seen_twice(rows)) is not None:
+            raise InputError(
+                f"{which}={inputs.named(which)}: trajectory {twice.name} is there twice, which would count as twice "
+                "the evidence; name each recording once"
+            )
+    if (again := seen_again(nominal, measured)) is not None:
+        log(
+            f"caution: trajectory {again.name} of measured={inputs.named('measured')} is among "
+            f"nominal={inputs.nominal}, too; in what is the same nothing can be found"
+        )
+    return nominal, measured if inputs.of_measured else None

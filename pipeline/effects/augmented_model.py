@@ -18,7 +18,7 @@ from pipeline.dynamics.model.network import Parameters
 from pipeline.dynamics.model.specification import Target
 from pipeline.dynamics.model.stops import Stops
 from pipeline.effects.chain import Chain, ChainState, ChainValues
-from pipeline.effects.effect import Place, Signals
+from pipeline.effects.effect import Signals
 
 # Policies are trained for a warm machine, on which effects of warming up have faded.
 WARM_S = 1800.0
@@ -191,11 +191,6 @@ class AugmentedModel(Dynamics[AugmentedParameters, AugmentedHistory]):
             for name in ("usual", "kept")
         )
         return channels - (channels - usual) * (1.0 - kept**self.specification.dt_s)
-
-    @property
-    def has_sensor(self) -> bool:
-        """Whether an effect changes the measured configuration."""
-        return any(effect.place is Place.sensor for effect in self.chain.effects.values())
 
 
 def _values(parameters: AugmentedParameters, history: AugmentedHistory) -> ChainValues:

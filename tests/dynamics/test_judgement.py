@@ -13,6 +13,7 @@ from pipeline.dynamics.judgement import (
     judge,
     judge_fully,
     long_prediction,
+    seen_twice,
 )
 from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.references.all_references import ArxConfig, fit_references
@@ -113,3 +114,11 @@ def test_rows_that_were_learned_from_are_refused():
     later = make_trajectory(first.q, first.qd, first.a)
     later.stamp_ns[:] += 10**12
     check_unseen([first], [later])
+
+
+def test_a_recording_that_is_there_twice_is_found_whatever_its_name_and_place():
+    first, second = lag_trajectory(0, 100, 0), lag_trajectory(1, 100, 0)
+    renamed = make_trajectory(first.q, first.qd, first.a, name="renamed")
+    assert seen_twice([]) is None and seen_twice([first, second]) is None
+    assert seen_twice([first, second, renamed]) is renamed
+    assert seen_twice([second, renamed, first]) is first

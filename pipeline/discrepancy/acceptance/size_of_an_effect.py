@@ -1,7 +1,7 @@
-"""Sizes that are none: what the nominal logs show as well, though no effect is there.
+"""Effects that are no larger than what nominal logs ask for, which are without them: the diagnosis model's misfit.
 
-A small change that many rows show is beyond chance, and beyond every placebo, where it is but the model's own misfit.
-Of a supply it is not its size that tells, but on how many joints and for how long its change of speed is the same.
+A small change that many rows show is beyond chance, and beyond every placebo, where it is but that misfit.
+Of a supply not its size tells, but on how many joints and for how long its change of speed is the same.
 """
 
 from collections.abc import Mapping, Sequence

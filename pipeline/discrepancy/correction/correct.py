@@ -18,17 +18,10 @@ from pipeline.discrepancy.correction.corrected_models import (
 )
 from pipeline.discrepancy.correction.open_loop_gate import OpenLoopGate
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
-from pipeline.discrepancy.families.plausibility import OSCILLATION
-from pipeline.discrepancy.families.ring_down import ring_down
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.grouping import (
-    OTHER,
-    MachineEffect,
-    contract_family,
-    without_lags_of_one_cause,
-)
+from pipeline.discrepancy.selection.grouping import OTHER, MachineEffect, contract_family
 from pipeline.discrepancy.selection.select import Selection
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from pipeline.dynamics.evaluation.errors import Predictor
@@ -122,9 +115,8 @@ def correct(
         log=journal.log,
     )
     fit = gate.passing(acceptance.fit, lambda effect: _shows(effect, diagnosis, acceptance))
-    new = without_lags_of_one_cause([effect for effect in fit.effects if not effect.is_known])
-    known = [effect for effect in fit.effects if effect.is_known]
-    effects = sorted([*known, *new], key=lambda effect: -effect.gain)
+    effects = fit.effects
+    new = [effect for effect in effects if not effect.is_known]
     after = models.with_effects(effects)
     errors = {
         horizon: (
@@ -186,12 +178,4 @@ def _shows(effect: MachineEffect, diagnosis: Diagnosis, acceptance: Acceptance) 
         return True
     candidates = [member.candidate for member in effect.members]
     share = max(max(c.share, acceptance.judgements[c.key].share) for c in candidates)
-    return share > diagnosis.logs.config.gate.smallest_share or _rings(effect, diagnosis)
-
-
-def _rings(effect: MachineEffect, diagnosis: Diagnosis) -> bool:
-    """Whether it is a resonance that stops show: of one whose phase is soon lost, no prediction removes much."""
-    if effect.family != OSCILLATION:
-        return False
-    joint, used, logs = effect.joints[0], diagnosis.rows.is_used, diagnosis.logs
-    return ring_down(logs.sequences, used, joint, logs.machine.dt_s) is not None
+    return share > diagnosis.logs.config.gate.smallest_share

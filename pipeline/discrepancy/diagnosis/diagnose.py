@@ -1,8 +1,8 @@
 """Step 2: the diagnosis model runs on the measured logs, on the rows where nominal logs say how joints move."""
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -104,17 +104,14 @@ def diagnose(
         journal.log(_phases_in_words(phases, machine.dt_s))
     is_known = nominal.shows(sequences)
     block_rows = config.search.block_rows(machine.dt_s)
-    in_blocks = functools.partial(
-        rows_in_blocks, is_known=is_known, floor=nominal.floor, block_rows=block_rows
-    )
+    in_blocks = partial(rows_in_blocks, is_known=is_known, floor=nominal.floor, block_rows=block_rows)
     rows = in_blocks(used, (logs.label == Purpose.select).astype(int))
     confirm = sequences.is_row & (logs.label == Purpose.confirm)
     held_out = in_blocks(confirm, alternating_folds(confirm, block_rows, FOLD_ROWS))
     moving = np.abs(simulation.velocities([NOMINAL])[0]) > MOVING_SHARE * nominal.setting.speed_scale
-    is_used = moving & rows.is_used[..., None]
-    n_known = (is_used & is_known).sum(axis=(0, 1))
+    moving &= rows.is_used[..., None]
+    n_known = (moving & is_known).sum(axis=(0, 1))
     moving_s = n_known * machine.dt_s
-    unknown_share = 1.0 - n_known / is_used.sum(axis=(0, 1)).clip(1)
     known: list[SelectedEffect] = []
     if given is not None:
         known = known_effects(given, simulation, noise_of(nominal, machine.dt_s).correlated)
@@ -128,7 +125,7 @@ def diagnose(
         rows,
         held_out,
         moving_s,
-        unknown_share,
+        1.0 - n_known / moving.sum(axis=(0, 1)).clip(1),
         excited,
         given,
         known,

@@ -11,10 +11,8 @@ from pipeline.discrepancy.diagnosis.simulation import Simulation
 from pipeline.discrepancy.families.plausibility import BACKLASH, GAIN, SENSOR_BIAS
 from pipeline.discrepancy.families.stops import Encoder
 from pipeline.discrepancy.selection.candidate import Candidate, scored
-from pipeline.discrepancy.selection.regression import evidence, t_statistic
+from pipeline.discrepancy.selection.regression import SURE_T, evidence, t_statistic
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
-
-REFUTING_T = 2.5  # of the loss by blocks that speaks against an encoder's error
 
 
 def encoder_errors(
@@ -46,7 +44,7 @@ def encoder_errors(
         candidate = max(options, key=lambda option: option.gain)  # a scale changes the speeds, too
         if BACKLASH not in excluded and _is_play(simulation, rows, joint, encoder, candidate):
             log(f"the stops of {joints[joint]} are read further in: by play rather than by its encoder")
-        elif t_statistic(candidate.gain_by_block) < -REFUTING_T:
+        elif t_statistic(candidate.gain_by_block) < -SURE_T:
             log(f"the stops of {joints[joint]} have moved, but its speeds speak against its encoder")
         else:
             log(

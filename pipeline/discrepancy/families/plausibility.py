@@ -117,8 +117,3 @@ def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:
 def is_offset(candidate: Candidate) -> bool:
     """Whether it is an encoder that reads a shifted position."""
     return candidate.family == SENSOR_BIAS and "offset" in candidate.point
-
-
-def say_the_same(one: Candidate, other: Candidate) -> bool:
-    """Whether naming both would say nothing: `timing` is the delay of all joints, on one alone the same wrapper."""
-    return {one.family, other.family} == {DELAY, TIMING}

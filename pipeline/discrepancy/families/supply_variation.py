@@ -9,7 +9,6 @@ chapter 3.
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -46,10 +45,6 @@ class _Common(ChangeOfSpeed):
     def __init__(self, simulation: Simulation, active: Hypothesis, rows: ScoredRows) -> None:
         super().__init__(simulation, active, rows, rows.is_used[..., None])
 
-    def known_share(self, joint: int, width: float) -> np.ndarray:
-        """(B, T) in [0, 1]: how far the other joints' motion tells of a common change at all."""
-        return self.shrinkage(self._by_others(self.square, joint, width) * width / self.dt_s)
-
     def of(self, joint: int, width: float) -> np.ndarray:
         """By all joints but one: a moving average of their residuals per velocity."""
         product, square = (self._by_others(of, joint, width) for of in (self.product, self.square))
@@ -62,11 +57,6 @@ class _Common(ChangeOfSpeed):
         """(B, T) moving average of a quantity (B, T, n_joint) of all joints but one."""
         others = [other for other in range(of.shape[-1]) if other != joint]
         return gaussian_filter1d(of[..., others].sum(axis=-1), width / self.dt_s, axis=1, mode="constant")
-
-    def gain(self, joint: int, width: float) -> np.ndarray:
-        """(N,) squares of the joint that the others' common change explains, by row, in units of the noise floor."""
-        before, after = self.reference[:, joint], self.evidence(joint, {"width": width}).after
-        return (before**2 - after**2) / self.rows.floor[joint]
 
 
 def supply_candidates(
@@ -167,36 +157,6 @@ def _process(covariance: np.ndarray) -> tuple[float, float]:
         if loss < best[0]:
             best = (loss, variance, float(time_s))
     return best[1:]
-
-
-class Course(NamedTuple):
-    """How much of all joints' squares their common change explains, row by row.
-
-    Attributes:
-        gain: (N,) in units of the noise floor.
-        motion: (N,) squared velocities, in the same units, so far as other joints move as well: what a steady supply's
-            gains are in proportion to.
-        correlation_time_s: Of the supply; infinite where it shows none.
-    """
-
-    gain: np.ndarray
-    motion: np.ndarray
-    correlation_time_s: float
-
-
-def course_of_the_supply(
-    simulation: Simulation, active: Hypothesis, rows: ScoredRows, widths_s: Mapping[int, float]
-) -> Course:
-    """What it explains when; arguments as of `supply_candidates`, and the width of each joint that has it."""
-    common = _Common(simulation, active, rows)
-    gain, motion = np.zeros((2, len(rows.folds.fold)))
-    for joint, width_s in widths_s.items():
-        velocity = rows.weight[:, joint] * rows.averaged(common.velocity[..., joint])
-        told = rows.averaged(common.known_share(joint, width_s))
-        gain += common.gain(joint, width_s)
-        motion += told * velocity**2 / rows.floor[joint]
-    variance, time_s = _process(_covariance(common))
-    return Course(gain, motion, time_s if variance > 0.0 else np.inf)
 
 
 def _covariance(common: _Common) -> np.ndarray:

@@ -16,7 +16,6 @@ from pipeline.discrepancy.families.plausibility import (
     is_plausible,
 )
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
-from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.selection.candidate import Candidate
 
 COMMON_CAUSES = (THERMAL_DRIFT, SUPPLY, ACTIVITY, CHANNEL)
@@ -24,9 +23,7 @@ WHOLE_MACHINE = (THERMAL_DRIFT, TIMING, SUPPLY, ACTIVITY, CHANNEL, FLOW_COUPLING
 ON_SEVERAL_JOINTS = (FLOW_COUPLING, LOAD, DEAD_BAND)  # one pump, one payload, one controller of all valves
 OF_ONE_CAUSE = tuple(dict.fromkeys((*WHOLE_MACHINE, *ON_SEVERAL_JOINTS)))  # on however many joints they show
 COMMON_FACTOR = 1.3  # times what the best effect on one joint explains
-MOST_ON_ONE = 0.4  # of that, at least, on one of the joints
 RIVAL_SHARE = 0.7  # of what the best explains on its joint
-BESIDE_A_COURSE = 0.5  # the same of a course in time, which follows a joint whether it is alone or not
 # A cause with an equation comes before a dependence, and both before one that nobody can observe. A payload's slopes
 # over all positions fit something of any slow change: it has to explain clearly more than other causes in common.
 COMMON_PENALTY = {ACTIVITY: 1.1, LOAD: 1.2, SUPPLY: 1.25}
@@ -51,8 +48,8 @@ def common_causes(
     candidates: Sequence[Candidate],
     net: Callable[[Candidate], float],
     shows: Callable[[Candidate], bool],
-) -> list[list[Candidate]]:
-    """The causes that explain so much more on all their joints together than the best candidate does on one.
+) -> list[Candidate]:
+    """The likeliest cause that explains so much more on all its joints together than the best candidate does on one.
 
     Args:
         best: Of all candidates, by itself.
@@ -61,7 +58,7 @@ def common_causes(
         shows: Whether a candidate can be seen on its joint.
 
     Returns:
-        The likeliest cause first; each on every joint on which it shows, the clearest first.
+        On every joint on which it shows, the clearest first; empty where there is none.
     """
     options: list[tuple[float, list[Candidate]]] = []
     for family, source in dict.fromkeys((c.family, c.source) for c in candidates):
@@ -73,14 +70,9 @@ def common_causes(
             continue
         here = next((c for c in members if c.joint == best.joint), None)
         joints = {c.joint for c in showing}
-        least = BESIDE_A_COURSE if best.family == COURSE else RIVAL_SHARE
-        is_rival = here is None or here.joint not in joints or here.gain > least * best.gain
+        is_rival = here is None or here.joint not in joints or here.gain > RIVAL_SHARE * best.gain
         total = sum(net(c) for c in showing)
-        if (
-            is_rival
-            and total > COMMON_FACTOR * net(best)
-            and max(map(net, showing)) > MOST_ON_ONE * net(best)
-        ):
+        if is_rival and total > COMMON_FACTOR * net(best):
             options.append((total / COMMON_PENALTY.get(family, 1.0), showing))
-    options.sort(key=lambda option: -option[0])
-    return [sorted(showing, key=net, reverse=True) for _, showing in options]
+    _, likeliest = max(options, key=lambda option: option[0], default=(0.0, []))
+    return sorted(likeliest, key=net, reverse=True)

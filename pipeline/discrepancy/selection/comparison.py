@@ -14,20 +14,17 @@ from pipeline.discrepancy.families.plausibility import (
     depends_alike,
     is_dependence,
     is_offset,
-    say_the_same,
 )
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.regression import Folds, t_statistic
+from pipeline.discrepancy.selection.regression import SHOWN_T, Folds, t_statistic
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
 
 NEGLIGIBLE = 0.015  # of the gain: too small a difference to decide between names
 REPRODUCED_SHARE = 0.2
-MOST_OWED = 0.5  # of a dependence's gain, to what the diagnosis model is off by
 # Of what the best explains, for a candidate to be as good: in general, and for a name beside a better name, which has
 # no more freedom.
 LEAST_OF_BEST, LEAST_OF_BEST_NAME = 0.5, 0.7
-SHOWS_T = 1.5
 AS_SIMPLE = 0.4
 DOUBT_FACTOR = 1.1
 BETTER_FACTOR, BETTER_T = 1.06, 1.0  # of a dependence, to come before a name
@@ -60,8 +57,6 @@ class Comparison:
             is_further: Whether something was found before, of which it may be what is left over.
         """
         squares = candidate.gain / candidate.share if candidate.share > 0 else np.inf
-        if is_dependence(candidate) and candidate.owed > MOST_OWED * candidate.gain:
-            return False  # where the model is off on nominal logs, too, of whatever form that is
         smallest_t = self.config.second_t if is_further else self.config.smallest_t
         return (
             candidate.share > self.config.smallest_share
@@ -81,7 +76,7 @@ class Comparison:
         return (
             self.net(candidate) > 0.0
             and candidate.share > 0.5 * self.config.smallest_share
-            and _t(candidate) > SHOWS_T
+            and _t(candidate) > SHOWN_T
         )
 
     def is_more_than_a_gain(self, candidate: Candidate, candidates: Sequence[Candidate]) -> bool:
@@ -89,7 +84,7 @@ class Comparison:
         gain = next((c for c in candidates if c.family == GAIN and c.joint == candidate.joint), None)
         return gain is None or (
             self.net(candidate) > DOUBT_FACTOR * self.net(gain)
-            and t_statistic(candidate.gain_by_block - gain.gain_by_block) > SHOWS_T
+            and t_statistic(candidate.gain_by_block - gain.gain_by_block) > SHOWN_T
         )
 
     def _is_reproduced(self, candidate: Candidate) -> bool:
@@ -165,7 +160,6 @@ class Comparison:
             for c in as_good
             if (c.family != chosen.family or (c.family == CHANNEL and c.source != chosen.source))
             and complexity(c) < complexity(chosen) + AS_SIMPLE
-            and not say_the_same(c, chosen)
         ]
         equivalents += [c for c in as_good if self.raises_doubt(c, chosen)]
         if chosen.family == GAIN:

@@ -3,14 +3,12 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from pipeline.discrepancy.families.late_channel import late_channel, set_in_together
+from pipeline.discrepancy.families.late_channel import late_channel
 from pipeline.discrepancy.families.plausibility import (
     CHANNEL,
     DELAY,
     FLOW_COUPLING,
-    LAG,
     LOAD,
-    THERMAL_DRIFT,
     TIMING,
 )
 from pipeline.discrepancy.families.shared_flow import coefficients_by_source
@@ -26,7 +24,6 @@ from pipeline.machine.specification import MachineSpecification
 
 OTHER = "other"
 SMALLEST_LOSS = 0.02  # by a joint's demand, for a speed to be said to depend on it
-FEWEST_LAGS = 3  # joints
 
 
 @dataclass(frozen=True)
@@ -115,34 +112,6 @@ def effects_of(
 def _of_known_causes(found: Sequence[SelectedEffect]) -> list[MachineEffect]:
     causes = dict.fromkeys(f.cause for f in found if f.cause is not None)
     return [MachineEffect(cause[1], [f for f in found if f.cause == cause]) for cause in causes]
-
-
-def without_lags_of_one_cause(effects: Sequence[MachineEffect]) -> list[MachineEffect]:
-    """Lags of three joints at once are no wear of each but one cause: `other`, where they may not be called cold oil.
-
-    A joint counts whose effect may be a lag just as well.
-
-    Args:
-        effects: Of the verdict, strongest first.
-    """
-    named = [e for e in effects if e.family == LAG]
-    lagging = {
-        member.candidate.joint
-        for effect in effects
-        if effect.family not in OF_ONE_CAUSE
-        for member in effect.members
-        if LAG in (member.candidate.family, *(c.family for c in member.equivalents))
-    }
-    if len(named) < 2 or len(lagging) < FEWEST_LAGS:
-        return list(effects)
-    lags = [member for e in named for member in e.members]
-    is_oil = any(c.family == THERMAL_DRIFT for lag in lags for c in lag.equivalents)
-    if is_oil or not all(set_in_together(lags[0].candidate, lag.candidate) for lag in lags):
-        return list(effects)
-    return sorted(
-        [MachineEffect(OTHER, lags), *(e for e in effects if e.family != LAG)],
-        key=lambda effect: -effect.gain,
-    )
 
 
 def contract_family(candidate: Candidate) -> str:

@@ -14,7 +14,7 @@ from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal, with_candidate
 from pipeline.discrepancy.selection.refine import refine
-from pipeline.discrepancy.selection.regression import Folds, t_statistic
+from pipeline.discrepancy.selection.regression import SURE_T, Folds, t_statistic
 from pipeline.discrepancy.selection.screen import screen
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
 from pipeline.effects.catalogue import KNOWN
@@ -23,7 +23,6 @@ from pipeline.effects.dependence import DEPENDENCES
 TRIED_PER_JOINT = 4  # named families, by gain
 SMALLEST_PART = 0.08  # of the squared velocity: less before or after the moment tells nothing
 SMALLEST_GAIN = 1.2  # of the gain without onset
-SMALLEST_T = 2.5  # of what the effect would do harm before its onset, by blocks
 FEWEST_BLOCKS = 3  # before the onset, to tell
 AS_GOOD = 20.0  # squares of the noise floor: some ten independent rows at one standard deviation
 ITERATIONS = 3
@@ -198,7 +197,7 @@ def _with_onset(
     early = order[:place]
     harm = np.bincount(rows.folds.block[early], (after**2 - before**2)[early], minlength=rows.folds.n_blocks)
     harm = harm[np.bincount(rows.folds.block[early], minlength=rows.folds.n_blocks) > 0]
-    is_harm = len(harm) >= FEWEST_BLOCKS and t_statistic(harm) > SMALLEST_T
+    is_harm = len(harm) >= FEWEST_BLOCKS and t_statistic(harm) > SURE_T
     if gain < SMALLEST_GAIN * candidate.gain or not is_harm:
         return candidate
     # Where the joint stands, and where rows are kept for confirmation, one moment is as good as the other: the middle.

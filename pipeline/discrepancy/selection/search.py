@@ -39,10 +39,10 @@ from pipeline.discrepancy.families.whole_machine import (
     of_one_cause,
 )
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal
-from pipeline.discrepancy.selection.comparison import DOUBT_FACTOR, NEGLIGIBLE, Comparison, why_not
+from pipeline.discrepancy.selection.comparison import Comparison, why_not
 from pipeline.discrepancy.selection.known.known_effects import as_known, with_encoders
 from pipeline.discrepancy.selection.known.what_is_left import Left, as_it_was, what_is_left
-from pipeline.discrepancy.selection.onset import of_one_moment, since, with_onsets
+from pipeline.discrepancy.selection.onset import SMALLEST_GAIN, of_one_moment, since, with_onsets
 from pipeline.discrepancy.selection.refine import (
     completed,
     gain_without,
@@ -50,18 +50,16 @@ from pipeline.discrepancy.selection.refine import (
     refine_alone,
     with_gains,
 )
-from pipeline.discrepancy.selection.regression import t_statistic
+from pipeline.discrepancy.selection.regression import SHOWN_T, SURE_T, t_statistic
 from pipeline.discrepancy.selection.screen import screen
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of
 
 REFINED = 3  # of a joint's candidates
 TOLD_LOSERS = 6  # of a joint's candidates
-ONSET_FACTOR, ONSET_T = 1.2, 1.5  # times the gain without onset; of the gain by blocks
 WHOLE_SECOND_SHARE = 0.5
 REST_SHARE = 0.4  # net, of the squares that earlier effects leave, for a name that is not refined yet
-# What an effect has to do beside the others: of the smallest share, and by blocks.
-STILL_SHARE, STILL_T = 0.4, 2.5
+STILL_SHARE = 0.4  # of the smallest share, that an effect has to do beside the others
 
 
 class Search:
@@ -123,7 +121,7 @@ class Search:
             passing = [candidate for candidate in candidates if self.passes(candidate)]
             if any(f.candidate.family in COMMON_CAUSES for f in self.found):
                 passing = [c for c in passing if c.family not in COMMON_CAUSES]
-            passing = self._without_repairs([c for c in passing if self._may_stand_alone(c, candidates)])
+            passing = [c for c in passing if self._may_stand_alone(c, candidates) and not self._is_repair(c)]
             closed = self._closed | {f.candidate.joint for f in self.found if f.candidate.family == COURSE}
             passing = [c for c in passing if c.joint not in closed]  # nothing takes a course off what is left
             if not passing:
@@ -165,79 +163,42 @@ class Search:
     def _since_its_onset(self, active: Hypothesis, candidates: list[Candidate]) -> list[Candidate]:
         """All candidates from the same moment on, where what explains most sets in at some moment."""
         best = max(filter(has_wrapper, candidates), key=self.comparison.net)
-        if best.onset is None or best.t < ONSET_T:
+        if best.onset is None or best.t < SHOWN_T:
             return candidates
         known = {c.key: c for c in candidates}
         for candidate in since(self.simulation, active, self.rows, best, self.excluded, self.nominal):
-            if candidate.key in known and candidate.gain > ONSET_FACTOR * known[candidate.key].gain:
+            if candidate.key in known and candidate.gain > SMALLEST_GAIN * known[candidate.key].gain:
                 known[candidate.key] = candidate
         return list(known.values())
 
     def _is_refuted_by_stops(self, candidate: Candidate) -> bool:
         return is_refuted_by_stops(candidate, self.encoders, self.found, self.excluded)
 
-    def _without_repairs(self, passing: list[Candidate]) -> list[Candidate]:
-        """Candidates that are not just a repair of an effect that was found on their joint before.
-
-        Where something is left beside a named effect, and a dependence that no family describes had explained more than
-        that name in the first place, the dependence takes its place.
-        """
-        kept = []
-        whole = max(
-            (f.candidate.gain for f in self.found if f.candidate.family in WHOLE_MACHINE), default=0.0
-        )
-        for candidate in passing:
-            # What one cause leaves is seldom of a simple form: a name that explains most of it is a second cause.
-            squares = candidate.gain / candidate.share
-            is_the_rest = self.comparison.net(candidate) > REST_SHARE * squares and not is_dependence(
-                candidate
-            )
-            if candidate.gain < WHOLE_SECOND_SHARE * whole and not is_the_rest:
-                continue  # no wrapper of the whole machine fits every joint so well that nothing is left
-            place = next((i for i, f in enumerate(self.found) if f.candidate.joint == candidate.joint), None)
-            if place is None or self.found[place].candidate.family in COMMON_CAUSES:
-                kept.append(candidate)
-                continue
-            first = self.found[place].candidate
-            if candidate.gain > self.config.second_share * first.gain or is_the_rest:
-                kept.append(candidate)
-                continue
-            rivals = [
-                c
-                for c in self.first
-                if c.joint == first.joint
-                and is_dependence(c)
-                and c.family != COURSE
-                and c.key not in {f.candidate.key for f in self.found}
-                and self.passes(c)
-            ]
-            better = max(rivals, key=self.comparison.net, default=None)
-            if (
-                better is not None
-                and self.found[place].known is None
-                and not is_dependence(first)
-                and self.comparison.net(better) > (1.0 + NEGLIGIBLE) * self.comparison.net(first)
-            ):
-                self._log(f"{better.family} explains more than {first.family} and what is left beside it")
-                self.found[place] = SelectedEffect(
-                    better, [], [(first, "leaves structure behind that this does not")]
-                )
-                self._refit()
-        return kept
+    def _is_repair(self, candidate: Candidate) -> bool:
+        """Whether it only mends an effect that was found on its joint, or on the whole machine, before."""
+        squares = candidate.gain / candidate.share
+        if self.comparison.net(candidate) > REST_SHARE * squares and not is_dependence(candidate):
+            return False  # what one cause leaves is seldom of a simple form: a name that explains most is a second one
+        found = [f.candidate for f in self.found]
+        whole = max((c.gain for c in found if c.family in WHOLE_MACHINE), default=0.0)
+        if candidate.gain < WHOLE_SECOND_SHARE * whole:
+            return True  # no wrapper of the whole machine fits every joint so well that nothing is left
+        first = next((c for c in found if c.joint == candidate.joint), None)
+        if first is None or first.family in COMMON_CAUSES:
+            return False
+        return candidate.gain <= self.config.second_share * first.gain
 
     def _choose(self, passing: list[Candidate], candidates: list[Candidate]) -> list[SelectedEffect]:
         """The joint with most to gain; the simplest of its candidates that are not significantly worse."""
         best = max(passing, key=self.comparison.as_last_resort)
         # A second common cause would only mend the first.
         if not any(f.candidate.family in COMMON_CAUSES for f in self.found):
-            options = common_causes(best, candidates, self.comparison.net, self.comparison.shows)
-            common = options[0] if options else []
-            even = [c for other in options[1:] if self._is_even(other, common) for c in other]
+            common = common_causes(best, candidates, self.comparison.net, self.comparison.shows)
             if any(map(self.passes, common)):
                 self._log(
                     f"{common[0].family} on {len(common)} joints explains more together than anything on one"
                 )
-                return [SelectedEffect(c, [e for e in even if e.joint == c.joint]) for c in common]
+                return [SelectedEffect(c) for c in common]
         rivals = sorted((c for c in passing if c.joint == best.joint), key=self.comparison.net, reverse=True)
         foremost = [c for c in rivals if has_wrapper(c)][:REFINED]
         rivals = self._refined(foremost) + [c for c in rivals if not any(c is one for one in foremost)]
@@ -282,14 +243,6 @@ class Search:
         if chosen.family == DELAY and TIMING not in self.excluded:
             found += [SelectedEffect(c) for c in self._late_elsewhere(chosen, candidates)]
         return found
-
-    def _is_even(self, other: Sequence[Candidate], common: Sequence[Candidate]) -> bool:
-        """Whether a channel goes along with what else the machine's speeds depend on, so that either explains them."""
-        is_of_channel = CHANNEL in (other[0].family, common[0].family)
-        return is_of_channel and DOUBT_FACTOR * self._net(other) > self._net(common)
-
-    def _net(self, cause: Sequence[Candidate]) -> float:
-        return sum(map(self.comparison.net, cause))
 
     def _late_elsewhere(self, chosen: Candidate, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Delays of the other joints, where each that moves enough shows one that is as large: a late channel."""
@@ -349,7 +302,7 @@ class Search:
         """Whether it takes enough off the squares beside the others, and not by chance."""
         by_block = gain_without(self.simulation, self.rows, beside, found)
         squares = found.candidate.gain / max(found.candidate.share, 1e-9)
-        is_sure = t_statistic(by_block) >= STILL_T or self.comparison.is_in_both_halves(by_block, squares)
+        is_sure = t_statistic(by_block) >= SURE_T or self.comparison.is_in_both_halves(by_block, squares)
         return is_sure and by_block.sum() >= STILL_SHARE * self.config.smallest_share * squares
 
     def _ask_of_known(self) -> None:

@@ -11,7 +11,7 @@ from pipeline.discrepancy.families.late_channel import (
 )
 from pipeline.discrepancy.families.whole_machine import of_one_cause
 from pipeline.discrepancy.selection.candidate import Candidate
-from pipeline.discrepancy.selection.grouping import OTHER, effects_of, without_lags_of_one_cause
+from pipeline.discrepancy.selection.grouping import effects_of
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 from tests.discrepancy.bare_candidate import bare_candidate
 
@@ -70,39 +70,3 @@ def test_a_joint_that_hardly_moves_neither_makes_a_channel_nor_refutes_it():
         ("timing", (0, 1)),
         ("delay", (2,)),
     }
-
-
-def lag(joint: int, gain: float = 1.0, onset: int | None = None) -> Candidate:
-    return replace(bare_candidate("lag", joint), gain=gain, onset=onset)
-
-
-def named(*found: SelectedEffect) -> list[tuple[str, tuple[int, ...]]]:
-    effects = without_lags_of_one_cause(effects_of(list(found), range(4)))
-    return [(effect.family, tuple(effect.joints)) for effect in effects]
-
-
-def test_lags_of_three_joints_are_one_cause_that_has_no_name():
-    gain = SelectedEffect(replace(bare_candidate("gain", 0), gain=4.0))
-    two = [SelectedEffect(lag(1, 3.0)), SelectedEffect(lag(2, 2.0))]
-    assert named(gain, *two) == [("gain", (0,)), ("lag", (1,)), ("lag", (2,))]
-    assert named(gain, *two, SelectedEffect(lag(3))) == [("other", (1, 2, 3)), ("gain", (0,))]
-    (effect,) = without_lags_of_one_cause(effects_of([*two, SelectedEffect(lag(3))], range(4)))
-    assert (effect.family, effect.card) == (OTHER, "lag")
-
-
-def test_a_joint_that_may_lag_as_well_counts_among_those_that_do():
-    stiction = bare_candidate("stiction", 3)
-    two = [SelectedEffect(lag(1, 3.0)), SelectedEffect(lag(2, 2.0))]
-    assert named(*two, SelectedEffect(stiction, [lag(3)])) == [("other", (1, 2)), ("stiction", (3,))]
-    assert named(*two, SelectedEffect(stiction)) == [("lag", (1,)), ("lag", (2,)), ("stiction", (3,))]
-    late = [SelectedEffect(replace(stiction, joint=joint), [lag(joint)]) for joint in (2, 3)]
-    assert named(two[0], *late)[0] == ("lag", (1,))  # one lag alone is no cause of several joints
-
-
-def test_lags_that_may_be_oil_or_that_set_in_one_after_the_other_stay_what_they_are():
-    oil = SelectedEffect(lag(1, 3.0), [bare_candidate("thermal_drift", 1)])
-    assert [family for family, _ in named(oil, SelectedEffect(lag(2)), SelectedEffect(lag(3)))] == ["lag"] * 3
-    later = SelectedEffect(lag(1, 3.0, onset=5))
-    assert [family for family, _ in named(later, SelectedEffect(lag(2)), SelectedEffect(lag(3)))] == [
-        "lag"
-    ] * 3

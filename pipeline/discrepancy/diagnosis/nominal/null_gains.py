@@ -8,10 +8,10 @@ from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Simulation
 from pipeline.discrepancy.families.plausibility import THERMAL_DRIFT, is_plausible
 from pipeline.discrepancy.families.uncorrectable import screen_without_wrapper
 from pipeline.discrepancy.selection.candidate import Misfit, Nominal
-from pipeline.discrepancy.selection.regression import t_statistic
+from pipeline.discrepancy.selection.regression import SURE_T, t_statistic
 from pipeline.discrepancy.selection.screen import screen
 
-PRESENT_SHARE, PRESENT_T = 0.05, 2.5  # of an effect that the nominal logs have, too
+PRESENT_SHARE = 0.05  # of an effect that the nominal logs have, too
 
 
 class Null(NamedTuple):
@@ -44,7 +44,7 @@ def null_gains(simulation: Simulation, rows: ScoredRows, excluded: Sequence[str]
     warming = [
         c
         for c in candidates
-        if c.family == THERMAL_DRIFT and c.share > PRESENT_SHARE and t_statistic(c.gain_by_block) > PRESENT_T
+        if c.family == THERMAL_DRIFT and c.share > PRESENT_SHARE and t_statistic(c.gain_by_block) > SURE_T
     ]
     if len(warming) > 1 and is_plausible(THERMAL_DRIFT, warming):
         # Nominal logs that show it themselves are no evidence against it: the model, whose memory is short, lacks it.

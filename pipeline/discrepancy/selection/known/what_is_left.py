@@ -8,10 +8,8 @@ import numpy as np
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Simulation
-from pipeline.discrepancy.selection.regression import t_statistic
+from pipeline.discrepancy.selection.regression import SURE_T, t_statistic
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
-
-GONE_T = 2.5  # by blocks, of what an effect as it was makes worse than none
 
 
 class Left(enum.Enum):
@@ -48,7 +46,7 @@ def what_is_left(
         residual_of(simulation, rows, of)[:, joint] ** 2 for of in (others, [*others, as_it_was(effect)])
     )
     worse = np.bincount(rows.folds.block, as_before - without, minlength=rows.folds.n_blocks)
-    return Left.gone if worse.sum() > 0.0 and t_statistic(worse) >= GONE_T else Left.unseen
+    return Left.gone if worse.sum() > 0.0 and t_statistic(worse) >= SURE_T else Left.unseen
 
 
 def as_it_was(effect: SelectedEffect) -> SelectedEffect:
