@@ -112,8 +112,3 @@ def is_at_bound(effects: Mapping[str, Effect], candidate: Candidate) -> bool:
         if value > upper - margin or 0.0 != lower > value - margin:
             return True
     return False
-
-
-def is_offset(candidate: Candidate) -> bool:
-    """Whether it is an encoder that reads a shifted position."""
-    return candidate.family == SENSOR_BIAS and "offset" in candidate.point

@@ -13,7 +13,6 @@ from pipeline.discrepancy.families.plausibility import (
     complexity,
     depends_alike,
     is_dependence,
-    is_offset,
 )
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.selection.candidate import Candidate
@@ -162,11 +161,6 @@ class Comparison:
             and complexity(c) < complexity(chosen) + AS_SIMPLE
         ]
         equivalents += [c for c in as_good if self.raises_doubt(c, chosen)]
-        if chosen.family == GAIN:
-            # Shifted readings change speeds only as far as these depend on the place: seldom nearly as much as a gain.
-            equivalents += [
-                c for c in rivals if is_offset(c) and DOUBT_FACTOR * self.net(c) > self.net(chosen)
-            ]
         if chosen.family == SENSOR_BIAS:
             # By speeds alone a scale is a gain, but for how far these depend on the place: stops tell, and say more
             # than speeds where they were met.

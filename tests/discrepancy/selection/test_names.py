@@ -246,19 +246,6 @@ def test_what_explains_clearly_more_with_an_implausible_value_takes_a_names_cert
         assert [c.family for c in found.equivalents] == expected
 
 
-def test_a_shifted_encoder_that_explains_nearly_as_much_takes_a_gains_certainty() -> None:
-    looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
-    gain = candidate("gain", 0, 100.0, (-0.2,), {}, ((("ratio_positive", None),),))
-    for point, of_encoder, expected in (
-        ({"offset": 0.1}, 95.0, ["sensor_bias"]),
-        ({"offset": 0.1}, 80.0, []),
-        ({"scale": 0.9}, 95.0, []),
-    ):
-        encoder = candidate("sensor_bias", 0, of_encoder, (), point)
-        equivalents = looking.comparison.equivalents(gain, [gain], [gain, encoder], [])
-        assert [c.family for c in equivalents] == expected
-
-
 def test_a_gain_that_explains_nearly_as_much_takes_the_certainty_from_an_encoders_speeds() -> None:
     looking = search(Folds(np.arange(10) % 2, np.arange(10), 10))
     encoder = candidate("sensor_bias", 0, 100.0, (), {"scale": 0.9})
