@@ -18,6 +18,7 @@ from pipeline.discrepancy.correction.corrected_models import (
 )
 from pipeline.discrepancy.correction.open_loop_gate import OpenLoopGate
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
+from pipeline.discrepancy.diagnosis.prepare import PreparedLogs
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.selection.candidate import Candidate
@@ -95,13 +96,12 @@ def correct(
     """
     logs, config = diagnosis.logs, diagnosis.logs.config
     models = CorrectedModels(model, parameters, diagnosis.simulation)
-    frozen = LearnedPredictor(model, parameters)
     before = predictor(model, parameters, diagnosis.given)
     of_before = {horizon: held_out_errors(logs, before, horizon) for horizon in LEVELS}
     # Of the logs that a model lacks something of: what one that was identified from them is off by.
     own = diagnosis.nominal.diagnosis
-    usual = frozen if not logs.is_of_one_machine else LearnedPredictor(own.model, own.parameters)
-    floor = {horizon: nominal_errors(logs, usual, horizon) for horizon in LEVELS}
+    usual = (own.model, own.parameters) if logs.is_of_one_machine else (model, parameters)
+    floor = {horizon: nominal_errors(logs, LearnedPredictor(*usual), horizon) for horizon in LEVELS}
     models.follow(logs, acceptance.fit.effects, floor[1])
     known = [effect for effect in acceptance.fit.effects if effect.is_known]
     gate = OpenLoopGate(
@@ -127,9 +127,7 @@ def correct(
     }
     journal.end_part("errors before and after")
     trained = _trained_baselines(model, parameters, diagnosis)
-    wrong = wrong_effect(effects, selection.screened) if trained else None
-    rivals = trained if wrong is None else {**trained, "wrong_effect": models.with_effects([wrong])}
-    baselines = {name: {h: held_out_errors(logs, of, h).rmse for h in LEVELS} for name, of in rivals.items()}
+    baselines = _errors_of_rivals(logs, models, trained, wrong_effect(effects, selection.screened))
     on_nominal = {"effects": nominal_errors(logs, after, 80) if effects else floor[80]}
     on_nominal |= {name: nominal_errors(logs, of, 80) for name, of in trained.items()}
     journal.end_part("baselines")
@@ -144,6 +142,17 @@ def correct(
         baselines,
         on_nominal,
     )
+
+
+def _errors_of_rivals(
+    logs: PreparedLogs,
+    models: CorrectedModels,
+    trained: Mapping[str, Predictor],
+    wrong: MachineEffect | None,
+) -> dict[str, dict[int, np.ndarray]]:
+    """By name and number of steps (n_joint,), where any was trained; a wrong effect is one of them."""
+    rivals = {**trained, "wrong_effect": models.with_effects([wrong])} if trained and wrong else trained
+    return {name: {h: held_out_errors(logs, of, h).rmse for h in LEVELS} for name, of in rivals.items()}
 
 
 def _trained_baselines(

@@ -108,10 +108,7 @@ def diagnose(
     rows = in_blocks(used, (logs.label == Purpose.select).astype(int))
     confirm = sequences.is_row & (logs.label == Purpose.confirm)
     held_out = in_blocks(confirm, alternating_folds(confirm, block_rows, FOLD_ROWS))
-    moving = np.abs(simulation.velocities([NOMINAL])[0]) > MOVING_SHARE * nominal.setting.speed_scale
-    moving &= rows.is_used[..., None]
-    n_known = (moving & is_known).sum(axis=(0, 1))
-    moving_s = n_known * machine.dt_s
+    moving_s, unknown_share = _motion(simulation, rows.is_used, is_known)
     known: list[SelectedEffect] = []
     if given is not None:
         known = known_effects(given, simulation, noise_of(nominal, machine.dt_s).correlated)
@@ -125,11 +122,21 @@ def diagnose(
         rows,
         held_out,
         moving_s,
-        1.0 - n_known / moving.sum(axis=(0, 1)).clip(1),
+        unknown_share,
         excited,
         given,
         known,
     )
+
+
+def _motion(
+    simulation: Simulation, is_used: np.ndarray, is_known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`moving_s` and `unknown_share` of `Diagnosis`, of rows in use (B, T) and known ones (B, T, n_joint)."""
+    speed = np.abs(simulation.velocities([NOMINAL])[0])
+    moving = (speed > MOVING_SHARE * simulation.setting.speed_scale) & is_used[..., None]
+    n_known = (moving & is_known).sum(axis=(0, 1))
+    return n_known * simulation.setting.dt_s, 1.0 - n_known / moving.sum(axis=(0, 1)).clip(1)
 
 
 def _floor_in_words(logs: PreparedLogs, nominal: NominalBehaviour) -> str:

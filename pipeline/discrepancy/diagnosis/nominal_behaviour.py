@@ -119,11 +119,7 @@ def learn_nominal_behaviour(
     phases = sampling_phases(simulation, sequences.is_row)
     simulation = simulation.with_phases(phases)
     weight = is_known(every, sequences, setting, is_switched)
-    residual = (averaged(weight.astype(float), sequences.is_row) > 0.999) * averaged(
-        sequences.velocity - simulation.velocities([NOMINAL])[0], sequences.is_row
-    )
-    floor = np.maximum(np.mean(residual**2, axis=0), 1e-12)
-    at_rest = floor_at_rest(residual, sequences.command, sequences.is_row, floor, machine.dt_s)
+    floor, at_rest = _floors(simulation, sequences, weight)
     block_rows = config.search.block_rows(machine.dt_s)
     fold = alternating_folds(sequences.is_row, block_rows, FOLD_ROWS)
     rows = rows_in_blocks(sequences.is_row, fold, weight, floor, block_rows)
@@ -148,3 +144,15 @@ def learn_nominal_behaviour(
         null,
         present,
     )
+
+
+def _floors(
+    simulation: Simulation, sequences: Sequences, weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`floor` and `at_rest` of `NominalBehaviour`, on rows of `weight` (B, T, n_joint) 1."""
+    missed = sequences.velocity - simulation.velocities([NOMINAL])[0]
+    is_whole = averaged(weight.astype(float), sequences.is_row) > 0.999
+    residual = is_whole * averaged(missed, sequences.is_row)
+    floor = np.maximum(np.mean(residual**2, axis=0), 1e-12)
+    dt_s = simulation.setting.dt_s
+    return floor, floor_at_rest(residual, sequences.command, sequences.is_row, floor, dt_s)
