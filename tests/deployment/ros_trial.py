@@ -73,8 +73,8 @@ def run(folder: Path) -> dict:
         results.append(operator.result(PATIENCE_S))
         time.sleep(WATCHED_S)
         let_go_ns = reset(operator)
+        time.sleep(WATCHED_S)  # until the server has heard of it, too; nothing moves by itself
         released_ns = operator.now_ns()
-        time.sleep(WATCHED_S)  # until the server has heard of it, too
         results += operator.pursue([goal(7)], PATIENCE_S)
     heard = operator.recorder
     return {

@@ -81,6 +81,12 @@ class Graph:
         return self.supervisor, self.interface, self.teleoperation
 
     @property
+    def state(self) -> tuple[str, bool, int]:
+        """Of the requirement: who is waited for, whether a stick is held, how long all have been neutral."""
+        waits = "released" if not self.is_stopped else "sticks" if self.is_acknowledged else "operator"
+        return waits, self.is_deflected, self.neutral_ticks if waits == "sticks" else 0
+
+    @property
     def is_unheard(self) -> bool:
         """Whether a stop is under way while the interface knows of none: nobody can obey it yet."""
         is_sent = any(output.topic is Topic.emergency_stop for output in self.held)
@@ -186,7 +192,10 @@ def explore(length: int, late: Sequence[Topic]) -> Iterator[tuple[tuple[str, ...
 def test_no_order_of_events_moves_the_machine_before_the_sticks_were_neutral(
     length: int, late: Sequence[Topic]
 ) -> None:
-    released = {events for events, graph in explore(length, late) if not graph.interface.is_muted}
+    ends = [(events, graph.state, graph.interface.is_muted) for events, graph in explore(length, late)]
+    waits, held = ("operator", "sticks", "released"), (False, True)
+    assert {state for _, state, _ in ends} == {*itertools.product(waits, held, [0]), ("sticks", False, 1)}
+    released = {events for events, _, is_muted in ends if not is_muted}
     assert ("acknowledge", *["tick"] * (length - 1)) in released
     assert all("acknowledge" in events and events.count("tick") >= NEUTRAL_TICKS for events in released)
 

@@ -32,7 +32,7 @@ def test_a_latch_knows_the_latest_stop_and_release_in_any_order() -> None:
     latch.hear(EmergencyStop(0, "first", ""))
     assert latch.is_closed and latch.closings == 1
     latch.hear(EmergencyStop(5, "second", ""))
-    for again in (EmergencyStop(5, "again", ""), EmergencyStop(4, "former", "")):
+    for again in (EmergencyStop(5, "again", ""), EmergencyStop(4, "former", ""), SupervisorState(9, "")):
         latch.hear(again)
     assert latch.last is not None and latch.last.rule == "second" and latch.closings == 2
     assert [latch.later_than_known(now_ns) for now_ns in (3, 9)] == [6, 9]

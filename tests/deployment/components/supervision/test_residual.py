@@ -7,6 +7,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from pipeline.configuration.load import MACHINE_DIRECTORY
 from pipeline.deployment.component import nanoseconds
@@ -21,11 +22,13 @@ from pipeline.deployment.components.supervision.model_floor import (
     evidence,
     measure_floor,
     read_floor,
+    score,
 )
 from pipeline.deployment.components.supervision.residual_rule import FollowsModel
 from pipeline.deployment.components.supervision.supervisor_rules import RuleParts, build_rules
 from pipeline.deployment.messages import EmergencyStop, JointCommand, JointState, SupervisorState, Topic
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
+from pipeline.dynamics.model.shown_motion import NEAR_SHARE, STANDING_SHARE
 from pipeline.dynamics.model.store import model_fingerprint, save_model
 from pipeline.effects.augmented_model import AugmentedHistory
 from pipeline.errors import InputError
@@ -42,14 +45,20 @@ PERIOD_STEPS = 30  # of a command up and down
 
 
 def driven(
-    seed: int, n_steps: int, slow: tuple[int, float, int] | None = None
+    seed: int,
+    n_steps: int,
+    slow: tuple[int, float, int] | None = None,
+    wander: float = 0.05,
+    spell_steps: int = 1,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and commands of a machine like the model, whose speed wanders by some percent; (T, 4) each.
+    """Positions and commands of a machine like the model, whose speed wanders; (T, 4) each.
 
     Args:
         seed: of its noise.
         n_steps: T.
         slow: joint, share of its speed, and step from which it holds.
+        wander: of the speed, as a share of it.
+        spell_steps: for which it stays as it is.
     """
     random, share = np.random.default_rng(seed), np.ones(4)
     phase = random.integers(PERIOD_STEPS, size=4)
@@ -60,7 +69,9 @@ def driven(
         if slow is not None and step == slow[2]:
             share[slow[0]] = slow[1]
         history, moved = FOLLOWER.step(history, q, a[step])
-        q = q + moved * share * (1.0 + 0.05 * random.standard_normal(4))
+        if step % spell_steps == 0:
+            wandering = 1.0 + wander * random.standard_normal(4)
+        q = q + moved * share * wandering
     return np.array(positions), a
 
 
@@ -98,6 +109,37 @@ def test_e_values_of_the_floor_s_own_blocks_are_one_on_average(floor: ModelFloor
     assert floor.log_e_value(0, 0.24 * motion, motion) == pytest.approx(
         np.log(e_values[-1])
     )  # one that follows
+
+
+def test_a_score_is_the_likelihood_ratio_of_half_the_speed() -> None:
+    expected, measured, scale = 0.2, np.linspace(0.0, 0.2, 9), 0.03
+    residual = measured - expected
+    ratio = norm.logpdf(residual, -expected / 2, scale) - norm.logpdf(residual, 0.0, scale)
+    np.testing.assert_allclose(score(residual, np.full(9, expected), scale), ratio, atol=1e-9)
+
+
+def test_ranks_are_those_among_the_floor_s_scores() -> None:
+    one = np.ones(4)
+    floor = ModelFloor("m", one, np.array([-3.0, 0.5, 0.7, 2.0]), one, one)
+    kappa = 1.0 / np.log(5)
+    residuals = np.array([0.4, 0.8, 1.2, 1.3, 9.0])  # scores of motion 2: -0.1, 0.3, 0.7, 0.8, 8.5
+    p = np.array([5, 4, 3, 2, 1]) / 5
+    np.testing.assert_allclose(
+        floor.log_e_value(0, residuals, np.full(5, 2.0)), np.log(kappa * p ** (kappa - 1.0))
+    )
+
+
+def test_steps_count_in_motion_and_away_from_the_end_that_a_joint_is_pushed_into() -> None:
+    moving = MovingSteps(dataclasses.replace(specification(), velocity_limit=[0.5, 1.0, 2.0, 4.0]))
+    speed, none = np.array([0.5, 1.0, 2.0, 4.0]), np.zeros(4)
+    for share, counts in ((0.99, False), (1.01, True)):
+        step = share * STANDING_SHARE * DT_S * speed
+        for moved in ((step, none), (-step, none), (none, step), (none, -step)):
+            assert (moving.count(MIDDLE, *moved) == counts).all()
+    for end, sign in ((MACHINE.lower, -1.0), (MACHINE.upper, 1.0)):
+        for margins, pushed, counts in ((0.9, 1, False), (0.9, -1, True), (1.1, 1, True), (0.9, 0, True)):
+            q = end - sign * margins * NEAR_SHARE * (MACHINE.upper - MACHINE.lower)
+            assert (moving.count(q, pushed * sign * DT_S * speed, DT_S * speed) == counts).all()
 
 
 def test_blocks_that_err_in_spells_stop_a_sound_machine_as_seldom_as_is_said() -> None:
@@ -205,11 +247,34 @@ def test_only_rows_that_no_fit_saw_make_the_floor() -> None:
         measure_floor(FOLLOWER, "lag", [seen], ["drive"], *HALF)
 
 
+def test_the_floor_has_a_block_of_each_four_steps_that_count() -> None:
+    """Of a seen recording's second piece, at the end of its range, the first rows are validation rows."""
+    q, a = driven(6, 900)
+    q += MACHINE.upper - q.max(axis=0)
+    piece = dataclasses.replace(trajectory(q, a), name="drive#1", is_validation=np.arange(900) < 384)
+    counts = MovingSteps(FOLLOWER.specification).count(
+        q[:-1], FOLLOWER.displacements(q, a), np.diff(q, axis=0)
+    )
+    steps = counts[FOLLOWER.settling_steps : 384].sum(axis=0)
+    found = measure_floor(FOLLOWER, "lag", [piece], ["drive"], *HALF)
+    assert len(found.scores) == (steps // BLOCK_STEPS).sum() < (counts[:384].sum(axis=0) // BLOCK_STEPS).sum()
+
+
+def test_a_floor_carries_fewer_hours_where_blocks_err_alike() -> None:
+    once, long = (
+        measure_floor(FOLLOWER, "lag", [trajectory(*driven(8, 2400, None, 0.5, spell))], [], *HALF)
+        for spell in (BLOCK_STEPS, 10 * BLOCK_STEPS)
+    )
+    assert once.dependence.max() < 2.0 < 3.0 < long.dependence.min() < 9.0  # of runs of nine
+    shortest = min(limit / factor for limit, factor in zip(long.limit, long.dependence, strict=True))
+    assert long.n_blocks == pytest.approx(np.exp(shortest))
+
+
 def test_a_joint_that_stands_or_more_time_leaves_longer_between_false_stops(floor: ModelFloor) -> None:
     def limit(speed: float, within_s: float) -> np.ndarray:
         return measure_floor(FOLLOWER, "lag", [trajectory(*driven(0, 2400))], [], speed, within_s).limit
 
-    assert min(limit(0.0, 2.0).min(), limit(0.5, 4.0).min()) > floor.limit.min()
+    assert min(limit(0.0, 2.0).min(), limit(0.5, 4.0).min()) > floor.limit.min() > limit(0.5, 0.4).max()
     for speed, within_s, said in ((1.0, 2.0, "share below 1"), (0.5, 0.35, "0.4 s"), (0.5, 600.0, "needed")):
         with pytest.raises(InputError, match=said):
             limit(speed, within_s)
@@ -223,7 +288,7 @@ def test_a_floor_is_read_as_it_was_written(floor: ModelFloor, tmp_path: Path) ->
     np.testing.assert_array_equal(again.limit, floor.limit)
     np.testing.assert_array_equal(again.dependence, floor.dependence)
     np.testing.assert_allclose(again.scores, floor.scores, atol=1e-4)
-    with pytest.raises(InputError, match="is the floor of another model"):
+    with pytest.raises(InputError, match="is the floor of another model; run measure_floor with this model"):
         read_floor(path, "other")
     with pytest.raises(InputError, match="No such file"):
         read_floor(tmp_path / "none.json", "lag")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -243,6 +244,34 @@ def test_shapes_go_by_their_joints_names_not_by_their_order() -> None:
     turned = SelfCollision(dataclasses.replace(machine, joints=machine.joints[::-1]), MACHINE_DIRECTORY)
     shapes = SelfCollision(machine, MACHINE_DIRECTORY)
     assert turned.clearance(folded[::-1], 1.0) == pytest.approx(shapes.clearance(folded, 1.0))
+
+
+def test_two_balls_on_an_elbow_are_as_far_apart_as_geometry_says(tmp_path: Path) -> None:
+    """The forearm's ball against the base's, each a metre from the elbow; links that are joined do not count."""
+    mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    radii, texts, last = {"base_link": 0.1, "swing": 0.3, "boom": 0.2}, [], "base_link"
+    for number, name in enumerate(["base_link", *bobcat().joint_names]):
+        at = 1.0 if name == "boom" else 0.0
+        shape = f'<origin xyz="{at} 0 0"/><geometry><sphere radius="{radii.get(name)}"/></geometry>'
+        texts.append(
+            f'<link name="{name}">{mass}{f"<visual>{shape}</visual>" if name in radii else ""}</link>'
+        )
+        if number:
+            texts.append(
+                f'<joint name="{name}" type="continuous"><parent link="{last}"/><child link="{name}"/>'
+                f'<origin xyz="{at} 0 0"/><axis xyz="0 0 1"/></joint>'
+            )
+        last = name
+    robot = (
+        '<robot name="elbow"><mujoco><compiler discardvisual="false"/></mujoco>' + "".join(texts) + "</robot>"
+    )
+    arm = bobcat().arm
+    assert arm is not None
+    (tmp_path / arm.urdf).write_text(robot)
+    shapes = SelfCollision(bobcat(), tmp_path)
+    for swing, elbow in ((0.0, 0.0), (1.0, 2.0), (-1.0, -2.5)):
+        distance_m = shapes.clearance(np.array([swing, elbow, 0.5, 0.5]), 10.0)
+        assert distance_m == pytest.approx(2.0 * np.cos(elbow / 2.0) - 0.3, abs=1e-5)
 
 
 def test_a_hammer_folded_into_the_boom_is_a_collision() -> None:
