@@ -270,3 +270,15 @@ def test_site_has_every_page_and_every_layer() -> None:
     packages = {f"pipeline.{path.parent.name}" for path in library.glob("*/__init__.py")}
     modules = {f"pipeline.{path.stem}" for path in library.glob("[a-z]*.py")}
     assert documented == packages | modules
+
+
+def test_python_on_pages_uses_names_that_exist() -> None:
+    snippets = [
+        (page, snippet)
+        for page in PAGES
+        for snippet in re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    ]
+    assert snippets
+    for page, snippet in snippets:
+        compile(snippet, str(page), "exec")
+        exec("\n".join(re.findall(r"^(?:from|import) .*", snippet, re.MULTILINE)), {})

@@ -271,11 +271,11 @@ def load_with_effects(
         InputError: see `load_predictor`.
     """
     model, parameters = load_model(directory) if machine is None else load_model_of(directory, machine)
-    effects = load_active(directory)
+    effects = load_effects(directory)
     expected = (model.specification.n_joint, model.specification.dt_s)
     if effects is not None and not np.allclose((effects.setting.n_joint, effects.setting.dt_s), expected):
         raise InputError(
             f"{directory / FILE}: effects of {effects.setting.n_joint} joints at steps of {effects.setting.dt_s} s, "
             f"the model has {expected[0]} joints and steps of {expected[1]} s; close the loop again"
         )
-    return (model, parameters), effects
+    return (model, parameters), effects if effects is not None and effects.families() else None
