@@ -255,6 +255,7 @@ def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
         "held_out",
         "next_experiment",
         "trace",
+        "power",
     }
     assert set(document) == keys
     assert document["verdict"] in VERDICTS
@@ -263,6 +264,10 @@ def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
     assert isinstance(document["next_experiment"], str) and document["next_experiment"]
     for effect in document["effects"]:
         check_effect(effect)
+    visible = {(of["family"], of["joint"]): of["size"] for of in document["power"]}
+    assert {joint for _, joint in visible} == set(JOINTS) and {family for family, _ in visible} <= FAMILIES
+    assert all(size is None or size > 0 for size in visible.values())
+    assert visible["gain", "arm"] < 1.0 - document["effects"][0]["parameters"]["speed_ratio"]["value"]
     for other in document["alternatives"]:
         assert set(other) - {"equivalent", "depends_on"} == {"family", "joints", "error_reduction", "why_not"}
         assert other["family"] in FAMILIES and set(other["joints"]) <= set(JOINTS)
@@ -282,8 +287,8 @@ def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
 
 
 def check_effect(effect: dict[str, Any]) -> None:
-    keys = {"family", "joints", "depends_on", "parameters", "onset", "certain", "p_value", "error_reduction"}
-    assert set(effect) - {"of"} == keys
+    keys = {"family", "joints", "depends_on", "parameters", "onset", "certain", "error_reduction"}
+    assert set(effect) - {"of"} == keys | {"e_value", "p_value"}
     assert effect["family"] in FAMILIES and ("of" in effect) == (effect["family"] == "change_point")
     assert effect["joints"] and set(effect["joints"]) <= set(JOINTS)
     for entry in effect["depends_on"]:
@@ -298,7 +303,7 @@ def check_effect(effect: dict[str, Any]) -> None:
     if effect["onset"] is not None:
         assert isinstance(effect["onset"]["trajectory"], str) and is_finite(effect["onset"]["t"])
     assert isinstance(effect["certain"], bool)
-    assert 0.0 <= effect["p_value"] <= 1.0 and is_finite(effect["error_reduction"])
+    assert effect["p_value"] == min(1.0, 1.0 / effect["e_value"]) and is_finite(effect["error_reduction"])
 
 
 def is_finite(value: Any) -> bool:
