@@ -375,8 +375,8 @@ SOON: dict[str, str] = {
     "model_residual": "2 of motion",
 }
 # Of `benchmarks.false_stops`, per hour, in workshop and field.
-HOURS = 22, 17
-FALSE_STOPS: dict[str, str] = {"envelope": "3.6, 3.8", "model_residual": "0, 0; 0.24 with `within_s=4`"}
+HOURS = 110, 86
+FALSE_STOPS: dict[str, str] = {"envelope": "3.4, 4.0", "model_residual": "0, 0; 0.24 with `within_s=4`"}
 RULE_PAGE = f"""
 ## Rules of the supervisor
 
@@ -388,10 +388,10 @@ after: the latest of the faults above. False stops are per hour, of {HOURS[0]} s
 |---|---|---|---|---|---|
 """
 CHECKED = """
-The scripted operator leaves W⁺ 55 and 98 times an hour. As false count stops of `envelope` in which the true tip was
+The scripted operator leaves W⁺ 53 and 94 times an hour. As false count stops of `envelope` in which the true tip was
 inside at both ends of the control period: encoders show it some mm off. `model_residual` has the floor of the
-condition's own model; in the field of `speed=0 within_s=10`, which was chosen after 4 s had stopped 4 of 18 hours: the
-same sessions give 0, fresh ones have not been asked.
+condition's own model; in the field of `speed=0 within_s=10`, which was chosen after 4 s had stopped 4 of 18 hours. The
+field's hours are of sessions that were drawn after that choice.
 
 ## What was run
 
@@ -404,11 +404,12 @@ with none and all late; all seven states of the protocol \
 | reset on the ROS graph | `pytest -m long tests/deployment/test_ros_trial.py` | acknowledged with a stick \
 held for 2 s | released 1 s after it was let go; the next goal moves the machine |
 | false stops of all rules | `python -m benchmarks.false_stops --condition workshop --model MODEL --floor FLOOR \
---ledger FILE` | the hours above, of 300 wanted, which take a core \
-75 minutes | the table above |
-| half speed, standing joint: workshop | the same | 11 and 6 | all told, after 0.9 to 1.85 s and 1.0 to 1.2 s of \
+--ledger FILE`; field: `--first 1008` | the hours above, of 300 wanted, which take a core \
+65 minutes | the table above |
+| half speed, standing joint: workshop | the same | 28 and 26 | all told, after 0.7 to 1.75 s and 0.7 to 1.2 s of \
 motion |
-| the same: field | the same | 8 and 8 | all told, after 13 to 20 s and 4.1 to 7.4 s |
+| the same: field | the same | 23 and 20 | 20, after 11 to 22 s, the boom not in two minutes in 3 of 6; all, after 3.2 to \
+8.3 s |
 | why 4 s fell short | `measure_floor speed=0 within_s=4`, refused by the supervisor | field: a late start spoils \
 several blocks, whose sums vary 1.6 to 2.1 times as much as of independent ones | it carries 3.5 hours of motion, not \
 5,640; 2 s in the workshop carry 153, not 1,220 |
