@@ -408,8 +408,8 @@ held for 2 s | released 1 s after it was let go; the next goal moves the machine
 65 minutes | the table above |
 | half speed, standing joint: workshop | the same | 28 and 26 | all told, after 0.7 to 1.75 s and 0.7 to 1.2 s of \
 motion |
-| the same: field | the same | 23 and 20 | 20, after 11 to 22 s, the boom not in two minutes in 3 of 6; all, after 3.2 to \
-8.3 s |
+| the same: field | the same | 23 and 20 | 20, after 11 to 22 s, the boom not in two minutes in 3 of 6; all, after \
+3.2 to 8.3 s |
 | why 4 s fell short | `measure_floor speed=0 within_s=4`, refused by the supervisor | field: a late start spoils \
 several blocks, whose sums vary 1.6 to 2.1 times as much as of independent ones | it carries 3.5 hours of motion, not \
 5,640; 2 s in the workshop carry 153, not 1,220 |
