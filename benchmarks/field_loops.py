@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
 
 from benchmarks.closed_loop.draw import SMALLEST_SHARE
 from benchmarks.closed_loop.hydraulic_plant import LARGEST_SIZE
+from benchmarks.closed_loop.intervals import clopper_pearson
 from pipeline.configuration.load import ControlConfiguration, load_machine, load_section
 from pipeline.discrepancy.from_logs import LoopInputs, close_loop_on_logs
 from pipeline.discrepancy.settings import CloseLoopConfig
@@ -105,8 +105,8 @@ def judge(root: Path, which: str, number: int) -> dict[str, Any]:
 
 def share(n: int, of: int) -> str:
     """A count with the 95 % interval of Clopper and Pearson."""
-    interval = binomtest(n, of).proportion_ci()
-    return f"{n} of {of} ({interval.low:.0%} to {interval.high:.0%})"
+    low, high = clopper_pearson(n, of)
+    return f"{n} of {of} ({low:.0%} to {high:.0%})"
 
 
 def summary(ledger: Sequence[dict[str, Any]]) -> str:

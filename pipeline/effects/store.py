@@ -146,7 +146,10 @@ def load_effects(directory: Path) -> ActiveEffects | None:
 
 def load_active(directory: Path) -> ActiveEffects | None:
     """Read `effects.json`; None if it is missing, or no effect in it is active. Raises as `load_effects`."""
-    effects = load_effects(directory)
+    return _active(load_effects(directory))
+
+
+def _active(effects: ActiveEffects | None) -> ActiveEffects | None:
     return effects if effects is not None and effects.families() else None
 
 
@@ -278,4 +281,4 @@ def load_with_effects(
             f"{directory / FILE}: effects of {effects.setting.n_joint} joints at steps of {effects.setting.dt_s} s, "
             f"the model has {expected[0]} joints and steps of {expected[1]} s; close the loop again"
         )
-    return (model, parameters), effects if effects is not None and effects.families() else None
+    return (model, parameters), _active(effects)

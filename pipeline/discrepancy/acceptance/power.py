@@ -6,6 +6,7 @@ the search, and is more than nominal logs ask for. Tests of confirmation rows ar
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -17,9 +18,10 @@ from pipeline.discrepancy.acceptance.size_of_an_effect import LARGEST_BY_CHANCE,
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.families.plausibility import DELAY, TIMING
 from pipeline.discrepancy.posterior.residual.columns import Term, columns_of
-from pipeline.discrepancy.selection.candidate import Candidate
+from pipeline.discrepancy.selection.candidate import Candidate, scored
 from pipeline.discrepancy.selection.comparison import Comparison
 from pipeline.discrepancy.selection.grouping import OTHER, told_as
+from pipeline.discrepancy.selection.regression import evidence
 from pipeline.discrepancy.selection.selected_effect import residual_of
 from pipeline.effects.catalogue import KNOWN
 from pipeline.effects.effect import Parameter
@@ -52,6 +54,7 @@ def visible_sizes(fit: FittedEffects) -> list[Visible]:
     without = columns_of(nominal.simulation, nominal.rows, logs.config.exclude)
     residual = residual_of(diagnosis.simulation, rows, fit.found)
     comparison = Comparison(rows.folds, logs.config.search, tuple(nominal.at_rest))
+    passes = partial(comparison.passes, is_further=bool(fit.found))
     sizes: dict[tuple[str, int], float] = {}
     for term in (term for term in measured.terms if told_as(term.family) != OTHER):
         joint, key = term.joint, (term.family, term.joint)
@@ -66,9 +69,10 @@ def visible_sizes(fit: FittedEffects) -> list[Visible]:
         asked = asked_for(on_nominal, without.residual[:, [joint]], nominal.rows.floor[[joint]])
         scatter = 0.0 if logs.is_of_one_machine else asked.share
         owed = nominal.null[*key, None].most_per_row * len(change) if (*key, None) in nominal.null else 0.0
-        present = partial(with_effect, term, change[:, 0], residual[:, joint], rows, owed)
-        is_found = partial(_passes, comparison, present, bool(fit.found))
-        sizes[key] = min(sizes[key], size_of_one * _smallest(is_found, scatter, most))
+        changed = change[:, 0]
+        rest = residual[:, joint] - changed * (changed @ residual[:, joint] / max(changed @ changed, 1e-12))
+        present = partial(with_effect, term, changed, rest, rows, owed)
+        sizes[key] = min(sizes[key], size_of_one * _smallest(present, passes, scatter, most))
     return [Visible(*key, size, _first(key[0]).unit) for key, size in sizes.items()]
 
 
@@ -91,52 +95,37 @@ def _first_parameter(term: Term) -> tuple[list[int], float, float]:
 
 
 def with_effect(
-    term: Term, change: np.ndarray, residual: np.ndarray, rows: ScoredRows, owed: float, size: float
+    term: Term, change: np.ndarray, rest: np.ndarray, rows: ScoredRows, owed: float, size: float
 ) -> Candidate:
     """What a term would explain of these rows, had it a size beside all that they show.
 
     Args:
         term: A family on a joint.
         change: (N,) by a size of one.
-        residual: (N,) as it is, of which what looks like the effect is taken off.
+        rest: (N,) residual without what looks like the effect.
         rows: The rows.
         owed: Of the gain, to the model's misfit.
         size: Of the effect.
     """
-    floor, folds = rows.floor[term.joint], rows.folds
-    rest = residual - change * (change @ residual / max(change @ change, 1e-12))
-    gain = (rest + size * change) ** 2 - rest**2
-    squares = np.sum((rest + size * change) ** 2)
-    by_block = np.bincount(folds.block, gain, minlength=folds.n_blocks)
-    return Candidate(
-        term.family,
-        term.joint,
-        None,
-        term.point,
-        term.freed,
-        np.full(len(term.columns), size),
-        float(gain.sum() / floor),
-        float(gain.sum() / max(squares, 1e-12)),
-        by_block / floor,
-        owed=owed,
+    measured, nothing = rest + size * change, np.zeros(0)
+    explained = evidence(measured, rest, np.zeros((len(rest), 0)), rows.folds, nothing, nothing)
+    candidate = scored(
+        explained, measured, rows.floor[term.joint], term.family, term.joint, None, term.point, ()
     )
+    return replace(candidate, owed=owed)
 
 
-def _passes(
-    comparison: Comparison, present: Callable[[float], Candidate], is_further: bool, size: float
-) -> bool:
-    return comparison.passes(present(size), is_further)
-
-
-def _smallest(is_found: Callable[[float], bool], scatter: float, most: float) -> float:
+def _smallest(
+    present: Callable[[float], Candidate], passes: Callable[[Candidate], bool], scatter: float, most: float
+) -> float:
     """The least size that is found with 90 %; infinite where it is larger than `most`."""
     beside = norm.ppf(FOUND_WITH) * scatter
     least, largest = LARGEST_BY_CHANCE * scatter, most - beside
-    if largest < least or not is_found(largest):
+    if largest < least or not passes(present(largest)):
         return np.inf
-    if is_found(least):
+    if passes(present(least)):
         return float(least + beside)
     for _ in range(HALVINGS):
         middle = 0.5 * (least + largest)
-        least, largest = (least, middle) if is_found(middle) else (middle, largest)
+        least, largest = (least, middle) if passes(present(middle)) else (middle, largest)
     return float(largest + beside)
