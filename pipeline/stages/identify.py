@@ -12,7 +12,7 @@ from pipeline.dynamics.model.dynamics_model import Target
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.dynamics.settings import IdentifyConfig
 from pipeline.dynamics.training.checkpoint import is_training
-from pipeline.dynamics.training.data_split import split_by_purpose
+from pipeline.dynamics.training.data_split import JUDGED_ROWS, split_by_purpose
 from pipeline.files.checkpoint_cleanup import remove_checkpoints
 from pipeline.tracking import StageRun, progress_bar
 from pipeline.tracking.registry.publish import publish_identified
@@ -53,7 +53,7 @@ def main(configuration: IdentifyStage, run: StageRun) -> None:
     remove_checkpoints(checkpoints, is_training)
     own, arx = (identified.metrics[name]["open_loop_rmse_80"] for name in ("model", "arx"))
     errors = ", ".join(f"{joint} {own[joint]:.4f} (linear ARX {arx[joint]:.4f})" for joint in own)
-    print(f"identify: 4 s error [rad or m] on the {rows.judged_on} rows: {errors}")
+    print(f"identify: 4 s error [rad or m] on the {JUDGED_ROWS[rows.judged_on]}: {errors}")
 
 
 if __name__ == "__main__":

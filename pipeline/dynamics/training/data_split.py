@@ -9,6 +9,7 @@ from pipeline.logs.tuples import SUFFIX, Trajectory, read_tuples, validation_par
 from pipeline.machine.specification import MachineSpecification
 
 HELD_OUT, VALIDATION = "held_out", "validation"
+JUDGED_ROWS = {HELD_OUT: "held-out rows", VALIDATION: "validation rows, which early stopping saw"}
 
 
 @dataclass(frozen=True)
