@@ -60,7 +60,6 @@ def resting_state(parameters: Parameters, configuration: np.ndarray) -> State:
     """The machine at rest: engine running, spools centred, chambers carrying gravity.
 
     Args:
-        parameters: the machine.
         configuration: joint angles, (n,), rad, within the mechanical stops.
 
     Raises:

@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.baselines.continued_training import BaselinesConfig
-from pipeline.discrepancy.baselines.finetuning import fine_tune
+from pipeline.discrepancy.baselines.continued_training import BaselinesConfig, continue_training
 from pipeline.discrepancy.baselines.residual_network import fit_residual_network
 from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.families.plausibility import is_dependence
@@ -42,14 +41,13 @@ def trained_baselines(
         parameters: θ.
         measured: Logs of the machine as it is.
         purposes: Per log (T,) of `splits.Purpose`.
-        machine: The machine.
         config: Budget.
         seed: Of initialisation and batches.
     """
     stretches = list(_stretches(measured, purposes))
     arguments = (model, parameters, stretches, machine, config, seed)
     return {
-        "finetune": LearnedPredictor(model, fine_tune(*arguments)),
+        "finetune": LearnedPredictor(model, continue_training(*arguments)),
         "blackbox_residual": fit_residual_network(*arguments),
     }
 

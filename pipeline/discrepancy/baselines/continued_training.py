@@ -100,13 +100,10 @@ def continue_training(
         UnusableLogs: if the rows of either kind are too short for one window.
     """
     starts = window_starts(trajectories, False, model.specification.lags + 1, settings.horizon)
-    selecting = _thinned(
-        window_starts(trajectories, True, FIRST_JUDGED_ROW, settings.evaluation_horizon),
-        settings.evaluation_windows,
-    )
+    judged = window_starts(trajectories, True, FIRST_JUDGED_ROW, settings.evaluation_horizon)
     for kind, found, horizon in (
         ("fit", starts, settings.horizon),
-        ("select", selecting, settings.evaluation_horizon),
+        ("select", judged, settings.evaluation_horizon),
     ):
         if len(found) == 0:
             raise UnusableLogs(
@@ -114,6 +111,8 @@ def continue_training(
                 f"no trajectory has {horizon + 1} rows in a row to {kind} the baselines on, after "
                 f"{FIRST_JUDGED_ROW} rows of history; give longer measured logs",
             )
+    n_judged = min(len(judged), settings.evaluation_windows)
+    selecting = judged[np.linspace(0, len(judged) - 1, n_judged).round().astype(int)]
     rows = stack_rows(trajectories)
     batch_size = min(settings.batch_size, len(starts))
     n_batches = min(settings.batches_per_epoch, len(starts) // batch_size)
@@ -157,12 +156,6 @@ def _optimiser(settings: BaselinesConfig, n_batches: int) -> optax.GradientTrans
 
 def _with_rate(optimiser_state: Any, rate: float) -> Any:
     return optimiser_state._replace(hyperparams={"learning_rate": jnp.asarray(rate, jnp.float32)})
-
-
-def _thinned(starts: np.ndarray, maximum: int) -> np.ndarray:
-    if len(starts) <= maximum:
-        return starts
-    return starts[np.linspace(0, len(starts) - 1, maximum).round().astype(int)]
 
 
 def _ended(state: TrainingState, settings: BaselinesConfig) -> bool:

@@ -58,7 +58,6 @@ def model_with_residual(model: DynamicsModel, parameters: Parameters) -> Dynamic
     """The model with a residual network on top.
 
     Args:
-        model: The model.
         parameters: θ, frozen within the result.
 
     Returns:

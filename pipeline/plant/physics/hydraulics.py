@@ -66,7 +66,6 @@ def advance_pressures(
     """One substep of supply and chamber pressures, engine speed, heat, and energy and volume accounts.
 
     Args:
-        parameters: the machine.
         state: changed in place.
         scratch: work arrays; travel and piston speed are read.
         viscosity: dynamic viscosity, Pa s.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.dynamics.model.dynamics import Dynamics
-from pipeline.dynamics.model.fir.model import MEMBERS, FirModel
+from pipeline.dynamics.model.fir.model import FirModel
 from pipeline.dynamics.model.fir.specification import FirSpecification
 from pipeline.dynamics.model.stops import Stops
 from pipeline.dynamics.model.store import load_model, save_model
@@ -88,17 +88,6 @@ def test_rollout_is_the_equation(model, parameters, predict):
     expected = reference(parameters, before, np.asarray(commands), np.asarray(history.q))
     np.testing.assert_allclose(predicted, expected, rtol=0, atol=1e-13)
     assert np.any(expected[:, 0] == 0.5)  # the stop is met
-
-
-def test_members_roll_out_by_their_own_networks(model, parameters):
-    with jax.enable_x64(True):
-        history, commands, _ = start(model)
-        found = jax.jit(model.members_roll_out)(parameters, history, commands)
-        single = FirModel(specification(hidden=[4]))
-        for member in range(3):
-            own = jax.tree.map(lambda leaf, at=member: leaf[at], parameters[MEMBERS])
-            expected = single.roll_out(own, history, commands)
-            np.testing.assert_allclose(found[member], expected, rtol=0, atol=1e-13)
 
 
 def test_held_commands_are_steps(model, parameters):

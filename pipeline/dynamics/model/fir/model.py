@@ -86,15 +86,21 @@ class FirModel(DynamicsModel):
         self, parameters: Parameters, history: History, commands: jax.Array, stops: Stops | None = None
     ) -> jax.Array:
         """See `Dynamics.roll_out`."""
-        return self._rolled_out(self.network.layers(parameters), history, commands, stops)
+        first, *others, by_q = self._split(self.network.layers(parameters))
+        row = self.member.row
+        # The window of step j holds commands j … j+k of this buffer; the oldest command is in no window any more.
+        known = _flat(self.member.rows(jnp.concatenate([history.commands[..., 1:, :], commands], axis=-2)))
 
-    def members_roll_out(
-        self, parameters: Parameters, history: History, commands: jax.Array, stops: Stops | None = None
-    ) -> jax.Array:
-        """Predictions by each member, (n_members, ..., H, n_joint), rad or m; arguments as of `roll_out`."""
-        return jax.vmap(lambda own: self._rolled_out(self.member.layers(own), history, commands, stops))(
-            parameters[MEMBERS]
-        )
+        def advance(carry: tuple, index: jax.Array) -> tuple[tuple, jax.Array]:
+            q, newest = carry
+            acting = jax.lax.dynamic_slice_in_dim(known, index * row, len(first.kernel), axis=-1)
+            y = acting @ first.kernel + self.normalise_position(q) @ by_q + first.bias
+            q, newest, _ = self.finish_step(others, y, q, newest, stops)
+            return (q, newest), q
+
+        begin = (history.q, history.motion[..., -1, :])
+        _, q = jax.lax.scan(advance, begin, jnp.arange(commands.shape[-2]))
+        return jnp.moveaxis(q, 0, -2)
 
     def velocity(self, parameters: Parameters, inputs: jax.Array) -> jax.Array:
         """Velocity by f, of `inputs` and before stops: (..., n_joint), rad/s or m/s."""
@@ -183,25 +189,6 @@ class FirModel(DynamicsModel):
         by_row = first.kernel.reshape(n_rows, -1)
         kernels = by_held_commands(by_row, np.arange(n_rows)[::-1], n_steps)
         return kernels.reshape(*kernels.shape[:2], self.member.row, width)
-
-    def _rolled_out(
-        self, layers: list[Layer], history: History, commands: jax.Array, stops: Stops | None
-    ) -> jax.Array:
-        first, *others, by_q = self._split(layers)
-        row = self.member.row
-        # The window of step j holds commands j … j+k of this buffer; the oldest command is in no window any more.
-        known = _flat(self.member.rows(jnp.concatenate([history.commands[..., 1:, :], commands], axis=-2)))
-
-        def advance(carry: tuple, index: jax.Array) -> tuple[tuple, jax.Array]:
-            q, newest = carry
-            acting = jax.lax.dynamic_slice_in_dim(known, index * row, len(first.kernel), axis=-1)
-            y = acting @ first.kernel + self.normalise_position(q) @ by_q + first.bias
-            q, newest, _ = self.finish_step(others, y, q, newest, stops)
-            return (q, newest), q
-
-        begin = (history.q, history.motion[..., -1, :])
-        _, q = jax.lax.scan(advance, begin, jnp.arange(commands.shape[-2]))
-        return jnp.moveaxis(q, 0, -2)
 
 
 def _flat(rows: jax.Array) -> jax.Array:

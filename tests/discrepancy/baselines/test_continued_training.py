@@ -4,8 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.baselines.continued_training import BaselinesConfig
-from pipeline.discrepancy.baselines.finetuning import fine_tune
+from pipeline.discrepancy.baselines.continued_training import BaselinesConfig, continue_training
 from pipeline.dynamics.evaluation.errors import open_loop_rmse_80
 from pipeline.dynamics.model.predictor import LearnedPredictor
 from pipeline.errors import InputError
@@ -18,7 +17,7 @@ ONE_KIND = ("mlp", "dqdot")  # for what does not depend on the kind
 
 def tuned(kind, settings=None, logs=(FITTED,), seed=0):
     model, parameters = nominal(*kind).model, nominal(*kind).parameters
-    return fine_tune(model, parameters, logs, MACHINE, settings or make_settings(), seed)
+    return continue_training(model, parameters, logs, MACHINE, settings or make_settings(), seed)
 
 
 def error(kind, parameters, log=HELD_OUT):
