@@ -81,7 +81,6 @@ def grid_log(
     """Condition a log and put it on the grid (contract, section 2), section by section.
 
     Args:
-        raw: The log.
         config: The rules' thresholds.
         store: Stores the rows.
         section_rows: Samples processed at a time; the result does not depend on it.
@@ -113,25 +112,18 @@ def _gridded(
     minimum_rows = max(1, round(config.minimum_trajectory_s * machine.rate_hz))
     lengths: list[int] = []
     short: list[int] = []
-    pending: list[GridRows] = []  # a stretch that may be too short
-    segment, is_long = -1, False
-    for part in _known_stretches(rows):
-        if part.segment != segment:
-            short += [n_rows] if (n_rows := sum(map(len, pending))) else []
-            segment, pending, is_long = part.segment, [], False
-        if not is_long:
+    for _, stretch in itertools.groupby(_known_stretches(rows), lambda part: part.segment):
+        n_rows = 0
+        pending: list[GridRows] = []  # while the stretch may be too short
+        for part in stretch:
+            n_rows += len(part)
             pending.append(part)
-            if sum(map(len, pending)) < minimum_rows:
-                continue
-            lengths.append(0)
-            is_long, parts, pending = True, pending, []
-        else:
-            parts = [part]
-        for settled in parts:
-            x = {} if settled.x is None else {"x": settled.x}
-            store.append(GRID, {"stamp_ns": settled.stamp_ns, "q": settled.q, "a": settled.a, **x})
-            lengths[-1] += len(settled)
-    short += [n_rows] if (n_rows := sum(map(len, pending))) else []
+            if n_rows >= minimum_rows:
+                for settled in pending:
+                    x = {} if settled.x is None else {"x": settled.x}
+                    store.append(GRID, {"stamp_ns": settled.stamp_ns, "q": settled.q, "a": settled.a, **x})
+                pending = []
+        (lengths if n_rows >= minimum_rows else short).append(n_rows)
     conditioned.finish()
     notes += conditioned.notes
     if short:

@@ -113,20 +113,8 @@ def diagnose(
     if given is not None:
         known = known_effects(given, simulation, noise_of(nominal, machine.dt_s).correlated)
     excited = [j for j in range(len(moving_s)) if moving_s[j] >= config.gate.smallest_excitation_s]
-    return Diagnosis(
-        logs,
-        nominal,
-        simulation,
-        phases,
-        is_known,
-        rows,
-        held_out,
-        moving_s,
-        unknown_share,
-        excited,
-        given,
-        known,
-    )
+    of_rows = phases, is_known, rows, held_out, moving_s, unknown_share, excited
+    return Diagnosis(logs, nominal, simulation, *of_rows, given, known)
 
 
 def _motion(

@@ -88,9 +88,7 @@ def train_diagnosis_model(
     """Identify the kind from logs of the machine as it was.
 
     Args:
-        nominal: The logs.
         n_rows: T, to which logs are padded.
-        machine: The machine.
         identify: Section `identify`.
         seed: Initial parameters and order of the windows.
 

@@ -88,7 +88,6 @@ def learn_nominal_behaviour(
 
     Args:
         nominal: Logs of the machine as it was.
-        machine: The machine.
         config: Section `close_loop`.
         identify: Section `identify`.
         end_part: Called with each part's name at its end.
@@ -130,20 +129,8 @@ def learn_nominal_behaviour(
         if kept is not None and not config.exclude:  # else the next would miss what was not tried
             save_learned(kept, Learned(diagnosis, null, present), known_as)
     end_part("search on nominal logs")
-    return NominalBehaviour(
-        diagnosis,
-        setting,
-        is_switched,
-        effects,
-        every,
-        simulation,
-        rows,
-        phases,
-        floor,
-        at_rest,
-        null,
-        present,
-    )
+    of_machine = diagnosis, setting, is_switched, effects
+    return NominalBehaviour(*of_machine, every, simulation, rows, phases, floor, at_rest, null, present)
 
 
 def _floors(
