@@ -2,6 +2,7 @@
 
 from typing import Annotated, Any, get_args, get_type_hints
 
+from pipeline.errors import InputError
 from pipeline.files.path_checks import Input, Output, refuse_overlap, refuse_unusable
 
 InputPath = Annotated[str, Input()]
@@ -20,7 +21,7 @@ def check_paths(configuration: Any) -> None:
         configuration: A dataclass with keys of the types above.
 
     Raises:
-        InputError: A path is for both, or cannot be written to.
+        InputError: A path is for both, or cannot be written to; a list of inputs is empty.
     """
     reads: dict[str, tuple[list[str], Input]] = {}
     writes: dict[str, tuple[str, Output]] = {}
@@ -29,6 +30,8 @@ def check_paths(configuration: Any) -> None:
         if isinstance(mark, Output) and given is not None and "://" not in given:  # a database is not a path
             refuse_unusable(key, given, mark.is_file)
             writes[key] = given, mark
+        elif isinstance(mark, Input) and given == []:
+            raise InputError(f"{key} is empty; name at least one folder to read")
         elif isinstance(mark, Input) and given:
             reads[key] = [given] if isinstance(given, str) else given, mark
     refuse_overlap(writes, reads)

@@ -138,10 +138,8 @@ def graph_parts(settings: GraphSettings, policy: Policy | None = None) -> GraphP
 def controller_delays(settings: GraphSettings) -> Mapping[str, Distribution]:
     """Delays of the graph with this controller; says in one line what of them was not measured."""
     deployment = settings.deployment
-    path = Path(deployment.delays)
-    if not path.exists():
-        path = settings.machine_directory.parents[1] / path
-    links, planner = load_delays(path)
+    here, of_repository = Path(deployment.delays), settings.machine_directory.parents[1] / deployment.delays
+    links, planner = load_delays(here if here.exists() or not of_repository.exists() else of_repository)
     if settings.kind is ControllerKind.icem and planner != planner_effort(settings):
         links.pop(PLANNING, None)  # another planner's decisions say nothing of this one's
     delays, is_measured = delays_of(links, settings.kind, deployment.unmeasured_planning_s)

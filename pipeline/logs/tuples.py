@@ -90,7 +90,7 @@ def read_tuples(directory: Path, machine: MachineSpecification) -> list[Trajecto
     paths = sorted(path for path in directory.glob(f"*{SUFFIX}") if not path.name.startswith("."))
     if not paths:
         raise InputError(
-            f"{directory}: no tuples (*{SUFFIX}) here; run the stage `ingest` with output={directory}"
+            f"{directory}: no tuples (*{SUFFIX}) here; name a folder that the stage `ingest` wrote"
         )
     return [trajectory for path in paths for trajectory in _read(path, machine)]
 

@@ -167,6 +167,7 @@ def test_a_value_out_of_range_is_refused_before_work_starts(logs: Path, tmp_path
             "close_loop.exclude has dealy, which is not tried",
         ),
         ("ppo", ["model=a", "output=b", "seed=-1"], "seed is -1; it must not be negative"),
+        ("measure_floor", ["model=a", "tuples=[]", "output=b"], "tuples is empty; name at least one folder"),
         (
             "record",
             ["effects=[gain]", "effect_size=-1", "output=b"],
