@@ -114,7 +114,6 @@ def save_policy(directory: Path, policy: Policy, meta: Mapping[str, Any]) -> Non
 
     Args:
         directory: created if missing.
-        policy: the policy.
         meta: further content of `meta.json` (configuration, lineage); JSON values.
     """
     directory = Path(directory)

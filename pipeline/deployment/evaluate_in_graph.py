@@ -24,7 +24,6 @@ def evaluate_in_graph(
 
     Args:
         settings: What the parts are composed of.
-        parts: The graph.
         episodes: Starts and targets.
         progress: Called with the number of episodes done.
         extra_delay_s: By which the loop takes longer than measured, s.

@@ -27,7 +27,6 @@ def run_successive(
     """Pursue the targets one after the other; each starts from the final configuration of the previous one.
 
     Args:
-        parts: the graph.
         delays: delays of its links.
         machine: the driven machine.
         estimator: estimator of its velocities, if they are not measured.

@@ -38,7 +38,6 @@ def nominal_model(
     Args:
         kind: What is identified, `nfir_dqdot` for example.
         nominal: Logs of the machine that the model describes.
-        machine: The machine.
         close_loop: Section `close_loop`; its `baseline` says how one of the paper's kinds is trained.
         identify: Section `identify`.
 

@@ -63,7 +63,6 @@ def judge_models(
     Args:
         models: By name.
         rows: To learn from and to judge on.
-        machine: The machine.
         config: Section `judge`.
         progress: Called with each predictor's name when it is done.
 

@@ -28,7 +28,6 @@ class AugmentedPredictor:
     Args:
         model: The frozen model.
         parameters: θ.
-        chain: The effects.
         values: Values of the effects, by family.
         onset_ns: Absolute stamp of the onset by family and joint index. The effect acts in full from there on; on
             joints without an onset it acts all the time.

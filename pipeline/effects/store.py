@@ -216,7 +216,6 @@ def load_predictor(
     """Read a model folder of `identify` or `close_loop` as a predictor.
 
     Args:
-        directory: The folder.
         all_set_in: Whether effects act from the first row on, regardless of their onsets.
         machine: Required machine of the model; None accepts any.
 
@@ -234,7 +233,6 @@ def load_dynamics(directory: Path, machine: MachineSpecification | None = None) 
     """Read a model folder of `identify` or `close_loop` as dynamics for control, with all effects set in.
 
     Args:
-        directory: The folder.
         machine: Required machine of the model; None accepts any.
 
     Returns:

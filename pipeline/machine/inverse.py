@@ -49,7 +49,6 @@ def solve_inverse(machine: MachineSpecification, arm: Arm, pose: Pose) -> Soluti
     is assumed about the arm's structure.
 
     Args:
-        arm: its kinematics.
         pose: one pose in {B}: position (3,) in m, quaternion (4,) of either sign.
 
     Raises:

@@ -49,7 +49,6 @@ def satisfies(machine: MachineSpecification, arm: Arm, conditions: PoseCondition
 
     Args:
         machine: the machine; its workspace is W+.
-        arm: its kinematics.
         conditions: bounds on pitch and height.
         q: configurations, rad (m), shape (..., n_joint).
 
@@ -125,7 +124,6 @@ def sample_configurations(
 
     Args:
         key: JAX key; the same key gives the same configurations.
-        arm: its kinematics.
         conditions: bounds on pitch and height, besides W+.
         n: how many.
 

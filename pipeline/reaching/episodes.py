@@ -106,7 +106,6 @@ def learning_poses(machine: MachineSpecification, arm: Arm, config: EpisodesConf
     """The table of starts and targets for learning.
 
     Args:
-        arm: its kinematics.
         config: conditions and size.
         seed: seed of the training; the table has its own stream, so it shares no episode with `evaluation_episodes`.
 

@@ -31,7 +31,6 @@ class FreshEpisodes(Wrapper):
         """Wraps the environment.
 
         Args:
-            env: the environment.
             staggered: begin the first episodes at clocks spread evenly over an episode, so that time-outs and
                 episode phases are spread in time. Otherwise all episodes run in step.
         """

@@ -89,7 +89,6 @@ class ReachingTask:
 
         Args:
             machine: joint limits, kind of commands and workspace.
-            arm: its kinematics.
             dynamics: the learned model, of any kind.
             parameters: its parameters; values, not traced.
             reward: weights, thresholds and enabled terms.

@@ -27,7 +27,6 @@ def measure_delays(
         planner: Reward that iCEM plans with in a second run; None: there is none.
         commands: The nodes' commands, from settings and the folder that the nodes write to.
         output: Parent of both runs' folders.
-        delays: The file.
 
     Returns:
         The real-time table.

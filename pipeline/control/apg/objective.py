@@ -29,7 +29,6 @@ def cost(
     Args:
         config: weights.
         task: kinematics and workspace.
-        goal: the target.
         q: configurations after each tick of a decision, (ticks, ..., n_joint), rad (m).
         command: of the decision, (..., n_joint).
         previous: of the decision before, (..., n_joint).

@@ -63,7 +63,6 @@ def repair(
     Args:
         policy: Folder of the policy as it is deployed; it was learned on the model as it was.
         model: Folder of the model with effects, of the same window.
-        reaching: The task.
         apg: Section `apg` of a profile.
         config: Section `policy_repair`.
         seed: Of the training, and of the draws.

@@ -26,7 +26,6 @@ def refuse_given(
     """Refuse effects that cannot be a prior: of an engine without one, or that the nominal logs have themselves.
 
     Args:
-        given: The effects.
         model: The frozen model and θ.
         nominal: Logs that are said to be of the machine without them; none are asked where it is given.
         joints: Names.

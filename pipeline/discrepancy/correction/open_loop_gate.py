@@ -38,7 +38,6 @@ class OpenLoopGate:
         """Effects that do no harm and are worth a name, all beside one another.
 
         Args:
-            fit: The effects.
             shows_otherwise: Whether the strongest, where it hardly moves positions, shows all the same.
         """
         while True:
@@ -91,7 +90,6 @@ class OpenLoopGate:
         """Effects that show: in the prediction or, the first and those that predict nothing, otherwise.
 
         Args:
-            fit: The effects.
             shows_otherwise: Whether one that hardly moves positions, or predicts nothing, shows all the same.
         """
         kept = [effect for effect in fit.effects if effect.is_known]

@@ -45,8 +45,6 @@ def describe(
     """Parameters of one effect on one joint.
 
     Args:
-        candidate: The effect.
-        effect: Its wrapper.
         spread: Per point's name, and `coefficient:<index>`.
         joints: All joints' names.
         unit: `rad` or `m`.
@@ -187,7 +185,6 @@ def spreads(
         coordinates: Of the joint.
         covariance: Of the coordinates.
         number: Of the effect among those found.
-        candidate: The effect.
         model_error: Share of a value by which the idealised effect may differ from the real one.
     """
     result = {}

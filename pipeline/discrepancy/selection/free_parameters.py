@@ -108,7 +108,6 @@ class ParameterGroup:
         Args:
             jacobian: Per joint (N, n), by its coordinates.
             coordinates: Per joint, in that order.
-            rows: The rows.
         """
         n = len(rows.weight)
         result = np.zeros((len(self.joints) * n, len(self.columns)))

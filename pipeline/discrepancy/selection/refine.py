@@ -166,7 +166,6 @@ def completed(simulation: Simulation, candidate: Candidate, present: Collection[
 
     Args:
         simulation: On the measured logs.
-        candidate: The effect.
         present: Families of effects that the nominal logs show themselves.
     """
     if not has_wrapper(candidate):

@@ -60,7 +60,6 @@ def prediction_errors(
     """Both errors; see `one_step_rmse` and `open_loop_rmse_80`.
 
     Args:
-        predictor: The model.
         trajectories: The test data.
         place: Origin of the data, for the message.
 

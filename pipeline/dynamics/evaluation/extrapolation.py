@@ -107,7 +107,6 @@ def extrapolate(
     """Roll a predictor out under constant commands and measure its behaviour.
 
     Args:
-        predictor: The model.
         machine: Its limits and rate.
         training_speed: (n_joint,) largest speeds in the training rows, see `largest_speed`.
         config: Rollouts; equal seeds give equal rollouts for every predictor.
@@ -168,7 +167,6 @@ def simulate_from_rest(
     """Predict from rest at given configurations.
 
     Args:
-        predictor: The model.
         starts: (R, n_joint) configurations, rad or m.
         commands: (R, H, n_joint).
         dt_s: Length of one time step.

@@ -16,7 +16,6 @@ class LearnedPredictor:
     """Open-loop predictions of a model without hidden state, in float32.
 
     Args:
-        model: The model.
         parameters: Its parameters, θ.
         has_stops: Whether joints end at their limits, as they do in the environment that policies are trained in (or as
             far beyond as the log has shown them to be). A network alone goes on: few rows of a log tell it not to.

@@ -35,7 +35,6 @@ def ensemble_loss(model: FirModel, bounds: np.ndarray) -> Loss:
     Joints count alike: errors are divided by how far a joint moves in a step.
 
     Args:
-        model: The model.
         bounds: Of the parts, `part_bounds`.
     """
     n_members, dt_s = model.specification.members, model.specification.dt_s

@@ -59,7 +59,6 @@ def choose_clock(
     does not, or if they are so far from the commands' times that they come from another clock.
 
     Args:
-        raw: The log.
         maximum_gap_s: Longer steps back are steps of the clock; shorter ones are reordered messages.
         maximum_clock_offset_s: Median offset beyond which header stamps come from another clock.
         source: The machine's configuration of the topic: its clock, and the offset that is added to its times.

@@ -60,7 +60,6 @@ def in_order_of_time(raw: RawLog, gap_ns: int, store: ColumnStore) -> tuple[RawL
     """Sort the messages of a log by log time if they are reordered.
 
     Args:
-        raw: The log.
         gap_ns: Shorter steps back are left to `sort_by_time`.
         store: Stores sorted columns.
 

@@ -33,7 +33,6 @@ def write_lerobot(
     Args:
         path: The dataset's folder, which must not exist yet.
         machine: Names joints and rate.
-        trajectories: The episodes.
         task: What the machine does in them, in words, as LeRobot wants it.
 
     Returns:

@@ -45,7 +45,6 @@ class EpisodeChart:
         """Draw the course.
 
         Args:
-            course: the episode.
             joint_names: n_joint names.
             width: of the picture, pixels.
             height: of the picture, pixels.

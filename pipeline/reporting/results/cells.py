@@ -15,7 +15,6 @@ def read_cells(path: Path, *keys: str) -> dict[str, Any]:
     """Read `params.yaml`.
 
     Args:
-        path: The file.
         keys: Required keys.
 
     Raises:

@@ -117,7 +117,6 @@ def write_measurements(
     """Write the file of delays, and the real-time table into the folder `output`; the table.
 
     Args:
-        delays: The file.
         output: A folder.
         runs: What was measured with "PPO" and, if there was a planner, with "iCEM".
         targets: How many were pursued in each.

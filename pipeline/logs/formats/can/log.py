@@ -76,7 +76,6 @@ def read_can(
     """Read the signals that the machine's section `can` names. Frames are timed by the log.
 
     Args:
-        entry: The log.
         machine: Names the signals.
         store: Stores the columns.
         maximum_gap_s: Longest pause of a frame over which positions in several frames are joined.

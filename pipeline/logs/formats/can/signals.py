@@ -137,7 +137,6 @@ def joint_signals(database: Database, machine: MachineSpecification, key: str) -
     """Find the signals that the machine's configuration names.
 
     Args:
-        database: The frames.
         machine: Its section `can` names `FRAME.SIGNAL` per joint.
         key: `positions` or `commands`.
 

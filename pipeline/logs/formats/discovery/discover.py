@@ -62,7 +62,6 @@ def _entries(directory: Path, met: set[Path], taken: Collection[Path] = ()) -> l
     """Find the logs of a folder.
 
     Args:
-        directory: The folder.
         met: Folders searched already, to which links may lead back.
         taken: Files that belong to a log of a folder above.
     """

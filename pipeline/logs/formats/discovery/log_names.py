@@ -12,7 +12,6 @@ def unique_names(logs: list[tuple[str, Path]], directory: Path) -> list[str]:
 
     Args:
         logs: Each log's own name and its path below the folder.
-        directory: The folder.
     """
     counts = Counter(name for name, _ in logs)
     kept = {name for name, count in counts.items() if count == 1 and _log_of_trajectory(name) not in counts}

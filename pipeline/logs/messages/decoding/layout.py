@@ -133,7 +133,6 @@ def decode_block(
     """Decode the wanted fields of a block of messages of one type.
 
     Args:
-        block: The messages.
         definitions: Their type and all nested types.
         wanted: Paths of number and string fields.
 

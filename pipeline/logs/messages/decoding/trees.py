@@ -29,7 +29,6 @@ def decode_trees(
     """Decode the wanted fields of a block, message by message.
 
     Args:
-        block: The messages.
         wanted: Paths of number and text fields.
         parse: Turns the bytes of a message into a value; raises `TreeError`.
         child: Goes down one step.
