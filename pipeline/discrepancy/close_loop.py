@@ -16,10 +16,8 @@ from pipeline.discrepancy.diagnosis.nominal_behaviour import NominalBehaviour
 from pipeline.discrepancy.diagnosis.prepare import prepare
 from pipeline.discrepancy.experiment.plan_experiment import plan_experiment
 from pipeline.discrepancy.journal import Journal
-from pipeline.discrepancy.posterior.accept_by_posterior import accept_by_posterior
-from pipeline.discrepancy.posterior.select_by_posterior import select_by_posterior
-from pipeline.discrepancy.selection.select import Selection, select
-from pipeline.discrepancy.settings import CloseLoopConfig, Engine
+from pipeline.discrepancy.selection.select import select
+from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.verdict.build_report_data import report_data_of
 from pipeline.discrepancy.verdict.document import document_of
 from pipeline.discrepancy.verdict.result import ClosedLoop
@@ -64,7 +62,7 @@ def close_loop(
 
     Raises:
         InputError: That file is damaged, or cannot be written; neither measured logs nor a model are given; the nominal
-            logs show the given effects; the engine takes no given effects.
+            logs show the given effects.
         UnusableLogs: The logs are too short.
     """
     journal = Journal(log)
@@ -74,13 +72,8 @@ def close_loop(
         refuse_given(given, model, nominal if measured is not None else (), machine.joint_names, config)
     logs = prepare(nominal, nominal if measured is None else measured, machine, config, identify)
     diagnosis = diagnose(logs, nominal_behaviour, kept, journal, model if measured is None else None, given)
-    if config.engine is Engine.posterior:
-        by_posterior = select_by_posterior(diagnosis, journal)
-        selection: Selection = by_posterior
-        acceptance = accept_by_posterior(diagnosis, by_posterior, journal)
-    else:
-        selection = select(diagnosis, journal)
-        acceptance = accept(diagnosis, selection, journal)
+    selection = select(diagnosis, journal)
+    acceptance = accept(diagnosis, selection, journal)
     own = diagnosis.nominal.diagnosis
     frozen, parameters = model or (own.model, own.parameters)
     correction = correct(frozen, parameters, diagnosis, selection, acceptance, journal)

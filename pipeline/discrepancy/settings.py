@@ -1,24 +1,15 @@
 """Section `close_loop` of a profile."""
 
-import enum
 from dataclasses import dataclass, field
 
 from pipeline.discrepancy.acceptance.gate import GateConfig
 from pipeline.discrepancy.baselines.continued_training import BaselinesConfig
 from pipeline.discrepancy.diagnosis.splits import SplitConfig
 from pipeline.discrepancy.families.uncorrectable import refuse_unknown
-from pipeline.discrepancy.posterior.posterior_config import PosteriorConfig
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
 from pipeline.dynamics.settings import TrainingConfig
 from pipeline.errors import InputError
 from pipeline.machine.workspace import EnvelopeConfig
-
-
-class Engine(enum.StrEnum):
-    """How effects are chosen."""
-
-    rules = "rules"  # forward selection, `selection/search.py`
-    posterior = "posterior"  # `posterior/explanations.py`
 
 
 @dataclass
@@ -56,12 +47,10 @@ class CloseLoopConfig:
         split: Of the measured rows.
         search: Thresholds of the search.
         gate: Thresholds of the gate.
-        posterior: When the posterior tells an effect.
         experiment: What the next experiment may take.
         baselines: Whether other corrections are tried on the same rows, to compare with.
         baselines_budget: Of those that are trained.
         exclude: Families that are not tried.
-        engine: How effects are chosen.
     """
 
     seed: int
@@ -69,12 +58,10 @@ class CloseLoopConfig:
     split: SplitConfig
     search: EffectSearchConfig
     gate: GateConfig
-    posterior: PosteriorConfig
     experiment: ExperimentConfig
     baselines: bool
     baselines_budget: BaselinesConfig
     exclude: list[str] = field(default_factory=list)
-    engine: Engine = Engine.rules
 
     def __post_init__(self) -> None:
         refuse_unknown(self.exclude)

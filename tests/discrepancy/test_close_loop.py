@@ -18,7 +18,7 @@ from pipeline.discrepancy.diagnosis.prepare import prepare
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.selection.select import select
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of
-from pipeline.discrepancy.settings import CloseLoopConfig, Engine
+from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.discrepancy.verdict.document import document_of
 from pipeline.discrepancy.verdict.verdict import Verdict
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, Target
@@ -170,30 +170,6 @@ def test_a_slower_direction_is_found_named_and_mended(nominal, model, usual) -> 
         again.predict(measured[0], np.array([40, 60]), 20),
         predictor(*model, None).predict(measured[0], np.array([40, 60]), 20),
     )
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("slower", [1.0, 0.7])
-def test_the_posterior_finds_the_same(nominal, model, usual, slower: float) -> None:  # type: ignore[no-untyped-def]
-    measured = [record(f"measured_{seed}", seed, 4000, slower=slower) for seed in (11, 12)]
-    config, identify = settings()
-    config = replace(config, engine=Engine.posterior)
-    document = close_loop(
-        nominal, measured, MACHINE, model, config, identify, nominal_behaviour=usual
-    ).document
-    if slower == 1.0:
-        assert document["verdict"] == "none"
-        return
-    assert document["probability_none"] < 0.05
-    (effect,) = document["effects"]
-    assert (effect["family"], effect["joints"]) == ("gain", ["turn"])
-    # On one joint a load may do the same: what evidence hardly parts stands beside the name, less probable.
-    rivals = [of["probability"] for of in document["alternatives"] if of.get("equivalent")]
-    assert effect["probability"] > max(rivals, default=0.0)
-    assert effect["certain"] == (effect["probability"] >= 0.95) == (document["verdict"] == "named")
-    assert effect["parameters"]["speed_ratio"]["value"] == pytest.approx(0.7, abs=0.04)
-    errors = document["error"]["open_loop_rmse_80"]
-    assert errors["after"]["turn"] < 0.6 * errors["before"]["turn"]
 
 
 def with_channels(name: str, seed: int, n_rows: int) -> Trajectory:

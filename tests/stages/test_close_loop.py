@@ -20,8 +20,7 @@ from pipeline.deployment.graph_logs.evaluate_logs import evaluate_model
 from pipeline.dynamics.model.dynamics_model import DynamicsModel, ModelSpecification
 from pipeline.dynamics.model.store import save_model
 from pipeline.effects.catalogue import KNOWN
-from pipeline.effects.effect import Setting
-from pipeline.effects.store import ActiveEffects, load_effects, load_predictor, save_effects
+from pipeline.effects.store import load_effects, load_predictor
 from pipeline.logs.formats.writer import write_bag
 from pipeline.logs.ingest_config import IngestConfig
 from pipeline.logs.loop_tracker import LoopTrackerConfig
@@ -103,10 +102,6 @@ MISTAKES: dict[str, tuple[list[str], str]] = {
         "error: close_loop: other_machine: the model is of joints swing [-0.9, 0.9], boom [-0.6, 1.2], stick "
         "[-2.4, -0.3], bucket [-2.2, 0.5] at 20 Hz, machine bobcat_e10 has swing ",
     ),
-    "model with effects": (
-        ["model=with_effects", "close_loop.engine=posterior"],
-        "error: close_loop: close_loop.engine=posterior: takes no model that has effects already; ",
-    ),
     "unknown kind": (
         ["kind=mlp_torque"],
         "error: close_loop: kind=mlp_torque: not a model kind; use mlp_dq, ",
@@ -157,10 +152,6 @@ def mistakes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, s
     (folder / "empty").mkdir()
     write_model(folder / "other_machine", ["swing", "boom", "stick", "bucket"])
     write_model(folder / "this_machine", JOINTS)
-    write_model(folder / "with_effects", JOINTS)
-    setting = Setting(MACHINE.dt_s, MACHINE.lower, MACHINE.upper, np.ones(len(JOINTS)))
-    sagging = jax.tree.map(lambda value: value + 0.1, KNOWN["leakage"](setting).neutral())
-    save_effects(folder / "with_effects", ActiveEffects(setting, {"leakage": sagging}, {}))
     ends = {
         name: run_stage("close_loop", *given(overrides), "output=out", folder=folder)
         for name, (overrides, _) in MISTAKES.items()

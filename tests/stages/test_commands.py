@@ -128,7 +128,7 @@ def test_a_missing_key_is_named(tmp_path: Path) -> None:
         ("ingest.maximum_gap=1", "Key 'maximum_gap' not in 'IngestConfig'"),
         ("ingest.maximum_gap_s=long", "Value 'long' of type 'str' could not be converted to Float"),
         ("machine=mine", "Could not find 'machine/mine'"),
-        ("close_loop.engine=rule", "Invalid value 'rule', expected one of [rules, posterior]"),
+        ("close_loop.engine=posterior", "Key 'engine' not in 'CloseLoopConfig'"),
     ],
 )
 def test_a_bad_override_is_one_line_too(override: str, said: str, tmp_path: Path) -> None:

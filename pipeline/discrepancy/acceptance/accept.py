@@ -1,7 +1,7 @@
 """Step 4: the confirmation rows are opened once, and only what they bear out stays."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from pipeline.discrepancy.acceptance.confirmation import Confirmation, Confirmed, in_words
 from pipeline.discrepancy.acceptance.e_value import e_values
@@ -18,7 +18,6 @@ from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.journal import Journal
-from pipeline.discrepancy.posterior.explanations import Explanation
 from pipeline.discrepancy.selection.candidate import Key
 from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.select import Selection
@@ -34,18 +33,12 @@ class Acceptance:
         fit: Effects that passed.
         e_values: Of these, as effects of the machine.
         power: What these logs would have shown.
-        probability_none: Of no effect at all; None: no posterior was asked for.
-        of_rivals: Probability of equivalents, by family and joint.
-        explanations: All that were weighed, on all rows; empty where no posterior was asked for.
     """
 
     judgements: Mapping[Key, Confirmed]
     fit: FittedEffects
     e_values: Mapping[Key, float]
     power: Sequence[Visible]
-    probability_none: float | None = None
-    of_rivals: Mapping[tuple[str, int], float] = field(default_factory=dict)
-    explanations: Sequence[Explanation] = ()
 
 
 def accept(diagnosis: Diagnosis, selection: Selection, journal: Journal) -> Acceptance:

@@ -42,8 +42,6 @@ class Confirmed:
         is_pooled: Whether it is its joints together whose bound that is.
         sizes: Of the fitted one, in the logs that show it, where it is asked that they agree.
         is_local: Whether it is the bound where the effect acts, which it seldom does.
-        probability: Of the effect of the machine that it is part of, by the posterior; `bound` is the natural logarithm
-            of its e-value then.
     """
 
     share: float
@@ -53,7 +51,6 @@ class Confirmed:
     is_pooled: bool
     sizes: Sequence[Size] = ()
     is_local: bool = False
-    probability: float | None = None
 
 
 class Seen(NamedTuple):

@@ -13,18 +13,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from pipeline.discrepancy.acceptance.first_parameters import Change, changes_of, tried
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
 from pipeline.discrepancy.acceptance.size_of_an_effect import LARGEST_BY_CHANCE, asked_for
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.families.plausibility import DELAY, TIMING
-from pipeline.discrepancy.posterior.residual.columns import Term, columns_of
 from pipeline.discrepancy.selection.candidate import Candidate, scored
 from pipeline.discrepancy.selection.comparison import Comparison
-from pipeline.discrepancy.selection.grouping import OTHER, told_as
 from pipeline.discrepancy.selection.regression import evidence
 from pipeline.discrepancy.selection.selected_effect import residual_of
 from pipeline.effects.catalogue import KNOWN
-from pipeline.effects.effect import Parameter
 
 FOUND_WITH = 0.9
 HALVINGS = 10  # of the span of plausible sizes: to a thousandth of it
@@ -50,68 +48,47 @@ def visible_sizes(fit: FittedEffects) -> list[Visible]:
     """Of every family with an equation on every joint, beside the effects that were found."""
     diagnosis = fit.diagnosis
     logs, nominal, rows = diagnosis.logs, diagnosis.nominal, diagnosis.rows
-    measured = columns_of(diagnosis.simulation, rows, logs.config.exclude)
-    without = columns_of(nominal.simulation, nominal.rows, logs.config.exclude)
+    without = residual_of(nominal.simulation, nominal.rows, [])
     residual = residual_of(diagnosis.simulation, rows, fit.found)
     comparison = Comparison(rows.folds, logs.config.search, tuple(nominal.at_rest))
     passes = partial(comparison.passes, is_further=bool(fit.found))
-    sizes: dict[tuple[str, int], float] = {}
-    for term in (term for term in measured.terms if told_as(term.family) != OTHER):
-        joint, key = term.joint, (term.family, term.joint)
-        sizes.setdefault(key, np.inf)
-        columns, size_of_one, most = _first_parameter(term)
-        if not columns or joint not in diagnosis.excited:
+    families = tried(diagnosis.simulation, logs.config.exclude)
+    sizes = {(family, joint): np.inf for family in families for joint in range(residual.shape[1])}
+    for measured, on_nominal in zip(
+        changes_of(diagnosis.simulation, rows, logs.config.exclude),
+        changes_of(nominal.simulation, nominal.rows, logs.config.exclude),
+        strict=True,
+    ):
+        joint, key = measured.joint, (measured.family, measured.joint)
+        if joint not in diagnosis.excited:
             continue
-        change, on_nominal = (
-            of.matrices[joint][:, columns].sum(axis=1, keepdims=True, dtype=float)
-            for of in (measured, without)
-        )
-        asked = asked_for(on_nominal, without.residual[:, [joint]], nominal.rows.floor[[joint]])
+        changed, of_joint = measured.of_one, [joint]
+        asked = asked_for(on_nominal.of_one[:, None], without[:, of_joint], nominal.rows.floor[of_joint])
         scatter = 0.0 if logs.is_of_one_machine else asked.share
-        owed = nominal.null[*key, None].most_per_row * len(change) if (*key, None) in nominal.null else 0.0
-        changed = change[:, 0]
+        owed = nominal.null[*key, None].most_per_row * len(changed) if (*key, None) in nominal.null else 0.0
         rest = residual[:, joint] - changed * (changed @ residual[:, joint] / max(changed @ changed, 1e-12))
-        present = partial(with_effect, term, changed, rest, rows, owed)
-        sizes[key] = min(sizes[key], size_of_one * _smallest(present, passes, scatter, most))
-    return [Visible(*key, size, _first(key[0]).unit) for key, size in sizes.items()]
+        present = partial(with_effect, measured, rest, rows, owed)
+        smallest = _smallest(present, passes, scatter, measured.most)
+        sizes[key] = min(sizes[key], measured.size_of_one * smallest)
+    if TIMING not in logs.config.exclude:
+        sizes |= {(TIMING, joint): size for (family, joint), size in sizes.items() if family == DELAY}
+    return [Visible(*key, size, KNOWN[key[0]].card.parameters[0].unit) for key, size in sizes.items()]
 
 
-def _first(family: str) -> Parameter:
-    return KNOWN[DELAY if family == TIMING else family].card.parameters[0]
-
-
-def _first_parameter(term: Term) -> tuple[list[int], float, float]:
-    """Columns of a family's first parameter, the size that a coefficient of one is, and the largest coefficient.
-
-    There are no columns where the term has other parameters alone.
-    """
-    first = _first(term.family)
-    if not term.freed:
-        size = abs(term.point.get(first.name, first.neutral) - first.neutral)
-        return list(term.columns) if size else [], size / term.mean[0], term.mean[0]
-    of_first = [i for i, one in enumerate(term.freed) if first.name in {name for name, _ in one}]
-    most = max((max(-term.lower[i], term.upper[i]) for i in of_first), default=0.0)
-    return [term.columns[i] for i in of_first], 1.0, most
-
-
-def with_effect(
-    term: Term, change: np.ndarray, rest: np.ndarray, rows: ScoredRows, owed: float, size: float
-) -> Candidate:
-    """What a term would explain of these rows, had it a size beside all that they show.
+def with_effect(change: Change, rest: np.ndarray, rows: ScoredRows, owed: float, size: float) -> Candidate:
+    """What a family would explain of these rows on a joint, had it a size beside all that they show.
 
     Args:
-        term: A family on a joint.
-        change: (N,) by a size of one.
+        change: By a coefficient of one.
         rest: (N,) residual without what looks like the effect.
         rows: The rows.
         owed: Of the gain, to the model's misfit.
-        size: Of the effect.
+        size: The coefficient.
     """
-    measured, nothing = rest + size * change, np.zeros(0)
+    measured, nothing = rest + size * change.of_one, np.zeros(0)
     explained = evidence(measured, rest, np.zeros((len(rest), 0)), rows.folds, nothing, nothing)
-    candidate = scored(
-        explained, measured, rows.floor[term.joint], term.family, term.joint, None, term.point, ()
-    )
+    floor = rows.floor[change.joint]
+    candidate = scored(explained, measured, floor, change.family, change.joint, None, change.point, ())
     return replace(candidate, owed=owed)
 
 

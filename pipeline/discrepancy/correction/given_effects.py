@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.discrepancy.acceptance.held_out_errors import window_errors
-from pipeline.discrepancy.settings import CloseLoopConfig, Engine
+from pipeline.discrepancy.settings import CloseLoopConfig
 from pipeline.dynamics.evaluation.errors import OPEN_LOOP_HORIZON
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
@@ -23,7 +23,7 @@ def refuse_given(
     joints: Sequence[str],
     config: CloseLoopConfig,
 ) -> None:
-    """Refuse effects that cannot be a prior: of an engine without one, or that the nominal logs have themselves.
+    """Refuse effects that cannot be a prior: the nominal logs have them themselves.
 
     Args:
         model: The frozen model and θ.
@@ -32,13 +32,9 @@ def refuse_given(
         config: Section `close_loop`.
 
     Raises:
-        InputError: The engine is the posterior; or the effects make the model's error over 4 s on nominal logs smaller,
-            by as much as an effect has to that is named.
+        InputError: The effects make the model's error over 4 s on nominal logs smaller, by as much as an effect has to
+            that is named.
     """
-    if config.engine is Engine.posterior:
-        raise InputError(
-            "close_loop.engine=posterior: takes no model that has effects already; use close_loop.engine=rules"
-        )
     if not nominal:
         return
     parts = [validation_part(trajectory) for trajectory in nominal]

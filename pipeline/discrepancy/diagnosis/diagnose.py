@@ -20,7 +20,6 @@ from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.selection.known.known_effects import known_effects
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
-from pipeline.discrepancy.settings import Engine
 from pipeline.dynamics.model.dynamics_model import DynamicsModel
 from pipeline.dynamics.model.network import Parameters
 from pipeline.effects.store import ActiveEffects
@@ -90,11 +89,9 @@ def diagnose(
     runs: DiagnosisModel | GivenModel = nominal.diagnosis
     if model is not None:  # beside which nothing that the logs show is there already
         runs, nominal = GivenModel(*model, nominal.diagnosis), replace(nominal, present=())
-    if config.engine is Engine.rules:  # the posterior does not weigh them
-        of_given = given.setting.channels if given is not None else ()
-        names, dt_s = machine.channel_names, machine.dt_s
-        channels = channels_of(nominal.sequences, sequences, names, dt_s, of_given)
-        nominal = with_channels(nominal, channels, config)
+    of_given = given.setting.channels if given is not None else ()
+    channels = channels_of(nominal.sequences, sequences, machine.channel_names, machine.dt_s, of_given)
+    nominal = with_channels(nominal, channels, config)
     simulation = Simulation(runs, sequences, nominal.effects, nominal.setting)
     used = sequences.is_row & np.isin(logs.label, (Purpose.fit, Purpose.select))
     # Of the same logs the identified model tells when recordings began, or a late model would be taken for that.

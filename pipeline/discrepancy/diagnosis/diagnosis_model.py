@@ -43,11 +43,6 @@ class DiagnosisModel:
     parameters: Parameters
     left_out: np.ndarray
 
-    @property
-    def n_members(self) -> int:
-        """Of the ensemble."""
-        return self.model.specification.members
-
     def velocity(self, command: jax.Array, q: jax.Array) -> jax.Array:
         """Velocity by f before the stops, (..., T, n_joint), of commands and positions of that shape."""
         return self.model.velocity(self.parameters, self._inputs(command, q))

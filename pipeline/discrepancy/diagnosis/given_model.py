@@ -29,11 +29,6 @@ class GivenModel:
     parameters: Parameters
     identified: DiagnosisModel
 
-    @property
-    def n_members(self) -> int:
-        """It is its only one."""
-        return 1
-
     def velocity(self, command: jax.Array, q: jax.Array) -> jax.Array:
         """Velocity before the stops, (..., T, n_joint), of commands and positions of that shape."""
         command, q = (jnp.moveaxis(jnp.asarray(rows), -2, 0) for rows in (command, q))

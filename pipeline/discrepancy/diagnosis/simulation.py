@@ -91,19 +91,6 @@ class Simulation:
         late._rows = [jnp.asarray(phases, jnp.float32), *self._rows[1:]]
         return late
 
-    def by_member(self, member: int) -> "Simulation":
-        """The same, predicted by one member of the diagnosis model alone."""
-        one = copy.copy(self)
-        n_log, n_row = self.sequences.command.shape[:2]
-        is_member = jnp.arange(self.n_members) == member
-        one._left_out = jnp.broadcast_to(is_member[:, None, None, None], (self.n_members, n_row, n_log, 1))
-        return one
-
-    @property
-    def n_members(self) -> int:
-        """Of the diagnosis model."""
-        return self.model.n_members
-
     def nominal_velocities(self, hypotheses: Sequence[Hypothesis]) -> jax.Array:
         """Velocities of the nominal machine under the commands that reach it, (n_hypotheses, T, B, n_joint)."""
         results = []

@@ -19,7 +19,7 @@ from pipeline.effects.catalogue import WITH_AN_EQUATION
 from pipeline.effects.effect import Effect
 
 NOTHING = "no change"
-SMALL = 1 / 3  # of a usual size, as the smallest of those that the posterior weighs
+SMALL = 1 / 3  # of a usual size
 # Natural logarithm of 1000: odds beyond which evidence is called decisive, Kass and Raftery (1995), Bayes Factors,
 # Journal of the American Statistical Association 90, take 150; here many families are weighed at once.
 DECISIVE = 6.9

@@ -91,8 +91,8 @@ def effects_of(
         allow_timing: Whether equal delays of all joints that move enough may be named `timing`. So many causes at once
             they are not in any case.
     """
-    effects = _of_known_causes([f for f in found if f.cause is not None])
-    left = [f for f in found if f.cause is None]
+    effects: list[MachineEffect] = []
+    left = list(found)
     delays = [f for f in left if f.candidate.family == DELAY]
     channel = late_channel([f.candidate for f in delays], excited)
     if channel:
@@ -107,11 +107,6 @@ def effects_of(
             left = [f for f in left if f not in members]
     effects += [MachineEffect(contract_family(f.candidate), [f]) for f in left]
     return sorted(effects, key=lambda effect: -effect.gain)
-
-
-def _of_known_causes(found: Sequence[SelectedEffect]) -> list[MachineEffect]:
-    causes = dict.fromkeys(f.cause for f in found if f.cause is not None)
-    return [MachineEffect(cause[1], [f for f in found if f.cause == cause]) for cause in causes]
 
 
 def contract_family(candidate: Candidate) -> str:

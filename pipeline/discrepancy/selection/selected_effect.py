@@ -44,14 +44,12 @@ class SelectedEffect:
         candidate: The effect.
         equivalents: Others that are as simple and not significantly worse.
         losers: The next best, with a clause that says why they lost.
-        cause: Number and family of the cause of the machine that it is part of, where that is known.
         known: What an earlier run found of it; None: it is new.
     """
 
     candidate: Candidate
     equivalents: list[Candidate] = field(default_factory=list)
     losers: list[tuple[Candidate, str]] = field(default_factory=list)
-    cause: tuple[int, str] | None = None
     known: Known | None = None
 
 

@@ -5,14 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.acceptance.confirmation import Confirmed
 from pipeline.discrepancy.acceptance.e_value import as_told
 from pipeline.discrepancy.acceptance.parameters import parameters_of
 from pipeline.discrepancy.acceptance.power import Visible
 from pipeline.discrepancy.correction.correct import Alternative
 from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.families.contract_parameters import units_of
-from pipeline.discrepancy.posterior.select_by_posterior import CREDIBLE
 from pipeline.discrepancy.selection.grouping import (
     OTHER,
     MachineEffect,
@@ -40,7 +38,6 @@ def document_of(verdict: Verdict) -> dict[str, Any]:
         "verdict": word,
         "effects": entries,
         **({"known": known_entries(verdict)} if diagnosis.known else {}),
-        **_of_posterior(verdict),
         "power": [_visible(verdict, of) for of in verdict.acceptance.power],
         "alternatives": [_alternative(verdict, of) for of in verdict.correction.alternatives],
         "error": _errors(verdict),
@@ -108,11 +105,6 @@ def _held_out(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _of_posterior(verdict: Verdict) -> dict[str, Any]:
-    of_none = verdict.acceptance.probability_none
-    return {} if of_none is None else {"probability_none": of_none}
-
-
 def _visible(verdict: Verdict, of: Visible) -> dict[str, Any]:
     unit = units_of(verdict.logs.units[of.joint]).get(of.unit, of.unit)
     size = of.size if np.isfinite(of.size) else None
@@ -127,7 +119,7 @@ def _by_joint(joints: Sequence[str], values: np.ndarray) -> dict[str, float | No
 
 
 def _entry(verdict: Verdict, effect: MachineEffect, error_reduction: float) -> dict[str, Any]:
-    logs, judgements = verdict.logs, verdict.acceptance.judgements
+    logs = verdict.logs
     onset = _onset(logs.measured, effect.onset)
     entry = {
         "family": effect.family if onset is None else "change_point",
@@ -136,18 +128,10 @@ def _entry(verdict: Verdict, effect: MachineEffect, error_reduction: float) -> d
         "parameters": parameters_of(verdict.correction.fit, effect),
         "onset": onset,
         "certain": not effect.equivalents,
-        **_belief(judgements[effect.members[0].candidate.key]),
         **as_told(verdict.acceptance.e_values[effect.members[0].candidate.key]),
         "error_reduction": error_reduction,
     }
     return {**entry, "of": effect.family} if onset is not None else entry
-
-
-def _belief(judgement: Confirmed) -> dict[str, Any]:
-    """What the posterior says, where there is one."""
-    if judgement.probability is None:
-        return {}
-    return {"certain": judgement.probability >= CREDIBLE, "probability": judgement.probability}
 
 
 def _onset(measured: Sequence[Trajectory], stamp_ns: int | None) -> dict[str, Any] | None:
@@ -167,7 +151,6 @@ def _onset(measured: Sequence[Trajectory], stamp_ns: int | None) -> dict[str, An
 
 def _alternative(verdict: Verdict, of: Alternative) -> dict[str, Any]:
     family, joint = contract_family(of.candidate), of.candidate.joint
-    probability = verdict.acceptance.of_rivals.get((family, joint))
     entry: dict[str, Any] = {
         "family": family,
         "joints": [verdict.logs.joints[joint]],
@@ -176,7 +159,6 @@ def _alternative(verdict: Verdict, of: Alternative) -> dict[str, Any]:
             if family == OTHER
             else {}
         ),
-        **({} if probability is None else {"probability": probability}),
         "error_reduction": of.error_reduction,
         "why_not": of.why_not or f"these logs cannot tell it from {of.chosen}",
     }

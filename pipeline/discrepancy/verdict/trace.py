@@ -24,31 +24,14 @@ def trace_of(verdict: Verdict) -> dict[str, Any]:
         bound = judgement.bound if np.isfinite(judgement.bound) else None
         of = {"bound": bound, "p_value": judgement.p_value, "refused_at": refused}
         chosen.append({"family": key[0], "joint": joints[key[1]], "share": judgement.share, **of})
-    explanations = [
-        {
-            "causes": [
-                {"family": c.family, "joints": [joints[j] for j in c.joints], "sets_in": c.sets_in}
-                for c in of.causes
-            ],
-            "log_prior": of.log_prior,
-            "log_evidence": of.log_evidence,
-        }
-        for of in acceptance.explanations
-    ]
     passed = [c for c in selection.screened if selection.comparison.passes(c)]
     screened = [{"family": c.family, "joint": joints[c.joint], "share": float(c.share)} for c in passed]
-    return {
-        "screened": screened,
-        "chosen": chosen,
-        **({"explanations": explanations} if explanations else {}),
-    }
+    return {"screened": screened, "chosen": chosen}
 
 
 def _refused_at(judgement: Confirmed, config: GateConfig) -> str | None:
     if judgement.is_confirmed:
         return None
-    if judgement.probability is not None:
-        return "probability"
     if judgement.bound <= config.smallest_improvement:
         return "bound"
     return "agreement" if judgement.p_value < config.largest_p else "placebos"

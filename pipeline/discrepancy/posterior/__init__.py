@@ -1,1 +1,0 @@
-"""Which effects the logs show, and how probable each explanation is."""

@@ -1,1 +1,0 @@
-"""The evidence of terms and of whole explanations on one joint."""
