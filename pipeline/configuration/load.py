@@ -5,6 +5,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import yaml
 from omegaconf import Container, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -64,7 +65,10 @@ def _content(path: Path) -> Container:
 
 @lru_cache(maxsize=32)
 def _parsed(path: Path, modified_ns: int) -> Container:
-    return OmegaConf.load(path)
+    try:
+        return OmegaConf.load(path)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not YAML ({error})") from error
 
 
 def _typed(schema: type, content: Any, place: Path) -> Any:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import hydra
+import yaml
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import CompactHydraException
@@ -106,7 +107,7 @@ def stage(
             os.environ["HYDRA_FULL_ERROR"] = "1"  # or Hydra tells what it refuses by itself, in four lines
             try:
                 main()
-            except CompactHydraException as error:
+            except (CompactHydraException, yaml.YAMLError) as error:
                 _tell_refusal(name, error)
 
         return command
@@ -125,8 +126,8 @@ def _check_run_folder(name: str) -> None:
         sys.exit(INPUT_ERROR_STATUS)
 
 
-def _tell_refusal(name: str, error: CompactHydraException) -> NoReturn:
-    """Say in one line what Hydra refuses, without where it has looked for it."""
+def _tell_refusal(name: str, error: CompactHydraException | yaml.YAMLError) -> NoReturn:
+    """Say in one line what Hydra refuses, without where it has looked for it, or what is not YAML, and where."""
     what, *_ = str(error).split("\n\nConfig search path")
     if error.__cause__ is not None:
         what = f"{first_line(error).rstrip('.')}: {first_line(error.__cause__)}"

@@ -16,8 +16,10 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf, open_dict
 
+from pipeline.configuration import load
 from pipeline.configuration.load import load_machine
 from pipeline.deployment.components.supervision.supervisor_rules import RULES
+from pipeline.errors import InputError
 from pipeline.logs.formats.writer import write_bag
 from tests.stages.command import run_stage
 
@@ -137,6 +139,22 @@ def test_a_bad_override_is_one_line_too(override: str, said: str, tmp_path: Path
     assert result.returncode == 2
     (told,) = result.stderr.splitlines()
     assert told.startswith(f"error: {stage}: ") and said in told
+
+
+def test_a_broken_machine_file_is_named_with_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "machine").mkdir()
+    (tmp_path / "machine/mine.yaml").write_text("name: mine\n\trate_hz: 20.0")
+    place = f'"{tmp_path}/machine/mine.yaml", line 2'
+    words = ("--config-dir", str(tmp_path), "machine=mine", "logs=a", "output=b")
+    result = run_stage("ingest", *words, folder=tmp_path)
+    assert result.returncode == 2
+    (told,) = result.stderr.splitlines()
+    assert told.startswith("error: ingest: ") and place in told
+    monkeypatch.setattr(load, "MACHINE_DIRECTORY", tmp_path / "machine")
+    with pytest.raises(InputError, match=f"mine.yaml: not YAML .*{place}"):
+        load.load_machine("mine")
 
 
 def test_a_value_out_of_range_is_refused_before_work_starts(logs: Path, tmp_path: Path) -> None:
