@@ -158,14 +158,12 @@ def compare(case: str, truth: Truth, solution: Solution) -> Outcome:
 
 
 def evidence(answer: Mapping[str, Any]) -> float:
-    """What the answer says for any effect: its probability, or else the largest bound that confirmation rows gave.
+    """What the answer says for any effect: the largest e-value that confirmation rows gave, if it was refused, too.
 
-    Of the bounds, those that were refused count, too; less than any where the search chose nothing.
+    Less than any where the search chose nothing.
     """
-    if answer.get("probability_none") is not None:
-        return 1.0 - float(answer["probability_none"])
     chosen = (answer.get("trace") or {}).get("chosen") or []
-    return max((float(of["bound"]) for of in chosen if of["bound"] is not None), default=-math.inf)
+    return max((float(of["e_value"]) for of in chosen), default=-math.inf)
 
 
 def _is_of(reported: Mapping[str, Any], effect: TrueEffect) -> bool:

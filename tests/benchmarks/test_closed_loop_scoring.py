@@ -232,10 +232,10 @@ def candidate(family, joint, **more):
         ({"screened": [candidate("delay", "arm")], "chosen": []}, "not screened"),  # on another joint
         ({"screened": [candidate("delay", "swing")], "chosen": []}, "not chosen"),
         (
-            {"screened": [], "chosen": [candidate("delay", "swing", bound=-0.1, refused_at="bound")]},
-            "refused at bound",
+            {"screened": [], "chosen": [candidate("delay", "swing", e_value=3.0, refused_at="confirmation")]},
+            "refused at confirmation",
         ),
-        ({"screened": [], "chosen": [candidate("delay", "swing", bound=0.1, refused_at=None)]}, NOT_FIRST),
+        ({"screened": [], "chosen": [candidate("delay", "swing", e_value=1e3, refused_at=None)]}, NOT_FIRST),
         (None, "no trace"),
     ],
 )
@@ -253,9 +253,9 @@ def test_a_dependence_is_lost_by_its_variable():
     assert scored(truth, None, status=2).lost == ("no answer",)
 
 
-def with_bound(given, bound):
+def with_e_value(given, e_value):
     return given | {
-        "trace": {"screened": [], "chosen": [candidate("lag", "arm", bound=bound, refused_at=None)]}
+        "trace": {"screened": [], "chosen": [candidate("lag", "arm", e_value=e_value, refused_at=None)]}
     }
 
 
@@ -281,15 +281,13 @@ def test_goals_are_reckoned_over_the_right_cases():
 
 def test_the_roc_is_over_the_evidence_of_null_cases():
     nulls = [
-        scored(truth_of(kind="null"), with_bound(answer(verdict="none"), b)) for b in (0.0, 0.1, 0.2, 0.3)
+        scored(truth_of(kind="null"), with_e_value(answer(verdict="none"), b)) for b in (0.0, 0.1, 0.2, 0.3)
     ]
-    found = [scored(DELAY, with_bound(answer(verdict="none"), b)) for b in (0.05, 0.25, 0.35)]
+    found = [scored(DELAY, with_e_value(answer(verdict="none"), b)) for b in (0.05, 0.25, 0.35)]
     nothing_chosen = scored(DELAY, answer(verdict="none"))
     shares, area = roc([*nulls, *found, nothing_chosen], only_visible=True)
     assert shares[0] == 0.25  # above all nulls: one of four
     assert area == pytest.approx((1 + 3 + 4 + 0) / 16)
-    surely = scored(DELAY, answer(verdict="none") | {"probability_none": 0.01})
-    assert surely.evidence == pytest.approx(0.99)
 
 
 def test_intervals_are_over_machines():

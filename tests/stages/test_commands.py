@@ -175,8 +175,8 @@ def test_a_value_out_of_range_is_refused_before_work_starts(logs: Path, tmp_path
         ),
         (
             "close_loop",
-            [*LOOP, "close_loop.gate.largest_p=nan"],
-            "close_loop.gate.largest_p is nan; it must be",
+            [*LOOP, "close_loop.gate.smallest_e_value=nan"],
+            "close_loop.gate.smallest_e_value is nan; it must be",
         ),
         ("close_loop", [*LOOP, "close_loop.seed=-1"], "close_loop.seed is -1; it must not be negative"),
         (

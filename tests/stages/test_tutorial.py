@@ -41,7 +41,6 @@ SMALLEST = {
         "identify.selected.nfir_dqdot={hidden:[8],maximum_epochs:2,ensemble:{members:2,hidden:[8]}}",
         "identify.evaluation_windows=4",
         f"close_loop.exclude=[{','.join(EXCLUDED)}]",
-        "close_loop.gate.resamples=20",
         "close_loop.baselines_budget={batches_per_epoch:1,maximum_epochs:1,evaluation_windows:4}",
     ],
 }

@@ -1,64 +1,33 @@
-"""How far confirmation rows, which no fit saw, bear out an effect: e-values against its not being there.
+"""E-values: evidence against there being no effect, of which 20 or more has a probability of at most 5 % there.
 
-Confirmation rows ask for a size of the effect as it was fitted. Nominal logs, which are without it, ask for sizes about
-zero. Divided by the root mean square of these over k parts, a size has Student's t distribution with k degrees of
-freedom, if the effect is not there.
+Source: Vovk and Wang (2021), E-values: calibration, combination and applications, Annals of Statistics 49.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
+from scipy.optimize import brentq
 from scipy.stats import t
 
-from pipeline.discrepancy.acceptance.confirmation import Confirmed
-from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
-from pipeline.discrepancy.acceptance.parameter_misfit import MISFIT_PARTS
-from pipeline.discrepancy.acceptance.size_of_an_effect import asked_for_on_nominal, to_put_on_nominal
-from pipeline.discrepancy.selection.candidate import Key
-from pipeline.discrepancy.selection.grouping import MachineEffect
-from pipeline.discrepancy.selection.selected_effect import SelectedEffect, residual_of
-
 SMALLEST_P = 1e-300  # whose e-value can be held
-
-
-def e_values(fit: FittedEffects, judgements: Mapping[Key, Confirmed]) -> dict[Key, float]:
-    """Of each effect of the machine, by its members' keys.
-
-    Where nominal logs cannot be asked, it is that of the effect's own test.
-    """
-    result: dict[Key, float] = {}
-    for effect in fit.effects:
-        members = to_put_on_nominal(fit.diagnosis, effect)
-        if members:
-            p_value = p_on_confirmation_rows(fit, effect, members)
-        else:
-            p_value = min(judgements[member.candidate.key].p_value for member in effect.members)
-        result |= {member.candidate.key: e_value_of(p_value) for member in effect.members}
-    return result
-
-
-def p_on_confirmation_rows(fit: FittedEffects, effect: MachineEffect, members: list[SelectedEffect]) -> float:
-    """How probable so large a size is on confirmation rows, were the effect not there."""
-    simulation, rows = fit.diagnosis.simulation, fit.diagnosis.held_out
-    residual = residual_of(simulation, rows, [f for f in fit.found if f not in effect.members])
-    change = residual - residual_of(simulation, rows, fit.found)
-    squares = np.sum(change**2 / rows.floor)
-    size = np.sum(change * residual / rows.floor) / max(squares, 1e-12)
-    nominal = asked_for_on_nominal(fit.diagnosis.nominal, members)
-    # Rows that show less of it scatter more; those that show more scatter no less, as misfit is no noise.
-    scatter = nominal.share * np.sqrt(max(nominal.squares / max(squares, 1e-12), 1.0))
-    return float(t.sf(size / max(scatter, 1e-12), MISFIT_PARTS))
+LARGEST_P = 0.5  # of what is told from none
 
 
 def e_value_of(p_value: float) -> float:
-    """The mean of κ p^(κ − 1) over κ in (0, 1), whose expectation is one at most where there is no effect.
-
-    Source: Vovk and Wang (2021), E-values: calibration, combination and applications, Annals of Statistics 49.
-    """
+    """The mean of κ p^(κ − 1) over κ in (0, 1), whose expectation is one at most where there is no effect."""
     if p_value >= 1.0:
         return 0.5
     p = max(p_value, SMALLEST_P)
     return float((1.0 - p + p * np.log(p)) / (p * np.log(p) ** 2))
+
+
+def smallest_t(e_value: float, freedom: float) -> float:
+    """Student's t from which on its e-value is so large.
+
+    Args:
+        e_value: Above 1.
+        freedom: Degrees of freedom.
+    """
+    log_p = brentq(lambda of: np.log(e_value_of(np.exp(of)) / e_value), np.log(SMALLEST_P), np.log(LARGEST_P))
+    return float(t.isf(np.exp(log_p), freedom))
 
 
 def as_told(e_value: float) -> dict[str, float]:

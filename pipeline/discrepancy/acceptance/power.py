@@ -1,8 +1,7 @@
 """Power: from which size on an effect would have been found with 90 %, family by family and joint by joint.
 
-An effect of size s adds s x to the residual. What logs tell of s scatters by σ: that is the root mean square of what
-parts of the nominal logs ask for, which are without it. So s is found with 90 % where s − 1.28 σ passes the test of
-the search, and is more than nominal logs ask for. Tests of confirmation rows are not counted.
+An effect of size s adds s x to the residual. What logs tell of s scatters by σ, as on confirmation rows
+(`confirmation.py`). So s is found with 90 % where s − 1.28 σ passes the search's test and has the smallest e-value.
 """
 
 from collections.abc import Callable
@@ -13,9 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from pipeline.discrepancy.acceptance.e_value import smallest_t
 from pipeline.discrepancy.acceptance.first_parameters import Change, changes_of, tried
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
-from pipeline.discrepancy.acceptance.size_of_an_effect import LARGEST_BY_CHANCE, asked_for
+from pipeline.discrepancy.acceptance.nominal_scatter import nominal_scatter
+from pipeline.discrepancy.acceptance.shown import Deviation, Shown
+from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.families.plausibility import DELAY, TIMING
 from pipeline.discrepancy.selection.candidate import Candidate, scored
@@ -62,17 +64,36 @@ def visible_sizes(fit: FittedEffects) -> list[Visible]:
         joint, key = measured.joint, (measured.family, measured.joint)
         if joint not in diagnosis.excited:
             continue
-        changed, of_joint = measured.of_one, [joint]
-        asked = asked_for(on_nominal.of_one[:, None], without[:, of_joint], nominal.rows.floor[of_joint])
-        scatter = 0.0 if logs.is_of_one_machine else asked.share
-        owed = nominal.null[*key, None].most_per_row * len(changed) if (*key, None) in nominal.null else 0.0
-        rest = residual[:, joint] - changed * (changed @ residual[:, joint] / max(changed @ changed, 1e-12))
-        present = partial(with_effect, measured, rest, rows, owed)
-        smallest = _smallest(present, passes, scatter, measured.most)
+        change = measured.of_one[:, None]
+        beside = Shown(change, residual[:, [joint]])
+        shown = Shown(change, beside.residual - beside.size * change)
+        deviation = _deviation(diagnosis, shown, Shown(on_nominal.of_one[:, None], without[:, [joint]]))
+        owed = nominal.null[*key, None].most_per_row * len(change) if (*key, None) in nominal.null else 0.0
+        present = partial(with_effect, measured, shown.residual[:, 0], rows, owed)
+        least = deviation.value * smallest_t(logs.config.gate.smallest_e_value, deviation.freedom)
+        smallest = _smallest(present, passes, deviation.value, least, measured.most)
         sizes[key] = min(sizes[key], measured.size_of_one * smallest)
     if TIMING not in logs.config.exclude:
         sizes |= {(TIMING, joint): size for (family, joint), size in sizes.items() if family == DELAY}
     return [Visible(*key, size, KNOWN[key[0]].card.parameters[0].unit) for key, size in sizes.items()]
+
+
+def _deviation(diagnosis: Diagnosis, measured: Shown, nominal: Shown) -> Deviation:
+    """Of a size on confirmation rows where there is no effect, as of `confirmation.sizes`.
+
+    Args:
+        diagnosis: The logs.
+        measured: An effect of size one on the rows for fitting, beside all that they show.
+        nominal: The same effect on nominal logs.
+    """
+    rows = diagnosis.rows
+    share = len(diagnosis.held_out.weight) / len(rows.weight)  # confirmation rows show as much per row
+    of_fitted = measured.deviation_by_blocks(rows.folds.block)
+    by_blocks = Deviation(of_fitted.value / np.sqrt(share), of_fitted.freedom * share)
+    if diagnosis.logs.is_of_one_machine:
+        return by_blocks
+    of_nominal = nominal_scatter(nominal, nominal.squares / len(nominal.change))
+    return by_blocks.and_of(of_nominal.on(measured.squares * share))
 
 
 def with_effect(change: Change, rest: np.ndarray, rows: ScoredRows, owed: float, size: float) -> Candidate:
@@ -93,11 +114,15 @@ def with_effect(change: Change, rest: np.ndarray, rows: ScoredRows, owed: float,
 
 
 def _smallest(
-    present: Callable[[float], Candidate], passes: Callable[[Candidate], bool], scatter: float, most: float
+    present: Callable[[float], Candidate],
+    passes: Callable[[Candidate], bool],
+    deviation: float,
+    least: float,
+    most: float,
 ) -> float:
-    """The least size that is found with 90 %; infinite where it is larger than `most`."""
-    beside = norm.ppf(FOUND_WITH) * scatter
-    least, largest = LARGEST_BY_CHANCE * scatter, most - beside
+    """The size that is found with 90 %: `least` or more; infinite where it is larger than `most`."""
+    beside = norm.ppf(FOUND_WITH) * deviation
+    largest = most - beside
     if largest < least or not passes(present(largest)):
         return np.inf
     if passes(present(least)):

@@ -7,14 +7,12 @@ Equation: v_j = u_j e^{z(t)}, z an Ornstein-Uhlenbeck process; source: Gelb (197
 chapter 3.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.special import ndtr, ndtri
 
-from pipeline.discrepancy.acceptance.placebos import shifted_p
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis, Simulation
 from pipeline.discrepancy.families.change_of_speed import ChangeOfSpeed
@@ -26,7 +24,6 @@ WIDTHS_S = (0.7, 1.5, 3.0, 6.0, 12.0)  # the first is no longer than motions are
 # correlation time of 1.5 s 0.8.
 KEPT_SHARE = 0.7
 STEP_S, LAGS = 0.5, np.arange(2, 41)  # of the covariance: 1 to 20 s
-MOST_ALIKE = 0.999  # a correlation whose transform is finite
 SHORTEST_S = STEP_S * float(LAGS[0])  # correlation time that the covariance can tell
 
 
@@ -66,65 +63,28 @@ def supply_candidates(
     return _Common(simulation, active, rows).candidates(nominal)
 
 
-def supply_p(
-    simulation: Simulation,
-    active: Hypothesis,
-    parts: Sequence[ScoredRows],
-    widths_s: Mapping[int, float],
-    seed: int,
-) -> float:
-    """How probable it is that changes which joints do not have in common are as much alike.
-
-    Placebos are the others' common change shifted in time. What is compared is the mean over joints of its correlation
-    with the joint's residual, by Fisher's transformation, which is normal beyond what can be counted even where a slow
-    supply leaves few independent values.
-    Source: Fisher (1921), On the probable error of a coefficient of correlation, Metron 1.
-
-    Args:
-        simulation: On the logs.
-        active: Effects beside it.
-        parts: Rows, all of which count alike: the slower the supply, the more of them it takes.
-        widths_s: Width of the moving average for each joint that has the effect.
-        seed: Of the shifts.
-    """
-    common = [_Common(simulation, active, rows) for rows in parts]
-    z = [{joint: of.of(joint, width_s) for joint, width_s in widths_s.items()} for of in common]
-    n_rows = max(int(rows.is_used.sum()) for rows in parts)
-
-    def likeness(shift: int) -> float:
-        correlations = []
-        for joint in widths_s:
-            changes = [
-                of.regressor(joint, _rolled(z_of[joint], of.rows.is_used, shift / n_rows))
-                for of, z_of in zip(common, z, strict=True)
-            ]
-            change = np.concatenate(changes)
-            residual = np.concatenate([of.reference[:, joint] for of in common])
-            square = float(change @ change) * float(residual @ residual)
-            correlations.append(float(change @ residual) / np.sqrt(max(square, 1e-24)))
-        return float(np.arctanh(np.clip(np.mean(correlations), -MOST_ALIKE, MOST_ALIKE)))
-
-    # Not shifted, what one joint says of another is what that says of it; shifted, it is another value. The mean over
-    # joints scatters by up to the root of two more than the placebos do.
-    return float(ndtr(ndtri(shifted_p(likeness, n_rows, seed)) / np.sqrt(2.0)))
-
-
-def _rolled(z: np.ndarray, is_used: np.ndarray, share: float) -> np.ndarray:
-    """(B, T) values shifted cyclically by a share of the rows in use, from row to row of these."""
-    rolled = np.zeros_like(z)
-    rolled[is_used] = np.roll(z[is_used], round(share * int(is_used.sum())))
-    return rolled
-
-
 def without_common_change(
     simulation: Simulation, active: Hypothesis, rows: ScoredRows, widths_s: Mapping[int, float]
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Residuals (N,) of each joint, and what is left of them without what the other joints predict; as `supply_p`."""
+    """Residuals (N,) of each joint, and what is left of them without what the other joints predict."""
     common = _Common(simulation, active, rows)
     return {
         joint: (common.reference[:, joint], common.evidence(joint, {"width": width_s}).after)
         for joint, width_s in widths_s.items()
     }
+
+
+def why_it_is_no_supply(correlation_time_s: float, n_joints: int) -> str | None:
+    """A clause where a common change of speed is none; None: it is one.
+
+    A supply changes the speed of every joint, and for longer than the model is off alike where joints start and stop
+    together.
+    """
+    if n_joints < 2:
+        return "all joints have a supply in common, and one alone shows this"
+    if correlation_time_s >= SHORTEST_S:
+        return None
+    return f"a correlation time of {correlation_time_s:.2g} s is that of joints which start and stop together"
 
 
 def supply_parameters(

@@ -140,7 +140,7 @@ def beyond_constants(
     simulation: Simulation,
     active: Hypothesis,
     rows: ScoredRows,
-    beside: ScoredRows,
+    beside: ScoredRows | None,
     joint: int,
     shape: Mapping[str, float],
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -152,7 +152,7 @@ def beyond_constants(
         simulation: On the logs.
         active: Effects beside it.
         rows: Rows on which it is scored.
-        beside: Further rows that tell of the course.
+        beside: Further rows that tell of the course, if any.
         joint: Index.
         shape: `point` of its candidate.
 

@@ -128,7 +128,7 @@ def _entry(verdict: Verdict, effect: MachineEffect, error_reduction: float) -> d
         "parameters": parameters_of(verdict.correction.fit, effect),
         "onset": onset,
         "certain": not effect.equivalents,
-        **as_told(verdict.acceptance.e_values[effect.members[0].candidate.key]),
+        **as_told(verdict.acceptance.judgements[effect.members[0].candidate.key].e_value),
         "error_reduction": error_reduction,
     }
     return {**entry, "of": effect.family} if onset is not None else entry

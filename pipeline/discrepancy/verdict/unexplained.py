@@ -51,12 +51,13 @@ def unexplained(diagnosis: Diagnosis, selection: Selection, acceptance: Acceptan
     for joint, name in enumerate(joints):
         p_value = largest_of_all_p(blocks[:, joint], nominal.by_block[:, joint]) * len(joints)
         stands_out = all(part.of_all[joint] > UNEXPLAINED_RATIO for part in parts)
-        if joint in idealised or not stands_out or p_value > diagnosis.logs.config.gate.largest_p:
+        e_value = e_value_of(p_value)
+        if joint in idealised or not stands_out or e_value < diagnosis.logs.config.gate.smallest_e_value:
             continue
         # What the search came to, though the gate did not, says more than what was best before it looked closer. A
         # name says on what speeds depend where confirmation rows bore it out, and only predictions did not.
         searched = [f.candidate for f in selection.found]
-        borne_out = [c for c in searched if acceptance.judgements[c.key].is_confirmed]
+        borne_out = [c for c in searched if acceptance.judgements[c.key].why_not is None]
         screened = [c for c in selection.screened if has_wrapper(c)]
         candidates = [
             *filter(is_dependence, borne_out),
@@ -73,7 +74,7 @@ def unexplained(diagnosis: Diagnosis, selection: Selection, acceptance: Acceptan
                 "parameters": {},
                 "onset": None,
                 "certain": False,
-                **as_told(e_value_of(p_value)),
+                **as_told(e_value),
                 "error_reduction": 0.0,
             }
         )

@@ -46,6 +46,7 @@ def visible() -> dict[int, Any]:
         nominal=nominal,
         simulation=logs(2),
         rows=ROWS,
+        held_out=ROWS,
         excited=[0],
     )
     return {of.joint: of for of in visible_sizes(FittedEffects(diagnosis, [], []))}
