@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows, averaged
+from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal, with_candidate
@@ -104,7 +104,7 @@ def rows_since(simulation: Simulation, rows: ScoredRows, moment: int) -> tuple[S
         Those rows; and which of all rows in use they are, (N,).
     """
     is_after = simulation.sequences.stamp_ns >= moment
-    kept = averaged(is_after.astype(float), rows.is_used) > WHOLE
+    kept = rows.averaged(is_after.astype(float)) > WHOLE
     folds = Folds(rows.folds.block[kept] % 2, rows.folds.block[kept], rows.folds.n_blocks)
     return ScoredRows(rows.is_used & is_after, folds, rows.floor, rows.weight[kept]), kept
 
@@ -158,23 +158,24 @@ def _squares(simulation: Simulation, active: Hypothesis, rows: ScoredRows) -> np
 def _with_onset(
     simulation: Simulation, active: Hypothesis, rows: ScoredRows, candidate: Candidate, known: Sequence[int]
 ) -> Candidate:
-    joint = candidate.joint
-    order = np.argsort(
-        averaged(simulation.sequences.stamp_ns.astype(np.float64), rows.is_used), kind="stable"
-    )
-    stamps = averaged(simulation.sequences.stamp_ns - simulation.sequences.stamp_ns.min(), rows.is_used)
+    joint, sequences, blocks = candidate.joint, simulation.sequences, rows.folds
+    first = sequences.stamp_ns.min()
+    stamps = rows.averaged(sequences.stamp_ns - first)
+    order = np.argsort(rows.averaged(sequences.stamp_ns.astype(np.float64)), kind="stable")
+
+    def left(velocity: np.ndarray) -> np.ndarray:
+        return rows.weight[:, joint] * rows.averaged((sequences.velocity - velocity)[..., joint])
+
     velocity = simulation.velocities([active])[0]
-    before = rows.weight[:, joint] * averaged(
-        (simulation.sequences.velocity - velocity)[..., joint], rows.is_used
-    )
-    excited = np.cumsum(averaged(velocity[..., joint], rows.is_used)[order] ** 2)
+    before = left(velocity)
+    excited = np.cumsum(rows.averaged(velocity[..., joint])[order] ** 2)
     excited /= max(excited[-1], 1e-12)
+    inside = np.flatnonzero((excited > SMALLEST_PART) & (excited < 1.0 - SMALLEST_PART))
+    if len(inside) == 0:
+        return candidate
     current, place = candidate, 0
     for _ in range(ITERATIONS):
-        changed = simulation.velocities([with_candidate(simulation, active, current)])[0]
-        after = rows.weight[:, joint] * averaged(
-            (simulation.sequences.velocity - changed)[..., joint], rows.is_used
-        )
+        after = left(simulation.velocities([with_candidate(simulation, active, current)])[0])
         if current.freed:
             # The change is close to linear in its coefficients: scale it as the rows after the moment want it.
             change = before - after
@@ -183,27 +184,23 @@ def _with_onset(
             scale = float(np.clip(scale, 0.2, 5.0))
             current = replace(current, coefficients=np.clip(current.coefficients * scale, -2.0, 2.0))
             after = before - scale * change
-        advantage = np.concatenate([[0.0], np.cumsum((before**2 - after**2)[order])])
+        removed = before**2 - after**2
+        advantage = np.concatenate([[0.0], np.cumsum(removed[order])])
         total = advantage[-1] - advantage  # gain if it sets in at this place of the order
-        inside = np.flatnonzero((excited > SMALLEST_PART) & (excited < 1.0 - SMALLEST_PART))
-        if len(inside) == 0:
-            return candidate
         place = int(inside[np.argmax(total[inside])])
-    by_row = np.zeros(len(before))
-    late = order[place:]
-    by_row[late] = (before**2 - after**2)[late]
-    gain_by_block = np.bincount(rows.folds.block, by_row, minlength=rows.folds.n_blocks) / rows.floor[joint]
+    is_early = np.zeros(len(before), bool)
+    is_early[order[:place]] = True
+    gain_by_block = np.bincount(blocks.block, np.where(is_early, 0.0, removed), blocks.n_blocks)
+    gain_by_block = gain_by_block / rows.floor[joint]
     gain = float(gain_by_block.sum())
-    early = order[:place]
-    harm = np.bincount(rows.folds.block[early], (after**2 - before**2)[early], minlength=rows.folds.n_blocks)
-    harm = harm[np.bincount(rows.folds.block[early], minlength=rows.folds.n_blocks) > 0]
+    harm = np.bincount(blocks.block, np.where(is_early, -removed, 0.0), blocks.n_blocks)
+    harm = harm[np.unique(blocks.block[is_early])]
     is_harm = len(harm) >= FEWEST_BLOCKS and t_statistic(harm) > SURE_T
     if gain < SMALLEST_GAIN * candidate.gain or not is_harm:
         return candidate
     # Where the joint stands, and where rows are kept for confirmation, one moment is as good as the other: the middle.
     as_good = inside[total[inside] > total[place] - AS_GOOD * rows.floor[joint]]
     moments = stamps[order[[max(as_good[0] - 1, 0), as_good[-1]]]]
-    first = simulation.sequences.stamp_ns.min()
     same = [moment for moment in known if moments[0] <= moment - first <= moments[1]]
     onset = same[0] if same else int(moments.mean() + first)
     share = gain * rows.floor[joint] / max(float(np.sum(before**2)), 1e-12)
