@@ -4,6 +4,7 @@ Goals are not sent on topics, but as an action (`reach_action`).
 """
 
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,17 @@ from pipeline.deployment.transports.ros1.installation import require_ros
 from pipeline.machine.specification import CommandKind, MachineSpecification
 
 MAXIMUM_CAN_BYTES = 8
+OWN: dict[Topic, type] = {  # messages of our own types, which have the same name and fields
+    Topic.requested_commands: JointCommand,
+    Topic.emergency_stop: EmergencyStop,
+    Topic.supervisor_state: SupervisorState,
+    Topic.reset: Reset,
+    Topic.release: Release,
+    Topic.machine_outputs: MachineOutputs,
+}
+Conversions = tuple[
+    type, Callable[[Any], Any], Callable[[Any, int], Message]
+]  # the last three of a `Carrier`
 
 
 class Carrier(NamedTuple):
@@ -64,6 +76,30 @@ def read_pose(ros: Any) -> tuple[np.ndarray, np.ndarray]:
     """Position, m (3,), and quaternion (w, x, y, z) (4,) of a `PoseStamped`."""
     position = np.array([getattr(ros.pose.position, axis) for axis in "xyz"])
     return position, np.array([getattr(ros.pose.orientation, axis) for axis in "wxyz"])
+
+
+def own_conversions(kind: type, ros_type: type) -> Conversions:
+    """To and from our own type: its times lack `_ns`, its arrays are sequences of float32."""
+    names = {field.name: field.name.removesuffix("_ns") for field in fields(kind)}
+    return (
+        ros_type,
+        lambda message: ros_type(**{ros: _sent(name, getattr(message, name)) for name, ros in names.items()}),
+        lambda message, now_ns: kind(
+            **{name: _received(name, getattr(message, ros)) for name, ros in names.items()}
+        ),
+    )
+
+
+def _sent(name: str, value: Any) -> Any:
+    if name.endswith("_ns"):
+        return ros_time(value)
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _received(name: str, value: Any) -> Any:
+    if name.endswith("_ns"):
+        return value.to_nsec()
+    return np.array(value, np.float32) if isinstance(value, list | tuple) else value
 
 
 def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
@@ -131,7 +167,7 @@ def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
         ros.header.stamp = ros_time(message.stamp_ns)
         return ros
 
-    table: dict[Topic, tuple[type, Callable[[Any], Any], Callable[[Any, int], Message]]] = {
+    table: dict[Topic, Conversions] = {
         Topic.joint_states: (RosJointState, joint_state, read_joint_state),
         Topic.joint_commands: (
             Int8MultiArray if discrete else Float32MultiArray,
@@ -144,57 +180,14 @@ def carriers(machine: MachineSpecification) -> dict[Topic, Carrier]:
             joystick,
             lambda ros, now_ns: Joystick(ros.header.stamp.to_nsec(), np.array(ros.axes)),
         ),
-        Topic.requested_commands: (
-            own["JointCommand"],
-            lambda m: own["JointCommand"](
-                ros_time(m.stamp_ns),
-                m.source,
-                m.sequence,
-                ros_time(m.observed_ns),
-                m.values.tolist(),
-                m.is_last,
-            ),
-            lambda ros, now_ns: JointCommand(
-                ros.stamp.to_nsec(),
-                ros.source,
-                ros.sequence,
-                ros.observed.to_nsec(),
-                np.array(ros.values, np.float32),
-                ros.is_last,
-            ),
-        ),
-        Topic.emergency_stop: (
-            own["EmergencyStop"],
-            lambda m: own["EmergencyStop"](ros_time(m.stamp_ns), m.rule, m.detail),
-            lambda ros, now_ns: EmergencyStop(ros.stamp.to_nsec(), ros.rule, ros.detail),
-        ),
-        Topic.supervisor_state: (
-            own["SupervisorState"],
-            lambda m: own["SupervisorState"](ros_time(m.stamp_ns), m.rule, ros_time(m.stop_ns)),
-            lambda ros, now_ns: SupervisorState(ros.stamp.to_nsec(), ros.rule, ros.stop.to_nsec()),
-        ),
-        Topic.reset: (
-            own["Reset"],
-            lambda m: own["Reset"](ros_time(m.stamp_ns), ros_time(m.stop_ns)),
-            lambda ros, now_ns: Reset(ros.stamp.to_nsec(), ros.stop.to_nsec()),
-        ),
-        Topic.release: (
-            own["Release"],
-            lambda m: own["Release"](ros_time(m.stamp_ns), ros_time(m.stop_ns)),
-            lambda ros, now_ns: Release(ros.stamp.to_nsec(), ros.stop.to_nsec()),
-        ),
         Topic.diagnostics: (
             own["diagnostic_msgs/DiagnosticArray"],
             diagnostic_array,
             lambda ros, now_ns: Diagnostics(ros.header.stamp.to_nsec(), read_statuses(ros.status)),
         ),
-        Topic.machine_outputs: (
-            own["MachineOutputs"],
-            lambda m: own["MachineOutputs"](ros_time(m.stamp_ns), m.values.tolist()),
-            lambda ros, now_ns: MachineOutputs(ros.stamp.to_nsec(), np.array(ros.values)),
-        ),
         Topic.can_to_machine: (own["can_msgs/Frame"], can_frame, read_can_frame),
         Topic.can_from_machine: (own["can_msgs/Frame"], can_frame, read_can_frame),
+        **{topic: own_conversions(kind, own[kind.__name__]) for topic, kind in OWN.items()},
     }
     names = {
         Topic.joint_states: machine.joint_states.topic,
