@@ -1,5 +1,6 @@
 """Read CSV and Parquet logs with the machine's column map."""
 
+import itertools
 import re
 import tempfile
 from collections.abc import Collection, Iterator
@@ -107,17 +108,20 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
         raise InputError(
             f"{place}.time_unit is `{columns.time_unit}`; use one of {', '.join(NANOSECONDS_PER)}"
         )
-    positions = [columns.position.replace("{joint}", joint) for joint in machine.joint_names]
-    commands = [columns.command.replace("{joint}", joint) for joint in machine.joint_names]
-    log = OneClockLog(machine, store)
+    patterns = {POSITIONS: columns.position, COMMANDS: columns.command}
+    of_joints = {
+        stream: [pattern.replace("{joint}", joint) for joint in machine.joint_names]
+        for stream, pattern in patterns.items()
+    }
     channels = {channel.name: channel.column for channel in machine.channels if channel.column}
-    path = entry.files[0]
+    streams = of_joints | {channel_stream(name): [column] for name, column in channels.items()}
+    log, path = OneClockLog(machine, store), entry.files[0]
     n_rows = n_unused = n_timed = n_long = 0
     example = ""  # of a time that is not understood
     damage: list[str] = []
     cells = _Cells()
     try:
-        wanted = (columns.time, *positions, *commands)
+        wanted = (columns.time, *itertools.chain(*of_joints.values()))
         for frame in _batches(path, entry.format, wanted, place, damage, tuple(channels.values())):
             rows = n_rows + 1 + np.arange(len(frame))
             n_rows += len(frame)
@@ -125,17 +129,11 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
                 n_long += int(is_long.sum())
                 frame, rows = frame.filter(~is_long), rows[~is_long.to_numpy()]
             time_ns, has_time = _time_ns(frame[columns.time], NANOSECONDS_PER[columns.time_unit])
-            streams = {
-                POSITIONS: cells.numbers(frame, positions, rows),
-                COMMANDS: cells.numbers(frame, commands, rows),
-            } | {
-                channel_stream(name): cells.numbers(frame, [column], rows, finite=True)
-                for name, column in channels.items()
-                if column in frame.columns
-            }
             used = np.zeros(len(frame), bool)
-            for stream, numbers in streams.items():
-                used |= log.add(stream, time_ns, numbers, has_time)
+            for stream, names in streams.items():
+                if names[0] in frame.columns:  # a channel's may be missing
+                    numbers = cells.numbers(frame, names, rows, finite=stream not in of_joints)
+                    used |= log.add(stream, time_ns, numbers, has_time)
             n_unused += int((~used).sum())
             n_timed += int(has_time.sum())
             example = example or _example(frame[columns.time].filter(~has_time))
@@ -154,12 +152,12 @@ def read_table(entry: LogEntry, machine: MachineSpecification, store: ColumnStor
     refusal = f"check the column map in {place}{unknown}" + first_loss(
         [*notes, *cells.notes(path.name, channels.values())]
     )
-    if n_long:
-        text = f"{path.name}: {n_long} rows left out: they hold more values than the table has columns"
-        notes.append(Note(NoteKind.left_out, text, n_long))
-    if n_unused:
-        text = f"{path.name}: {n_unused} rows left out: they hold no time, or neither positions nor commands"
-        notes.append(Note(NoteKind.left_out, text, n_unused))
+    for n, held in (
+        (n_long, "more values than the table has columns"),
+        (n_unused, "no time, or neither positions nor commands"),
+    ):
+        if n:
+            notes.append(Note(NoteKind.left_out, f"{path.name}: {n} rows left out: they hold {held}", n))
     notes += cells.notes(path.name, channels.values())
     notes += [
         Note(NoteKind.attention, f"channel {name}: {path.name} has no column `{column}`")
