@@ -24,7 +24,9 @@ from pipeline.deployment.components.teleoperation_server import TeleoperationSer
 from pipeline.deployment.drivers.bobcat_e10_sim_driver import SimulationDriver
 from pipeline.deployment.messages import GoalOutcome, JointState, MachineCommand, ReachResult, Topic
 from pipeline.deployment.nodes import Driver
+from pipeline.deployment.settings import DeploymentConfig
 from pipeline.deployment.transports.simulated_time.delays import no_delays
+from pipeline.deployment.transports.simulated_time.faults import Fault
 from pipeline.deployment.transports.simulated_time.graph import SimulatedGraph
 from pipeline.errors import InputError
 from pipeline.logs.tuples import read_tuples
@@ -32,7 +34,8 @@ from pipeline.stages.teleoperate import TeleoperateStage
 from pipeline.testbench import teleoperation
 from pipeline.testbench.target_run import kept_if_cut_off
 from pipeline.testbench.teleoperation import GraphKind, Sticks, kept
-from tests.deployment.machines import MIDDLE, SPEED, Integrator, bobcat, estimator, paper
+from tests.deployment.fault_cases import END_NS, ONSET_NS, Killed
+from tests.deployment.machines import MIDDLE, SPEED, Integrator, bobcat, estimator, paper, supervised
 from tests.deployment.test_ros_trial import PACKAGES
 from tests.ros_graph import requires_debian
 from tests.stages.command import run_stage
@@ -71,21 +74,28 @@ def test_the_interpreter_reads_the_sticks_as_they_were_meant(command: tuple[int,
     np.testing.assert_array_equal(server.command(0), meant)
 
 
+def run_graph(
+    config: DeploymentConfig, machine: Integrator, recorder: Recorder, seconds: float, *faults: Fault
+) -> None:
+    """Sticks that are held, for so long."""
+    components = [
+        ScriptedJoystick(bobcat(), config.teleoperation, Always(np.array([1, 0, -1, 0]))),
+        TeleoperationServer(bobcat(), config.teleoperation),
+        supervise(bobcat(), config, MACHINE_DIRECTORY),
+        ControlInterface(bobcat(), config.interface),
+        SimulationDriver(machine, bobcat().n_joint, config.driver, estimator()),
+    ]
+    seed = np.random.SeedSequence(0)
+    SimulatedGraph(components, no_delays(), seed, faults=faults, taps=[recorder]).run(nanoseconds(seconds))
+
+
 @pytest.mark.parametrize("is_stopped", [False, True])
 def test_sticks_move_the_machine_until_an_emergency_stop(is_stopped: bool) -> None:
     config, machine, recorder = paper(), Integrator(noise=0.0), Recorder()
     limits = dataclasses.replace(
         config.supervisor, rules=["command_frequency"] if is_stopped else [], maximum_command_rate_hz=10
     )
-    components = [
-        ScriptedJoystick(bobcat(), config.teleoperation, Always(np.array([1, 0, -1, 0]))),
-        TeleoperationServer(bobcat(), config.teleoperation),
-        supervise(bobcat(), dataclasses.replace(config, supervisor=limits), MACHINE_DIRECTORY),
-        ControlInterface(bobcat(), config.interface),
-        SimulationDriver(machine, bobcat().n_joint, config.driver, estimator()),
-    ]
-    graph = SimulatedGraph(components, no_delays(), np.random.SeedSequence(0), taps=[recorder])
-    graph.run(nanoseconds(2.0))
+    run_graph(dataclasses.replace(config, supervisor=limits), machine, recorder, 2.0)
     (time_s,) = (recorder.stops[0].stamp_ns / NANOSECONDS,) if is_stopped else (2.0,)
     assert 0.5 <= time_s <= 0.7 if is_stopped else not recorder.stops
     expected = SPEED * time_s * np.array([1, 0, -1, 0])
@@ -93,6 +103,26 @@ def test_sticks_move_the_machine_until_an_emergency_stop(is_stopped: bool) -> No
     after = [command.values for time_ns, command in recorder.commands if time_ns > time_s * NANOSECONDS]
     assert not np.any(after) and (not is_stopped or len(after) > 10)
     assert all(request.source == "teleoperation_server" for _, request in recorder.requests)
+
+
+@pytest.mark.parametrize(
+    ("killed", "time_out_s"),
+    [
+        ("joystick", supervised().teleoperation.maximum_silence_s),
+        ("teleoperation_server", supervised().supervisor.maximum_command_gap_s),
+        ("control_supervisor", supervised().interface.maximum_supervisor_silence_s),
+        ("control_interface", supervised().driver.command_timeout_s),
+    ],
+)
+def test_the_machine_stands_within_a_time_out_of_a_death(killed: str, time_out_s: float) -> None:
+    config, recorder = supervised(), Recorder()
+    limits = dataclasses.replace(config.supervisor, rules=["command_frequency"])
+    changed = dataclasses.replace(config, supervisor=limits)
+    run_graph(changed, Integrator(noise=0.0), recorder, END_NS / NANOSECONDS, Killed(killed))
+    at_ns, q = zip(*((t, state.position[0]) for t, state in recorder.states), strict=True)
+    moved_s = at_ns[np.flatnonzero(np.diff(q))[-1] + 1] / NANOSECONDS
+    onset_s, periods_s = ONSET_NS / NANOSECONDS, bobcat().dt_s + config.interface.period_s
+    assert onset_s < moved_s <= onset_s + time_out_s + periods_s
 
 
 @pytest.mark.parametrize(

@@ -68,6 +68,7 @@ class ControlSupervisor(Component):
         self._threshold = teleoperation.threshold
         self._new_rules = new_rules
         self._rules = new_rules()
+        self._named = tuple(config.rules)
         self._only_warn = frozenset(config.warnings)
         self.warned: dict[str, str] = {}
         self._are_sticks_neutral = True
@@ -114,13 +115,15 @@ class ControlSupervisor(Component):
 
     def condition(self, now_ns: int) -> Condition:
         """The stop in force or what waits for neutral sticks, and the state of every rule."""
-        rules = {f"rule {name}": self._state_of(name) for name in self._rules}
+        rules = {f"rule {name}": self._state_of(name) for name in self._named}
         text = f"warned by {', '.join(self.warned)}" if self.warned else "no objection"
         condition = self._latch.condition(Condition(Level.warning if self.warned else Level.ok, text, rules))
         waits = "" if self._neutral_since_ns is None else "acknowledged, waits for neutral sticks; "
         return condition._replace(text=waits + condition.text)
 
     def _state_of(self, rule: str) -> str:
+        if rule not in self._rules:
+            return "off: no model, or no floor of it"
         if self.stop is not None and self.stop.rule == rule:
             return f"stopped: {self.stop.detail}"
         return f"warned: {self.warned[rule]}" if rule in self.warned else "no objection"

@@ -331,8 +331,13 @@ def test_the_supervisor_stops_or_warns(only_warns: bool, floor: ModelFloor, monk
     assert isinstance(supervisor.on_timer(0)[-1].message, SupervisorState)
 
 
-def test_without_a_floor_the_rule_is_left_out() -> None:
-    assert "model_residual" not in supervise(MACHINE, supervised(), MACHINE_DIRECTORY, "model")._rules
+def test_without_a_floor_the_rule_is_told_to_be_off() -> None:
+    told = supervise(MACHINE, supervised(), MACHINE_DIRECTORY, "model").condition(0).values
+    assert told["rule model_residual"] == "off: no model, or no floor of it"
+    assert {state for name, state in told.items() if name.startswith("rule ")} == {
+        "no objection",
+        told["rule model_residual"],
+    }
 
 
 def test_a_warning_of_a_rule_that_is_off_is_refused() -> None:
