@@ -18,6 +18,7 @@ from pipeline.discrepancy.experiment.plan_experiment import plan_experiment
 from pipeline.discrepancy.journal import Journal
 from pipeline.discrepancy.selection.select import select
 from pipeline.discrepancy.settings import CloseLoopConfig
+from pipeline.discrepancy.unusable_logs import UnusableLogs
 from pipeline.discrepancy.verdict.build_report_data import report_data_of
 from pipeline.discrepancy.verdict.document import document_of
 from pipeline.discrepancy.verdict.result import ClosedLoop
@@ -63,11 +64,13 @@ def close_loop(
     Raises:
         InputError: That file is damaged, or cannot be written; neither measured logs nor a model are given; the nominal
             logs show the given effects.
-        UnusableLogs: The logs are too short.
+        UnusableLogs: The logs are too short, or there are none.
     """
     journal = Journal(log)
     if measured is None and model is None:
         raise InputError("neither measured logs nor a model are named; name one, or both")
+    if not nominal or (measured is not None and not measured):
+        raise UnusableLogs("measured" if nominal else "nominal", "there are none; give one at least")
     if given is not None and model is not None:
         refuse_given(given, model, nominal if measured is not None else (), machine.joint_names, config)
     logs = prepare(nominal, nominal if measured is None else measured, machine, config, identify)

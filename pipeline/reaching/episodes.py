@@ -84,7 +84,13 @@ class Episodes(NamedTuple):
     targets: np.ndarray
 
     def first(self, n: int) -> "Episodes":
-        """The first `n` episodes."""
+        """The first `n` episodes, or as many as there are.
+
+        Raises:
+            InputError: `n` is below 1.
+        """
+        if n < 1:
+            raise InputError(f"{n} episodes are asked for; ask for at least 1")
         return Episodes(self.starts[:n], self.targets[:n])
 
 

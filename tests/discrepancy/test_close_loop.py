@@ -265,3 +265,6 @@ def test_logs_too_short_to_hold_anything_back_are_refused_at_once(nominal, model
         prepare(nominal, measured, MACHINE, *settings())  # before anything is learned
     with pytest.raises(InputError, match="too short"):
         close_loop(nominal, measured, MACHINE, model, *settings())
+    for logs, which in (((nominal, []), "measured"), (([], measured), "nominal")):
+        with pytest.raises(InputError, match=f"{which} logs: there are none"):
+            close_loop(*logs, MACHINE, model, *settings())

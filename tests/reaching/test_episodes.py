@@ -58,6 +58,8 @@ def test_files_come_back_and_are_byte_stable(episodes, tmp_path):
     back = load_episodes(tmp_path / "a.npz")
     np.testing.assert_array_equal(back.starts, episodes.starts)
     np.testing.assert_array_equal(back.first(3).targets, episodes.targets[:3])
+    with pytest.raises(InputError, match="-1 episodes are asked for"):
+        back.first(-1)
 
 
 def test_unusable_files_are_named(tmp_path):
