@@ -9,6 +9,7 @@ import yaml
 
 from pipeline.configuration.load import load_machine
 from pipeline.control.icem.variant import RewardVariant
+from pipeline.machine.surfaces import GROUND
 from pipeline.reaching.metrics import Traces, reaching_metrics, success_rate_matrix
 from pipeline.reporting.chapters.deployment import (
     deployment_figures,
@@ -20,6 +21,7 @@ from pipeline.reporting.results.deployments import Where, files_of, read_deploym
 from pipeline.reporting.results.paper import SIM2REAL, SIM2SIM, SIMULATED
 from pipeline.reporting.tables.deployment import transfers
 from tests.reporting.made_up import N_EPISODES, random_traces, write_controller
+from tests.stages.command import run_stage
 
 N_TARGETS, N_PLANNED = 5, 4
 PPO, ICEM = "ppo_mlp_dqdot", "icem_double_dagger_mlp_dqdot"
@@ -32,12 +34,12 @@ def first(traces: Traces, n: int) -> Traces:
 def write_deployment(artifacts, name: str, graph: Traces, plant: Traces | None) -> None:
     folder = artifacts / "sim2sim" / name
     folder.mkdir(parents=True)
-    (folder / "metrics.json").write_text(json.dumps(reaching_metrics(graph).as_dict()))
+    (folder / "metrics.json").write_text(json.dumps(reaching_metrics(graph, GROUND).as_dict()))
     np.savez(folder / "traces.npz", **graph._asdict())
     if plant is None:
         return
     (artifacts / "evaluate_logs" / name).mkdir(parents=True)
-    reaching = reaching_metrics(plant).as_dict() | {
+    reaching = reaching_metrics(plant, GROUND).as_dict() | {
         "success_rates": {"matrix": success_rate_matrix(plant).tolist()}
     }
     seen = {"median": 0.02, "p99": 0.03, "p999": 0.04, "maximum": 0.05, "n": 100}
@@ -165,7 +167,7 @@ def test_the_chapter_says_what_the_transfer_costs(made_up) -> None:
 def test_one_sentence_per_controller_says_what_became_of_it(made_up) -> None:
     deployments, traces = made_up
     policy, planner = transfers(deployments)
-    graph, plant = (reaching_metrics(traces[where]).as_dict() for where in (Where.graph, Where.plant))
+    graph, plant = (reaching_metrics(traces[where], GROUND).as_dict() for where in (Where.graph, Where.plant))
     paper = [SIM2SIM["Gazebo"][PPO]["sr_002_002"], SIM2REAL["Machine"][PPO]["sr_002_002"]]
     assert policy == (
         f"PPO MLP Δq̇ comes within 0.12 m and 0.08 rad of {100 * graph['sr_012_008']:.0f} % of {N_EPISODES} targets "
@@ -210,6 +212,17 @@ def test_metrics_that_an_earlier_run_left_under_git_are_no_deployment(tmp_path) 
     write_controller(tmp_path, PPO, 0, random_traces(0), {"steps": 1})
     (tmp_path / "evaluate_brax" / PPO / "seed_0" / "traces.npz").unlink()
     assert read_deployments(tmp_path, []) == [] == read_controllers(tmp_path, {})
+
+
+def test_the_table_of_sim2real_comes_from_its_own_stage(tmp_path) -> None:
+    refused = run_stage("sim2real_table", "artifacts=.", "output=tables", folder=tmp_path)
+    assert refused.returncode == 2 and "run sim2sim and sim2real first" in refused.stderr
+    graph, plant = random_traces(1), first(random_traces(2), N_TARGETS)
+    write_deployment(tmp_path, PPO, graph, plant)
+    assert run_stage("sim2real_table", "artifacts=.", "output=tables", folder=tmp_path).returncode == 0
+    told = [list(row.values()) for row in json.loads((tmp_path / "tables/sim2real.json").read_text())["rows"]]
+    ours = [row[4:] for row in told if row[3] == "ours"]
+    assert ours == [by_hand(first(graph, N_TARGETS)), by_hand(plant)]
 
 
 def test_what_was_read_is_named_where_it_is(tmp_path) -> None:

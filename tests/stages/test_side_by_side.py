@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.stages.processes.side_by_side import read_graph, run_all, to_run
+from pipeline.stages.processes.side_by_side import leading_to, read_graph, run_all, to_run
 
 DVC = Path(sys.executable).with_name("dvc")
 DIAMOND = {"top": set(), "left": {"top"}, "right": {"top"}, "below": {"left", "right"}, "alone": set()}
@@ -27,6 +27,12 @@ def test_dvc_s_graph_is_read_per_file():
 def test_what_a_change_reaches_is_run_again():
     assert to_run(DIAMOND, ["left"]) == {"left": set(), "below": {"left"}}
     assert to_run(DIAMOND, []) == {}
+
+
+def test_what_stages_need_is_told_by_name_and_by_cell():
+    above = {"top": set(), "each@a": {"top"}, "each@b": {"top"}, "all": {"each@a", "each@b"}, "alone": set()}
+    assert leading_to(above, ["each@a"]) == {"top": set(), "each@a": {"top"}}
+    assert set(leading_to(above, ["each", "alone"])) == {"top", "each@a", "each@b", "alone"}
 
 
 def test_two_run_at_once_and_each_after_what_it_needs():

@@ -1,4 +1,4 @@
-"""DVC's graph with independent stages side by side: `python -m pipeline.stages.processes.side_by_side [FILE]`.
+"""DVC's graph with independent stages side by side: `python -m pipeline.stages.processes.side_by_side [FILE [STAGE…]]`.
 
 `dvc repro` runs one stage at a time, and most stages keep one core busy. Here each stage is a process of DVC for
 itself, and starts as soon as those above it are done. DVC's own locks keep `dvc.lock` whole.
@@ -34,6 +34,17 @@ def read_graph(dot: str, file: str = ROOT) -> dict[str, set[str]]:
         if "->" in line and len(edge := names(line)) == 2:
             above[edge[1]].add(edge[0])
     return above
+
+
+def leading_to(above: Above, ends: Iterable[str]) -> Above:
+    """The part of the graph that stages need, each named as `stage@cell`, or as `stage` with all its cells."""
+    needed: set[str] = set()
+    left = [name for name in above if {name, name.partition("@")[0]}.intersection(ends)]
+    while left:
+        if (name := left.pop()) not in needed:
+            needed.add(name)
+            left += above[name]
+    return {name: above[name] for name in needed}
 
 
 def to_run(above: Above, changed: Iterable[str]) -> dict[str, set[str]]:
@@ -87,9 +98,11 @@ def repro(name: str) -> int:
     return process.returncode
 
 
-def main(file: str = ROOT) -> int:
-    """Run what has changed of one file's graph."""
-    above = read_graph(_dvc("dag", "--dot"), file)
+def main(file: str = ROOT, *ends: str) -> int:
+    """Run what has changed of one file's graph: all of it, or what some of its stages need."""
+    above: Above = read_graph(_dvc("dag", "--dot"), file)
+    if ends:
+        above = leading_to(above, ends)
     changed = json.loads(_dvc("status", "--json", file))
     return run_all(to_run(above, set(changed).intersection(above)), repro)
 
