@@ -64,7 +64,7 @@ def evaluate_planner(
     )
     full = np.asarray(total_reward(reaching.reward, terms))
     metrics = {
-        **reaching_metrics(traces).as_dict(),
+        **reaching_metrics(traces, task.arm.surfaces).as_dict(),
         "average_return_full_reward": float(full.sum(axis=1, dtype=np.float64).mean()),
         "planning": {
             "horizon_entries": icem.horizon,

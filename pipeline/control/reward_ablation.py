@@ -138,7 +138,7 @@ class Ablation:
         result = train(environment, self.ppo, cell.seed, curve_episodes, progress, checkpoints)
         fixed = reaching.fixed_episodes()
         traces = evaluate_policy(result.policy, task, reaching.action_repeats, steps, fixed)
-        return CellResult(result.policy_steps, reaching_metrics(traces).as_dict())
+        return CellResult(result.policy_steps, reaching_metrics(traces, task.arm.surfaces).as_dict())
 
 
 def terms_of(row: Sequence[str]) -> tuple[RewardTerm, ...]:

@@ -69,6 +69,7 @@ class LearningCurve:
             environment.task, environment.action_repeats, environment.episode_ticks
         )
         self._episodes = episodes.first(config.curve_episodes)
+        self._surfaces = environment.task.arm.surfaces
         self._training = training_identity(environment, config, seed, self._episodes, start)
         self.resumed = None if directory is None else load_checkpoint(directory, self._training)
         self.points = list(self.resumed.curve) if self.resumed else []
@@ -79,7 +80,7 @@ class LearningCurve:
         Raises:
             InputError: the training diverged.
         """
-        point = CurvePoint(steps, reaching_metrics(self._evaluate(policy, self._episodes)))
+        point = CurvePoint(steps, reaching_metrics(self._evaluate(policy, self._episodes), self._surfaces))
         if not (policy.is_finite and math.isfinite(point.metrics.average_return)):
             raise InputError(
                 f"{self._method}: training diverged before step {steps}; lower {self._method}.learning_rate"

@@ -36,6 +36,6 @@ def evaluate_in_graph(
     delays = lengthened(controller_delays(settings), extra_delay_s)
     trials = run_episodes(parts, delays, episodes, progress, threads)
     traces = trial_traces(trials, settings.machine, parts.task.arm)
-    metrics = reaching_metrics(traces).as_dict()
+    metrics = reaching_metrics(traces, parts.task.arm.surfaces).as_dict()
     del metrics["average_return"]
     return traces, metrics

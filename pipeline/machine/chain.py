@@ -1,7 +1,8 @@
-"""The arm's kinematic chain, read from its URDF and checked against the machine's specification."""
+"""The arm's kinematic chain, read from its URDF and checked against the machine's specification; what its tip meets."""
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,6 +13,7 @@ from pipeline.machine.specification import ArmDescription, JointKind, MachineSpe
 
 LIMIT_TOLERANCE = 1e-6  # rad or m: limits closer than this agree
 FIXED, CONTINUOUS = "fixed", "continuous"
+FLOOR, BASE_EDGE = "floor", "base_edge"  # links
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,28 @@ class ChainJoint:
     quaternion: Components
     axis: Components
     limits: tuple[float, float]
+
+
+class Surfaces(NamedTuple):
+    """What the tip meets, in frame {B}, m: the ground, or a grill on it, and the base, an upright cylinder about z.
+
+    The robot description tells them by two empty links at the end of fixed joints: `floor` lies on the ground or the
+    grill, `base_edge` on the upper edge of the base. Without the first the ground is z = 0, without the second there
+    is no base.
+    """
+
+    floor_m: float = 0.0
+    base_radius_m: float = 0.0
+    base_height_m: float = 0.0
+
+    def gap(self, position: np.ndarray) -> np.ndarray:
+        """From positions of the tip (..., 3), m, to the nearest surface: (...), m; negative inside."""
+        height, radius = position[..., 2], np.hypot(position[..., 0], position[..., 1])
+        of_base = np.maximum(height - self.base_height_m, radius - self.base_radius_m)
+        return np.asarray(np.minimum(height - self.floor_m, of_base))
+
+
+GROUND = Surfaces()  # alone
 
 
 def arm_description(machine: MachineSpecification) -> ArmDescription:
@@ -83,13 +107,10 @@ def read_chain(machine: MachineSpecification, directory: Path) -> list[ChainJoin
     """
     arm = arm_description(machine)
     path = urdf_path(machine, directory)
-    try:
-        robot = ElementTree.parse(path).getroot()
-        joints = [_joint(element) for element in robot.findall("joint")]
-    except (ElementTree.ParseError, ValueError, KeyError, AttributeError, OSError) as error:
-        raise InputError(f"{path}: not a readable URDF: {error}") from error
+    joints = read_joints(path)
+    by_child = {joint.child: joint for joint in joints}
     _check_joints(machine, path, [joint for joint in joints if joint.kind != FIXED])
-    if arm.end_effector not in [link.get("name") for link in robot.findall("link")]:
+    if arm.end_effector not in by_child:
         raise InputError(
             f"{path}: no link {arm.end_effector}, the arm.end_effector of conf/machine/{machine.name}.yaml"
         )
@@ -99,13 +120,35 @@ def read_chain(machine: MachineSpecification, directory: Path) -> list[ChainJoin
                 f"conf/machine/{machine.name}.yaml: arm names joint {name}, which is not among the joints "
                 f"{', '.join(machine.joint_names)}"
             )
-    by_child = {joint.child: joint for joint in joints}
     to_base: list[ChainJoint] = []
     link = arm.end_effector
     while link in by_child and len(to_base) < len(joints):  # a circle of links would have no end
         to_base.append(by_child[link])
         link = to_base[-1].parent
     return to_base[::-1]
+
+
+def read_joints(path: Path) -> list[ChainJoint]:
+    """All joints of a robot description, in its order.
+
+    Raises:
+        InputError: it is not a readable URDF.
+    """
+    try:
+        return [_joint(element) for element in ElementTree.parse(path).getroot().findall("joint")]
+    except (ElementTree.ParseError, ValueError, KeyError, AttributeError, OSError) as error:
+        raise InputError(f"{path}: not a readable URDF: {error}") from error
+
+
+def read_surfaces(path: Path) -> Surfaces:
+    """Of a robot description.
+
+    Raises:
+        InputError: it is not a readable URDF.
+    """
+    at = {joint.child: joint.position for joint in read_joints(path)}
+    x, y, base_height_m = at.get(BASE_EDGE, (0.0, 0.0, 0.0))
+    return Surfaces(at.get(FLOOR, (0.0, 0.0, 0.0))[2], float(np.hypot(x, y)), base_height_m)
 
 
 def _joint(element: ElementTree.Element) -> ChainJoint:
@@ -115,7 +158,7 @@ def _joint(element: ElementTree.Element) -> ChainJoint:
     return ChainJoint(
         name=element.attrib["name"],
         kind=JointKind.revolute if element.attrib["type"] == CONTINUOUS else element.attrib["type"],
-        parent=parent.attrib["link"],  # type: ignore[union-attr] # read_chain tells of what is missing
+        parent=parent.attrib["link"],  # type: ignore[union-attr] # read_joints tells of what is missing
         child=child.attrib["link"],  # type: ignore[union-attr]
         position=tuple(_numbers(origin, "xyz", "0 0 0")),
         quaternion=_orientation(*_numbers(origin, "rpy", "0 0 0")),

@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.machine.chain import FIXED, ChainJoint, arm_description, read_chain, urdf_path
+from pipeline.machine.chain import (
+    FIXED,
+    GROUND,
+    ChainJoint,
+    Surfaces,
+    arm_description,
+    read_chain,
+    read_surfaces,
+    urdf_path,
+)
 from pipeline.machine.components import Components, about, add, multiply, rotate, scale
 from pipeline.machine.specification import JointKind, MachineSpecification
 
@@ -44,12 +53,15 @@ class Arm:
     Attributes:
         joints: From the base to the chisel tip, fixed ones included.
         columns: The place of each in a configuration; None of a fixed one.
+        surfaces: What the tip meets.
     """
 
-    def __init__(self, machine: MachineSpecification, joints: Sequence[ChainJoint]) -> None:
+    def __init__(
+        self, machine: MachineSpecification, joints: Sequence[ChainJoint], surfaces: Surfaces = GROUND
+    ) -> None:
         arm, names = arm_description(machine), machine.joint_names
         self.joints = tuple(joints)
-        self.n_joint = machine.n_joint
+        self.n_joint, self.surfaces = machine.n_joint, surfaces
         self.columns = [None if joint.kind == FIXED else names.index(joint.name) for joint in joints]
         self._yaw_index = names.index(arm.yaw_joint)
         self._pitch_indices = np.array([names.index(name) for name in arm.pitch_joints])
@@ -114,8 +126,9 @@ def load_arm(machine: MachineSpecification, directory: Path) -> Arm:
             (`pipeline.machine.chain.read_chain`); or yaw and pitch of the machine are not those of the end
             effector's frame.
     """
-    arm = Arm(machine, read_chain(machine, directory))
-    _check_orientation(machine, urdf_path(machine, directory), arm)
+    path = urdf_path(machine, directory)
+    arm = Arm(machine, read_chain(machine, directory), read_surfaces(path))
+    _check_orientation(machine, path, arm)
     return arm
 
 

@@ -144,28 +144,28 @@ def reaching_summary(
     """
     traces = trial_traces(trials, machine, arm)
     return {
-        **_metrics(traces),
+        **_metrics(traces, arm),
         "success_rates": {
             "position_thresholds_m": list(POSITION_THRESHOLDS_M),
             "pitch_thresholds_rad": list(PITCH_THRESHOLDS_RAD),
             "matrix": success_rate_matrix(traces).tolist(),
         },
         "trials": [
-            _trial_summary(trial, Traces(*(array[i : i + 1] for array in traces)))
+            _trial_summary(trial, Traces(*(array[i : i + 1] for array in traces)), arm)
             for i, trial in enumerate(trials)
         ],
     }
 
 
-def _metrics(traces: Traces) -> dict[str, Any]:
-    metrics = reaching_metrics(traces).as_dict()
+def _metrics(traces: Traces, arm: Arm) -> dict[str, Any]:
+    metrics = reaching_metrics(traces, arm.surfaces).as_dict()
     del metrics["average_return"]
     return metrics
 
 
-def _trial_summary(trial: LoggedTrial, traces: Traces) -> dict[str, Any]:
+def _trial_summary(trial: LoggedTrial, traces: Traces, arm: Arm) -> dict[str, Any]:
     nearest = int(np.argmin(traces.position_error[0]))
-    metrics = _metrics(traces)
+    metrics = _metrics(traces, arm)
     del metrics["n_episodes"]
     return {
         "trajectory": trial.trajectory.name,

@@ -8,14 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.machine.chain import Surfaces
 
 # Thresholds of the success-rate matrices: position in m, pitch in rad (paper, section "Sim2Sim transfer")
 POSITION_THRESHOLDS_M = tuple(n / 50 for n in range(1, 18))
 PITCH_THRESHOLDS_RAD = tuple(n / 50 for n in range(1, 9))
 # Pairs (position, pitch) that the tables report
 REPORTED_PRECISIONS = ((0.02, 0.02), (0.04, 0.04), (0.12, 0.08))
-# A tip so low is on the ground, which is z = 0: one count of a 13-bit encoder, 0.77 mrad, over a reach of 2.6 m
-GROUND_M = 0.002
+# A tip so near a surface touches it: one count of a 13-bit encoder, 0.77 mrad, over a reach of 2.6 m
+CONTACT_M = 0.002
 # End of a path (appendix, EEF-PL; its "0.02 [cm]" is read as 0.02 m)
 PATH_END_PRECISION = (0.02, 0.02)
 
@@ -61,8 +62,8 @@ class ReachingMetrics:
         min_z_m: lowest tip position of all ticks of all episodes.
         path_length_m: path length of the tip until the target is reached within 0.02 m and 0.02 rad, or to the end;
             averaged.
-        ground: share of episodes in which the tip met the ground, z = 0 of {B}, at any tick; NaN in a checkpoint from
-            before there was this metric.
+        ground: share of episodes in which the tip met the ground, a grill on it, or the machine's base at any tick; NaN
+            in a checkpoint from before there was this metric.
     """
 
     n_episodes: int
@@ -117,8 +118,8 @@ def path_lengths(traces: Traces) -> np.ndarray:
     return np.where(reached_before, 0.0, ways).sum(axis=1)
 
 
-def reaching_metrics(traces: Traces) -> ReachingMetrics:
-    """All metrics of the paper's tables."""
+def reaching_metrics(traces: Traces, surfaces: Surfaces) -> ReachingMetrics:
+    """All metrics of the paper's tables, and contacts of the tip with surfaces."""
     return ReachingMetrics(
         n_episodes=len(traces.reward),
         average_return=float(traces.reward.sum(axis=1, dtype=np.float64).mean()),
@@ -127,7 +128,7 @@ def reaching_metrics(traces: Traces) -> ReachingMetrics:
         ooz=float(traces.below.any(axis=1).mean()),
         min_z_m=float(traces.position[..., 2].min()),
         path_length_m=float(path_lengths(traces).mean()),
-        ground=float((traces.position[..., 2] <= GROUND_M).any(axis=1).mean()),
+        ground=float((surfaces.gap(traces.position) <= CONTACT_M).any(axis=1).mean()),
     )
 
 

@@ -32,7 +32,7 @@ def main(configuration: EvaluateBraxStage, run: StageRun) -> None:
     run.inputs(f"{model}/parameters.msgpack", f"{configuration.policy}/policy.msgpack")
     task, episodes = reaching.task(dynamics, parameters), reaching.fixed_episodes()
     traces = evaluate_policy(policy, task, reaching.action_repeats, reaching.episodes.steps, episodes)
-    metrics = reaching_metrics(traces).as_dict()
+    metrics = reaching_metrics(traces, task.arm.surfaces).as_dict()
     write_evaluation(output, metrics, traces, episodes)
     # The reward that a policy was learned with is the full one; iCEM's runs have both returns.
     run.metrics({**metrics, "average_return_full_reward": metrics["average_return"]})

@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.control.evaluate import evaluate_policy
 from pipeline.control.policy import Policy, PolicyLayer
+from pipeline.machine.chain import GROUND
 from pipeline.reaching.metrics import reaching_metrics
 
 
@@ -55,7 +56,7 @@ def test_a_policy_that_heads_for_the_target_comes_nearer(traces):
 
 
 def test_metrics_of_traces_are_finite_and_count_every_episode(traces):
-    metrics = reaching_metrics(traces)
+    metrics = reaching_metrics(traces, GROUND)
     assert metrics.n_episodes == 16
     assert all(np.isfinite(value) for value in metrics.as_dict().values())
     assert metrics.ooz <= metrics.oow

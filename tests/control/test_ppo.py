@@ -23,6 +23,7 @@ from pipeline.control.warm_start import WarmStartConfig
 from pipeline.dynamics.model.dynamics_model import ModelSpecification, Target
 from pipeline.dynamics.model.network import Parameterization
 from pipeline.errors import InputError
+from pipeline.machine.chain import GROUND
 from pipeline.reaching.metrics import reaching_metrics
 from tests.reaching.lag import model_specification
 
@@ -164,7 +165,7 @@ def test_training_further_begins_at_the_policy_and_resumes(environment, small, e
     assert [point.steps for point in result.curve] == [0, 5120, 2 * 5120]
     assert result.policy_steps == 2 * 5120
     evaluate = policy_evaluation(environment.task, environment.action_repeats, environment.episode_ticks)
-    before = reaching_metrics(evaluate(start, episodes))
+    before = reaching_metrics(evaluate(start, episodes), GROUND)
     assert result.curve[0].metrics.average_return == pytest.approx(before.average_return, rel=1e-3)
     again = train(environment, config, 7, episodes, lambda _: None, tmp_path, (start, 0.2))
     jax.tree.map(np.testing.assert_array_equal, again.policy, result.policy)

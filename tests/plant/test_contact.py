@@ -1,11 +1,17 @@
 """The tip meets the ground and the machine's base."""
 
 import numpy as np
+import pytest
 
+from pipeline.configuration.load import load_machine
+from pipeline.machine.kinematics import load_arm
+from pipeline.machine.specification import MACHINE_DIRECTORY
 from pipeline.plant.machines.characterise import in_the_air
 from pipeline.plant.physics.kinematics import tip
 from pipeline.plant.simulator import Plant
 from pipeline.plant.state import FRICTION, PISTON, STOP
+from pipeline.reaching.metrics import reaching_metrics
+from tests.reaching.test_metrics import traces
 
 from .conftest import MIDDLE, random_commands
 from .test_balances import mechanical_energy
@@ -33,6 +39,20 @@ def test_the_base_stops_the_tip(nominal):
     assert tip(through.run(LOWER_BOOM).angle_rad)[0][:, 0].min() < base - 0.02
     assert radius.min() > base - TOLERANCE_M
     assert plant.state.contacts[0] >= 1
+
+
+@pytest.mark.parametrize("start", [MIDDLE, FOLDED])
+def test_the_environment_s_metric_counts_what_the_plant_stops(nominal, start):
+    """And both have the surfaces of the robot description."""
+    arm = load_arm(load_machine("bobcat_e10"), MACHINE_DIRECTORY)
+    assert arm.surfaces == (0.0, nominal.contact.base_radius_m, nominal.contact.base_height_m)
+    for command, contacts in ((LOWER_BOOM, 1), (-LOWER_BOOM, 0)):
+        plant = Plant(nominal, 0, start)
+        position = arm.forward(plant.run(command).angle_rad).position
+        still = np.zeros((1, len(position)))
+        made_up = traces(still, still, x=position[:, 0], z=position[:, 2])
+        met = reaching_metrics(made_up, arm.surfaces).ground
+        assert met == contacts == min(plant.state.contacts[0], 1)
 
 
 def test_a_motion_that_never_touches_is_as_in_the_air(nominal):

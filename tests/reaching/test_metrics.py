@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pipeline.machine.chain import GROUND, Surfaces
 from pipeline.reaching.metrics import (
     PITCH_THRESHOLDS_RAD,
     POSITION_THRESHOLDS_M,
@@ -64,7 +65,7 @@ def test_matrix_covers_the_papers_grid():
 def test_matrix_grows_with_both_thresholds_and_holds_the_reported_rates(seed):
     rng = np.random.default_rng(seed)
     made_up = traces(rng.uniform(0, 0.4, (20, 5)), rng.uniform(-0.2, 0.2, (20, 5)))
-    matrix, metrics = success_rate_matrix(made_up), reaching_metrics(made_up)
+    matrix, metrics = success_rate_matrix(made_up), reaching_metrics(made_up, GROUND)
     assert (np.diff(matrix, axis=0) >= 0).all() and (np.diff(matrix, axis=1) >= 0).all()
     assert (matrix[0, 0], matrix[1, 1], matrix[5, 3]) == (
         metrics.sr_002_002,
@@ -92,7 +93,7 @@ def test_rates_and_extremes_over_episodes():
         below=[[False, True], [False, False]],
         reward=[[1.0, 2.0], [-1.0, 0.0]],
     )
-    metrics = reaching_metrics(two)
+    metrics = reaching_metrics(two, GROUND)
     assert (metrics.oow, metrics.ooz, metrics.average_return) == (0.5, 0.5, 1.0)
     assert metrics.min_z_m == pytest.approx(0.1)
     assert metrics.ground == 0.0
@@ -104,4 +105,12 @@ def test_a_tip_that_lies_on_the_ground_or_would_be_in_it_counts_once_per_episode
     low = traces(
         [[1.0] * 3] * 4, [[0.0] * 3] * 4, z=[[0.3, 0.0, 0.0], [0.3, -0.1, -0.2], [0.3, 0.1, 0.3], [0.3] * 3]
     )
-    assert reaching_metrics(low).ground == 0.5
+    assert reaching_metrics(low, GROUND).ground == 0.5
+
+
+def test_a_tip_on_a_grill_or_in_the_base_counts():
+    beside, above, inside, low = (0.33, 0.5), (0.0, 0.7), (-0.31, 0.5), (1.0, 0.15)
+    x, z = np.transpose([beside, above, inside, low])[..., None]
+    at = traces([[1.0]] * 4, [[0.0]] * 4, x=x, z=z)
+    assert reaching_metrics(at, Surfaces(0.0, 0.32, 0.6)).ground == 0.25
+    assert reaching_metrics(at, Surfaces(0.155, 0.32, 0.6)).ground == 0.5

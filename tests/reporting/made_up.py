@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.machine.chain import GROUND
 from pipeline.reaching.episodes import Episodes, save_episodes
 from pipeline.reaching.metrics import Traces, reaching_metrics, success_rate_matrix
 from pipeline.reporting.results.controllers import TRAINED, split_name
@@ -35,7 +36,7 @@ def write_controller(artifacts: Path, name: str, seed: int, traces: Traces, meta
     """What the evaluation of a controller writes, and the training of a policy."""
     folder = artifacts / "evaluate_brax" / name / f"seed_{seed}"
     folder.mkdir(parents=True)
-    metrics = reaching_metrics(traces).as_dict()
+    metrics = reaching_metrics(traces, GROUND).as_dict()
     algorithm, kind = split_name(name)
     planning = {} if algorithm in TRAINED else {"planning": meta}
     (folder / "metrics.json").write_text(json.dumps(metrics | planning))

@@ -9,7 +9,7 @@ import yaml
 
 from pipeline.configuration.load import load_machine
 from pipeline.control.icem.variant import RewardVariant
-from pipeline.machine.surfaces import GROUND
+from pipeline.machine.chain import GROUND
 from pipeline.reaching.metrics import Traces, reaching_metrics, success_rate_matrix
 from pipeline.reporting.chapters.deployment import (
     deployment_figures,

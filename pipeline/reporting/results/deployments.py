@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.machine.chain import GROUND
 from pipeline.reaching.metrics import Traces, load_traces, reaching_metrics, success_rate_matrix
 from pipeline.reporting.results.cells import read_controller_cells
 from pipeline.reporting.results.controllers import ControllerResult, controllers_of, read_controllers
@@ -155,4 +156,5 @@ def _deployment(artifacts: Path, name: str, evaluated: ControllerResult | None) 
 
 
 def _drive(name: str, where: Where, traces: Traces) -> Drive:
-    return Drive(name, where, reaching_metrics(traces).as_dict(), success_rate_matrix(traces), len(traces.q))
+    metrics = reaching_metrics(traces, GROUND).as_dict()  # no table has its contacts
+    return Drive(name, where, metrics, success_rate_matrix(traces), len(traces.q))
