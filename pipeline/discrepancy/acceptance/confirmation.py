@@ -1,8 +1,8 @@
 """What confirmation rows, which no fit saw, say of an effect of the machine.
 
-They ask for a size of it, as it was fitted, beside all others: about one if the effect is there, about zero if not.
-Nominal logs are without the effect, so the sizes that parts of them ask for are the scatter about zero. Size over
-scatter has Student's t distribution where there is no effect, and becomes an e-value.
+They ask for a size of it, as it was fitted, beside all others: about one if the effect is there. Parts of the nominal
+logs, which are without it, ask for sizes, too: these are usual where it is not. What a size is beyond them, over its
+standard deviation, has Student's t distribution there, and becomes an e-value.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from scipy.stats import t
 
 from pipeline.discrepancy.acceptance.e_value import e_value_of
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
-from pipeline.discrepancy.acceptance.nominal_scatter import nominal_scatter
+from pipeline.discrepancy.acceptance.nominal_sizes import nominal_sizes
 from pipeline.discrepancy.acceptance.parameter_misfit import without_onsets
 from pipeline.discrepancy.acceptance.parameters import parameters_of
 from pipeline.discrepancy.acceptance.shown import Deviation, Shown, shown_on
@@ -27,24 +27,30 @@ from pipeline.discrepancy.selection.candidate import Key
 from pipeline.discrepancy.selection.grouping import MachineEffect
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect
 
-JOINT_LEVEL = 0.05  # of a cause that is there, for a joint that has no part in it
-
 
 class Size(NamedTuple):
     """Of an effect, in units of the fitted one.
 
     Attributes:
         value: That rows ask for.
-        deviation: Where there is no effect.
+        usual: Where there is no effect.
+        deviation: From that.
     """
 
     value: float
+    usual: float
     deviation: Deviation
 
     @property
     def p_value(self) -> float:
         """How probable so large a size is, were the effect not there."""
-        return float(t.sf(self.value / max(self.deviation.value, 1e-12), self.deviation.freedom))
+        beyond = self.value - self.usual
+        return float(t.sf(beyond / max(self.deviation.value, 1e-12), self.deviation.freedom))
+
+    @property
+    def is_nearer_to_the_fitted(self) -> bool:
+        """Whether it is nearer to one than to what is usual: the likelier of both, as both scatter alike."""
+        return self.value > 0.5 * (1.0 + self.usual)
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,7 @@ def confirm(
     for member in effect.members:
         column = joints.index(member.candidate.joint)
         size = of_joints[column]
-        has_no_part = len(joints) > 1 and not seen_at_stops and size.p_value > JOINT_LEVEL
+        has_no_part = len(joints) > 1 and not seen_at_stops and not size.is_nearer_to_the_fitted
         result[member.candidate.key] = Confirmed(
             shares[column],
             None if seen_at_stops else size,
@@ -111,7 +117,7 @@ def sizes(fit: FittedEffects, effect: MachineEffect, measured: Shown) -> list[Si
     columns, diagnosis = range(len(effect.joints)), fit.diagnosis
     parts = [measured, *map(measured.on, columns)]
     block = diagnosis.held_out.folds.block
-    by_blocks = [Size(of.size, of.deviation_by_blocks(block)) for of in parts]
+    by_blocks = [Size(of.size, 0.0, of.deviation_by_blocks(block)) for of in parts]
     if diagnosis.logs.is_of_one_machine:  # no logs are without it
         return by_blocks
     members = without_onsets(effect.members)
@@ -120,12 +126,12 @@ def sizes(fit: FittedEffects, effect: MachineEffect, measured: Shown) -> list[Si
     # is a size of one.
     without = [nominal, *map(nominal.on, columns)]
     of_one = without if effect.has_wrapper else parts
-    scatter = [
-        nominal_scatter(of, one.squares / len(one.change)) for of, one in zip(without, of_one, strict=True)
+    of_nominal = [
+        nominal_sizes(of, one.squares / len(one.change)) for of, one in zip(without, of_one, strict=True)
     ]
     return [
-        Size(size.value, size.deviation.and_of(of_nominal.on(of.squares)))
-        for size, of_nominal, of in zip(by_blocks, scatter, parts, strict=True)
+        Size(size.value, usual.usual, size.deviation.and_of(usual.deviation_on(of.squares)))
+        for size, usual, of in zip(by_blocks, of_nominal, parts, strict=True)
     ]
 
 
@@ -149,8 +155,8 @@ def in_words(effect: SelectedEffect, judgement: Confirmed, joint: str) -> str:
     told = (
         "the stops are where its values put them"
         if size is None
-        else f"confirmation rows ask for {size.value:.0%} of its size, where {size.deviation.value:.0%} would be usual "
-        "without it"
+        else f"confirmation rows ask for {size.value:.0%} of its size, where {size.usual:.0%} ± "
+        f"{size.deviation.value:.0%} are usual without it"
     )
     passes = "is confirmed" if judgement.why_not is None else f"is not confirmed, as {judgement.why_not}"
     return (

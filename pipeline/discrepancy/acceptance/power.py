@@ -15,7 +15,7 @@ from scipy.stats import norm
 from pipeline.discrepancy.acceptance.e_value import smallest_t
 from pipeline.discrepancy.acceptance.first_parameters import Change, changes_of, tried
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
-from pipeline.discrepancy.acceptance.nominal_scatter import nominal_scatter
+from pipeline.discrepancy.acceptance.nominal_sizes import nominal_sizes
 from pipeline.discrepancy.acceptance.shown import Deviation, Shown
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
@@ -67,10 +67,10 @@ def visible_sizes(fit: FittedEffects) -> list[Visible]:
         change = measured.of_one[:, None]
         beside = Shown(change, residual[:, [joint]])
         shown = Shown(change, beside.residual - beside.size * change)
-        deviation = _deviation(diagnosis, shown, Shown(on_nominal.of_one[:, None], without[:, [joint]]))
+        usual, deviation = _usual(diagnosis, shown, Shown(on_nominal.of_one[:, None], without[:, [joint]]))
         owed = nominal.null[*key, None].most_per_row * len(change) if (*key, None) in nominal.null else 0.0
         present = partial(with_effect, measured, shown.residual[:, 0], rows, owed)
-        least = deviation.value * smallest_t(logs.config.gate.smallest_e_value, deviation.freedom)
+        least = usual + deviation.value * smallest_t(logs.config.gate.smallest_e_value, deviation.freedom)
         smallest = _smallest(present, passes, deviation.value, least, measured.most)
         sizes[key] = min(sizes[key], measured.size_of_one * smallest)
     if TIMING not in logs.config.exclude:
@@ -78,8 +78,8 @@ def visible_sizes(fit: FittedEffects) -> list[Visible]:
     return [Visible(*key, size, KNOWN[key[0]].card.parameters[0].unit) for key, size in sizes.items()]
 
 
-def _deviation(diagnosis: Diagnosis, measured: Shown, nominal: Shown) -> Deviation:
-    """Of a size on confirmation rows where there is no effect, as of `confirmation.sizes`.
+def _usual(diagnosis: Diagnosis, measured: Shown, nominal: Shown) -> tuple[float, Deviation]:
+    """Size on confirmation rows where there is no effect, and the deviation from it; as of `confirmation.sizes`.
 
     Args:
         diagnosis: The logs.
@@ -91,9 +91,9 @@ def _deviation(diagnosis: Diagnosis, measured: Shown, nominal: Shown) -> Deviati
     of_fitted = measured.deviation_by_blocks(rows.folds.block)
     by_blocks = Deviation(of_fitted.value / np.sqrt(share), of_fitted.freedom * share)
     if diagnosis.logs.is_of_one_machine:
-        return by_blocks
-    of_nominal = nominal_scatter(nominal, nominal.squares / len(nominal.change))
-    return by_blocks.and_of(of_nominal.on(measured.squares * share))
+        return 0.0, by_blocks
+    usual = nominal_sizes(nominal, nominal.squares / len(nominal.change))
+    return usual.usual, by_blocks.and_of(usual.deviation_on(measured.squares * share))
 
 
 def with_effect(change: Change, rest: np.ndarray, rows: ScoredRows, owed: float, size: float) -> Candidate:

@@ -111,11 +111,19 @@ def test_joints_count_alike_whatever_their_size() -> None:
 
 
 @pytest.mark.parametrize(("of_nominal", "passes"), [(0.0, True), (0.01, True), (0.06, False), (0.1, False)])
-def test_what_nominal_logs_ask_for_as_well_is_no_effect(of_nominal: float, passes: bool) -> None:
+def test_what_nominal_logs_ask_for_by_turns_is_no_effect(of_nominal: float, passes: bool) -> None:
     """Nominal logs of which some lose speed as measured ones do: misfit of the model, not a change of the machine."""
     by_turns = of_nominal * np.where(np.arange(N_ROWS) // 1000 % 2, 1.0, -1.0)[:, None] * np.array([1.0, 0.0])
     (of,) = judged(machine(0, (0.1, 0.0)), [coupled(0, 0.1)], machine(1, by_turns))
     assert (of.why_not is None) is passes
+
+
+@pytest.mark.parametrize(("of_nominal", "passes"), [(0.03, True), (0.1, False)])
+def test_what_all_nominal_logs_ask_for_is_taken_off(of_nominal: float, passes: bool) -> None:
+    """A model that lacks the same all the time does not hide that measured logs have three times as much."""
+    (of,) = judged(machine(0, (0.1, 0.0)), [coupled(0, 0.1)], machine(1, (of_nominal, 0.0)))
+    assert (of.why_not is None) is passes
+    assert of.size is not None and of.size.usual == pytest.approx(of_nominal / 0.1, abs=0.02)
 
 
 def test_of_misfit_alone_at_most_one_in_twenty_passes() -> None:

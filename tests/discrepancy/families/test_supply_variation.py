@@ -131,4 +131,4 @@ def p_of(logs) -> float:
     simulation, rows = logs
     found = [SelectedEffect(c) for c in supply_candidates(simulation, NOMINAL, rows)]
     shown = shown_on(simulation, rows, found, found)
-    return Size(shown.size, shown.deviation_by_blocks(rows.folds.block)).p_value
+    return Size(shown.size, 0.0, shown.deviation_by_blocks(rows.folds.block)).p_value
