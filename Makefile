@@ -78,7 +78,7 @@ control-level: env ## policies from before and after closing the loop, on the ch
 
 # The paper's four controllers and APG. Models are chosen on all validation windows, as in docs/machines.md.
 .PHONY: field
-field: env ## controllers on the machine in the field, in build/field; the next report shows their Sim2Real (15 minutes; resumes)
+field: env ## controllers on the machine in the field, in build/field; the next report shows their Sim2Real (some half an hour; resumes)
 	$(call copy_graph,build/field)
 	cp artifacts/all_kinds/params.yaml build/field
 	$(OVERRIDE) build/field/params.yaml condition=field +deployed.apg_mlp_dqdot.model=mlp_dqdot \
