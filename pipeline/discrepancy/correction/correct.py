@@ -42,12 +42,14 @@ class Alternative(NamedTuple):
         chosen: Family of the effect.
         why_not: A clause that says why the rival lost; None: the logs cannot tell them apart.
         error_reduction: Share of the squared error over 80 steps that the rival removes by itself.
+        probability: Of the rival, given that something has changed.
     """
 
     candidate: Candidate
     chosen: str
     why_not: str | None
     error_reduction: float
+    probability: float
 
 
 @dataclass(frozen=True)
@@ -174,7 +176,8 @@ def _alternatives(effects: Sequence[MachineEffect], gate: OpenLoopGate) -> list[
             even = [(c, None) for c in member.equivalents] if effect.equivalents else []
             for candidate, why_not in [*even, *member.losers]:
                 rival = MachineEffect(contract_family(candidate), [SelectedEffect(candidate)])
-                result.append(Alternative(candidate, name, why_not, gate.error_reduction(rival)))
+                of = gate.error_reduction(rival), member.shares.get(candidate.key, 0.0)
+                result.append(Alternative(candidate, name, why_not, *of))
     return result
 
 

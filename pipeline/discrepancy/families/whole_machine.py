@@ -48,8 +48,8 @@ def common_causes(
     candidates: Sequence[Candidate],
     net: Callable[[Candidate], float],
     shows: Callable[[Candidate], bool],
-) -> list[Candidate]:
-    """The likeliest cause that explains so much more on all its joints together than the best candidate does on one.
+) -> list[list[Candidate]]:
+    """The causes that explain so much more on all their joints together than the best candidate does on one.
 
     Args:
         best: Of all candidates, by itself.
@@ -58,7 +58,7 @@ def common_causes(
         shows: Whether a candidate can be seen on its joint.
 
     Returns:
-        On every joint on which it shows, the clearest first; empty where there is none.
+        The likeliest first; each on every joint on which it shows, the clearest first.
     """
     options: list[tuple[float, list[Candidate]]] = []
     for family, source in dict.fromkeys((c.family, c.source) for c in candidates):
@@ -73,6 +73,10 @@ def common_causes(
         is_rival = here is None or here.joint not in joints or here.gain > RIVAL_SHARE * best.gain
         total = sum(net(c) for c in showing)
         if is_rival and total > COMMON_FACTOR * net(best):
-            options.append((total / COMMON_PENALTY.get(family, 1.0), showing))
-    _, likeliest = max(options, key=lambda option: option[0], default=(0.0, []))
-    return sorted(likeliest, key=net, reverse=True)
+            options.append((total * worth_of(family), sorted(showing, key=net, reverse=True)))
+    return [showing for _, showing in sorted(options, key=lambda option: -option[0])]
+
+
+def worth_of(family: str) -> float:
+    """The factor on what a common cause explains by which it is compared with other causes in common."""
+    return 1.0 / COMMON_PENALTY.get(family, 1.0)

@@ -48,6 +48,12 @@ class Comparison:
         """Gain beyond what the candidate owes to the diagnosis model's misfit."""
         return candidate.gain - candidate.owed
 
+    def worth(self, candidate: Candidate) -> float:
+        """The factor on what a candidate explains by which its share is found: one more of complexity costs as much
+        as decides nothing between names.
+        """
+        return float((1.0 + NEGLIGIBLE) ** -complexity(candidate))
+
     def passes(self, candidate: Candidate, is_further: bool = False) -> bool:
         """Whether it removes enough, beyond chance and beyond the model's own misfit.
 

@@ -75,6 +75,18 @@ class MachineEffect:
         return [] if self.family == TIMING else [e for m in self.members for e in m.equivalents]
 
     @property
+    def probability(self) -> float:
+        """Of its name, given that something has changed; 1 where nothing was compared with it.
+
+        A late channel has that of all that is as good on one joint: no other cause makes all joints late alike.
+        """
+        compared = next((m for m in self.members if m.shares), None)
+        if compared is None:
+            return 1.0
+        even = compared.equivalents if self.family == TIMING else []
+        return sum(compared.shares.get(c.key, 0.0) for c in (compared.candidate, *even))
+
+    @property
     def gain(self) -> float:
         """Of all members."""
         return sum(member.candidate.gain for member in self.members)

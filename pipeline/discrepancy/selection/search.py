@@ -32,11 +32,13 @@ from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
 from pipeline.discrepancy.families.uncorrectable import WITHOUT_WRAPPER, has_wrapper, screen_without_wrapper
 from pipeline.discrepancy.families.whole_machine import (
     COMMON_CAUSES,
+    COMMON_FACTOR,
     OF_ONE_CAUSE,
     ON_SEVERAL_JOINTS,
     WHOLE_MACHINE,
     common_causes,
     of_one_cause,
+    worth_of,
 )
 from pipeline.discrepancy.selection.candidate import Candidate, Nominal
 from pipeline.discrepancy.selection.comparison import Comparison, why_not
@@ -54,6 +56,7 @@ from pipeline.discrepancy.selection.regression import SHOWN_T, SURE_T, t_statist
 from pipeline.discrepancy.selection.screen import screen
 from pipeline.discrepancy.selection.search_thresholds import EffectSearchConfig
 from pipeline.discrepancy.selection.selected_effect import SelectedEffect, hypothesis_of
+from pipeline.discrepancy.selection.shares import credible, shares_of
 
 REFINED = 3  # of a joint's candidates
 TOLD_LOSERS = 6  # of a joint's candidates
@@ -194,11 +197,8 @@ class Search:
         # A second common cause would only mend the first.
         if not any(f.candidate.family in COMMON_CAUSES for f in self.found):
             common = common_causes(best, candidates, self.comparison.net, self.comparison.shows)
-            if any(map(self.passes, common)):
-                self._log(
-                    f"{common[0].family} on {len(common)} joints explains more together than anything on one"
-                )
-                return [SelectedEffect(c) for c in common]
+            if common and any(map(self.passes, common[0])):
+                return self._in_common(common, best)
         rivals = sorted((c for c in passing if c.joint == best.joint), key=self.comparison.net, reverse=True)
         foremost = [c for c in rivals if has_wrapper(c)][:REFINED]
         rivals = self._refined(foremost) + [c for c in rivals if not any(c is one for one in foremost)]
@@ -220,6 +220,10 @@ class Search:
             named = self.comparison.names_instead(better, as_good)
             better = self.comparison.simplest(named) if named else better
             chosen, equivalents = better, [chosen, *(c for c in equivalents if c is not better)]
+        worth = [self.comparison.worth(c) for c in rivals]
+        shares = shares_of([[c] for c in rivals], worth)
+        missing = credible(shares, [chosen.key, *(c.key for c in equivalents)])
+        equivalents += [c for c in rivals if c.key in missing]
         self._log(
             f"{chosen.family} on {self.joints[chosen.joint]}: removes {chosen.share:.0%} of the squared residual there"
             + (f"; as good: {', '.join(c.family for c in equivalents)}" if equivalents else "")
@@ -229,7 +233,7 @@ class Search:
             for rival in sorted(rivals, key=self.comparison.net, reverse=True)
             if rival.key not in {chosen.key, *(c.key for c in equivalents)}
         ]
-        found = [SelectedEffect(chosen, equivalents, losers[:TOLD_LOSERS])]
+        found = [SelectedEffect(chosen, equivalents, losers[:TOLD_LOSERS], shares=shares)]
         if chosen.family in WHOLE_MACHINE:
             # An effect of the whole machine is taken on every joint on which it shows.
             found += [
@@ -243,6 +247,17 @@ class Search:
         if chosen.family == DELAY and TIMING not in self.excluded:
             found += [SelectedEffect(c) for c in self._late_elsewhere(chosen, candidates)]
         return found
+
+    def _in_common(self, options: Sequence[Sequence[Candidate]], best: Candidate) -> list[SelectedEffect]:
+        """The likeliest cause of several joints, beside other such causes and the best effect on one joint."""
+        (first, *others), *_ = options
+        self._log(f"{first.family} on {len(options[0])} joints explains more together than anything on one")
+        rivals = options if any(of[0].key == best.key for of in options) else [*options, [best]]
+        alone = COMMON_FACTOR * worth_of(first.family)  # as where it was chosen
+        shares = shares_of(rivals, [worth_of(of[0].family) if len(of) > 1 else alone for of in rivals])
+        missing = credible(shares, [first.key])
+        equivalents = [of[0] for of in rivals if of[0].key in missing]
+        return [SelectedEffect(first, equivalents, shares=shares), *map(SelectedEffect, others)]
 
     def _late_elsewhere(self, chosen: Candidate, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Delays of the other joints, where each that moves enough shows one that is as large: a late channel."""

@@ -9,6 +9,7 @@ from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
 from pipeline.discrepancy.diagnosis.simulation import NOMINAL, Hypothesis, Simulation
 from pipeline.discrepancy.families.uncorrectable import has_wrapper
 from pipeline.discrepancy.selection.candidate import Candidate, with_candidate
+from pipeline.discrepancy.selection.shares import Shares
 
 
 @dataclass(frozen=True)
@@ -42,15 +43,17 @@ class SelectedEffect:
 
     Attributes:
         candidate: The effect.
-        equivalents: Others that are as simple and not significantly worse.
+        equivalents: Others that are as simple and not significantly worse, or without which it is not probable enough.
         losers: The next best, with a clause that says why they lost.
         known: What an earlier run found of it; None: it is new.
+        shares: Of it and of what it was chosen before; empty where nothing was compared with it.
     """
 
     candidate: Candidate
     equivalents: list[Candidate] = field(default_factory=list)
     losers: list[tuple[Candidate, str]] = field(default_factory=list)
     known: Known | None = None
+    shares: Shares = field(default_factory=dict)
 
 
 def hypothesis_of(simulation: Simulation, found: Sequence[SelectedEffect]) -> Hypothesis:

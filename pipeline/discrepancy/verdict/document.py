@@ -8,6 +8,7 @@ import numpy as np
 from pipeline.discrepancy.acceptance.e_value import as_told
 from pipeline.discrepancy.acceptance.parameters import parameters_of
 from pipeline.discrepancy.acceptance.power import Visible
+from pipeline.discrepancy.acceptance.probability_none import probability_none
 from pipeline.discrepancy.correction.correct import Alternative
 from pipeline.discrepancy.diagnosis.splits import Purpose
 from pipeline.discrepancy.families.contract_parameters import units_of
@@ -38,6 +39,7 @@ def document_of(verdict: Verdict) -> dict[str, Any]:
         "verdict": word,
         "effects": entries,
         **({"known": known_entries(verdict)} if diagnosis.known else {}),
+        "probability_none": probability_none([of["e_value"] for of in entries], word != "unexcited"),
         "power": [_visible(verdict, of) for of in verdict.acceptance.power],
         "alternatives": [_alternative(verdict, of) for of in verdict.correction.alternatives],
         "error": _errors(verdict),
@@ -128,6 +130,7 @@ def _entry(verdict: Verdict, effect: MachineEffect, error_reduction: float) -> d
         "parameters": parameters_of(verdict.correction.fit, effect),
         "onset": onset,
         "certain": not effect.equivalents,
+        "probability": effect.probability,
         **as_told(verdict.acceptance.judgements[effect.members[0].candidate.key].e_value),
         "error_reduction": error_reduction,
     }
@@ -159,6 +162,7 @@ def _alternative(verdict: Verdict, of: Alternative) -> dict[str, Any]:
             if family == OTHER
             else {}
         ),
+        "probability": of.probability,
         "error_reduction": of.error_reduction,
         "why_not": of.why_not or f"these logs cannot tell it from {of.chosen}",
     }

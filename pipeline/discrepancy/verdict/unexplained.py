@@ -74,6 +74,7 @@ def unexplained(diagnosis: Diagnosis, selection: Selection, acceptance: Acceptan
                 "parameters": {},
                 "onset": None,
                 "certain": False,
+                "probability": 1.0,
                 **as_told(e_value),
                 "error_reduction": 0.0,
             }

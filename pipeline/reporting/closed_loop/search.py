@@ -91,14 +91,15 @@ def ranking_answer(document: Document, evidence: ReportData) -> str:
     )
 
 
-def alternatives(document: Document) -> list[tuple[str, str, str]]:
-    """Name, removed error and reason for rejection of each fully fitted alternative."""
+def alternatives(document: Document) -> list[tuple[str, str, str, str]]:
+    """Name, probability, removed error and reason for rejection of each fully fitted alternative."""
     rows = []
     for one in document.get("alternatives") or []:
         reason = str(one.get("why_not") or MISSING)
         if one.get("equivalent"):
             reason = "Cannot be told apart by these logs." + (f" {reason}" if reason != MISSING else "")
-        rows.append((effect_label(one), percent(number(one.get("error_reduction"))), reason))
+        likely, removed = (percent(number(one.get(key))) for key in ("probability", "error_reduction"))
+        rows.append((effect_label(one), likely, removed, reason))
     return rows
 
 
@@ -140,6 +141,7 @@ def _facts(effect: Document) -> list[tuple[str, str]]:
     facts = [
         ("Depends on", dependences(effect)),
         ("Certainty", certainty_in_words(effect)),
+        ("Probability of this name, if anything has changed", percent(number(effect.get("probability")))),
         (
             "Error removed by it alone",
             f"{percent(number(effect.get('error_reduction')))} of the squared error",

@@ -43,7 +43,7 @@ def coupling(joint: int, gain: float, coefficients: tuple[float, ...] = (0.2, 0.
 def chosen(*candidates: Candidate) -> list[tuple[str, int]]:
     best = max(candidates, key=lambda c: c.gain)
     found = common_causes(best, candidates, lambda c: c.gain, lambda c: c.gain > 1.0)
-    return [(c.family, c.joint) for c in found]
+    return [(c.family, c.joint) for of in found[:1] for c in of]
 
 
 def test_a_payload_comes_before_a_gain_per_joint() -> None:
