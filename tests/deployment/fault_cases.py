@@ -421,8 +421,9 @@ several blocks, whose sums vary 1.6 to 2.1 times as much as of independent ones 
 5,640; 2 s in the workshop carry 153, not 1,220 |
 | rules on recordings | `pytest tests/deployment/test_replay.py` | bags of ours and of the excavator | no objection \
 without a reason |
-| faults in triples | `python -m tests.deployment.fault_triples --ledger FILE` | 8,778 of 20,000 wanted; 2,700 a core-minute | none \
-(below 0.034 %, 95 %); where the server's last command is late or lost, its silence stops the machine 0.15 s later |
+| faults in triples | `python -m tests.deployment.fault_triples --ledger FILE` | 8,778 of 20,000 wanted; \
+2,700 a core-minute | none (below 0.034 %, 95 %); \
+where the server's last command is late or lost, its silence stops the machine 0.15 s later |
 | mutants of latch, interface, supervisor | mutmut 3.8.1 over their fast tests | all 407 | 386 killed; of the 21 \
 others 10 have got a test, 4 are killed by tests of other files, 7 change nothing that anybody reads |
 | mutants of rules but the residual, envelope, PLC | the same | 444 of 445 | 351 killed; of the 93 others half have \
