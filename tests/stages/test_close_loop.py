@@ -238,6 +238,7 @@ def exam() -> list[LogTrajectories]:
 def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
     keys = {
         "detected",
+        "probability_none",
         "verdict",
         "effects",
         "alternatives",
@@ -249,6 +250,9 @@ def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
         "power",
     }
     assert set(document) == keys
+    assert 0.0 < document["probability_none"] < 0.05  # the arm has lost a quarter of its speed
+    even = [of["probability"] for of in document["alternatives"] if of.get("equivalent")]
+    assert document["effects"][0]["probability"] + sum(even) >= 0.95
     assert document["verdict"] in VERDICTS
     assert document["detected"] is {"none": False, "unexcited": None}.get(document["verdict"], True)
     assert bool(document["effects"]) == (document["detected"] is True)
@@ -260,7 +264,8 @@ def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
     assert all(size is None or size > 0 for size in visible.values())
     assert visible["gain", "arm"] < 1.0 - document["effects"][0]["parameters"]["speed_ratio"]["value"]
     for other in document["alternatives"]:
-        assert set(other) - {"equivalent", "depends_on"} == {"family", "joints", "error_reduction", "why_not"}
+        told = {"family", "joints", "probability", "error_reduction", "why_not"}
+        assert set(other) - {"equivalent", "depends_on"} == told
         assert other["family"] in FAMILIES and set(other["joints"]) <= set(JOINTS)
         assert other["why_not"] and is_finite(other["error_reduction"])
     assert set(document["error"]) == {"one_step_rmse", "open_loop_rmse_80"}
@@ -279,7 +284,7 @@ def test_the_document_is_the_contracts(document: dict[str, Any]) -> None:
 
 def check_effect(effect: dict[str, Any]) -> None:
     keys = {"family", "joints", "depends_on", "parameters", "onset", "certain", "error_reduction"}
-    assert set(effect) - {"of"} == keys | {"e_value", "p_value"}
+    assert set(effect) - {"of"} == keys | {"probability", "e_value", "p_value"}
     assert effect["family"] in FAMILIES and ("of" in effect) == (effect["family"] == "change_point")
     assert effect["joints"] and set(effect["joints"]) <= set(JOINTS)
     for entry in effect["depends_on"]:
@@ -293,7 +298,7 @@ def check_effect(effect: dict[str, Any]) -> None:
             assert low <= parameter["value"] <= high
     if effect["onset"] is not None:
         assert isinstance(effect["onset"]["trajectory"], str) and is_finite(effect["onset"]["t"])
-    assert isinstance(effect["certain"], bool)
+    assert isinstance(effect["certain"], bool) and 0.0 < effect["probability"] <= 1.0
     assert effect["p_value"] == min(1.0, 1.0 / effect["e_value"]) and is_finite(effect["error_reduction"])
 
 
