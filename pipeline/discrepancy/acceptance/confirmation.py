@@ -19,6 +19,7 @@ from pipeline.discrepancy.acceptance.nominal_sizes import nominal_sizes
 from pipeline.discrepancy.acceptance.parameter_misfit import without_onsets
 from pipeline.discrepancy.acceptance.parameters import parameters_of
 from pipeline.discrepancy.acceptance.shown import Deviation, Shown, shown_on
+from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
 from pipeline.discrepancy.diagnosis.scored_rows import averaged
 from pipeline.discrepancy.families.stops import Encoder
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
@@ -118,7 +119,7 @@ def sizes(fit: FittedEffects, effect: MachineEffect, measured: Shown) -> list[Si
     parts = [measured, *map(measured.on, columns)]
     block = diagnosis.held_out.folds.block
     by_blocks = [Size(of.size, 0.0, of.deviation_by_blocks(block)) for of in parts]
-    if diagnosis.logs.is_of_one_machine:  # no logs are without it
+    if not are_without(diagnosis, effect.family):
         return by_blocks
     members = without_onsets(effect.members)
     nominal = shown_on(diagnosis.nominal.simulation, diagnosis.nominal.rows, members, members)
@@ -133,6 +134,11 @@ def sizes(fit: FittedEffects, effect: MachineEffect, measured: Shown) -> list[Si
         Size(size.value, usual.usual, size.deviation.and_of(usual.deviation_on(of.squares)))
         for size, usual, of in zip(by_blocks, of_nominal, parts, strict=True)
     ]
+
+
+def are_without(diagnosis: Diagnosis, family: str) -> bool:
+    """Whether nominal logs are without effects of a family: neither the measured ones, nor found to show it as well."""
+    return not diagnosis.logs.is_of_one_machine and family not in diagnosis.nominal.present
 
 
 def on_confirmation_rows(fit: FittedEffects, effect: MachineEffect) -> Shown:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from pipeline.discrepancy.acceptance.confirmation import are_without
 from pipeline.discrepancy.acceptance.e_value import smallest_t
 from pipeline.discrepancy.acceptance.first_parameters import Change, changes_of, tried
 from pipeline.discrepancy.acceptance.fitted_effects import FittedEffects
@@ -67,7 +68,10 @@ def visible_sizes(fit: FittedEffects) -> list[Visible]:
         change = measured.of_one[:, None]
         beside = Shown(change, residual[:, [joint]])
         shown = Shown(change, beside.residual - beside.size * change)
-        usual, deviation = _usual(diagnosis, shown, Shown(on_nominal.of_one[:, None], without[:, [joint]]))
+        of_nominal = Shown(on_nominal.of_one[:, None], without[:, [joint]])
+        usual, deviation = _usual(
+            diagnosis, shown, of_nominal if are_without(diagnosis, measured.family) else None
+        )
         owed = nominal.null[*key, None].most_per_row * len(change) if (*key, None) in nominal.null else 0.0
         present = partial(with_effect, measured, shown.residual[:, 0], rows, owed)
         least = usual + deviation.value * smallest_t(logs.config.gate.smallest_e_value, deviation.freedom)
@@ -78,19 +82,19 @@ def visible_sizes(fit: FittedEffects) -> list[Visible]:
     return [Visible(*key, size, KNOWN[key[0]].card.parameters[0].unit) for key, size in sizes.items()]
 
 
-def _usual(diagnosis: Diagnosis, measured: Shown, nominal: Shown) -> tuple[float, Deviation]:
+def _usual(diagnosis: Diagnosis, measured: Shown, nominal: Shown | None) -> tuple[float, Deviation]:
     """Size on confirmation rows where there is no effect, and the deviation from it; as of `confirmation.sizes`.
 
     Args:
         diagnosis: The logs.
         measured: An effect of size one on the rows for fitting, beside all that they show.
-        nominal: The same effect on nominal logs.
+        nominal: The same effect on nominal logs; None: they have it.
     """
     rows = diagnosis.rows
     share = len(diagnosis.held_out.weight) / len(rows.weight)  # confirmation rows show as much per row
     of_fitted = measured.deviation_by_blocks(rows.folds.block)
     by_blocks = Deviation(of_fitted.value / np.sqrt(share), of_fitted.freedom * share)
-    if diagnosis.logs.is_of_one_machine:
+    if nominal is None:
         return 0.0, by_blocks
     usual = nominal_sizes(nominal, nominal.squares / len(nominal.change))
     return usual.usual, by_blocks.and_of(usual.deviation_on(measured.squares * share))

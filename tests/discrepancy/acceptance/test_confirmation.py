@@ -59,6 +59,7 @@ def judged(
     nominal: Any = None,
     scale: tuple[float, float] = (1.0, 1.0),
     part_rows: int = N_ROWS // 2,
+    present: tuple[str, ...] = (),
 ) -> list[Confirmed]:
     """Every second part of the measured rows is held out; nominal logs lose no speed, if they are not given."""
     late = np.arange(N_ROWS)[None] // part_rows % 2 == 1
@@ -68,7 +69,9 @@ def judged(
         rows=rows(~late, scale),
         held_out=rows(late, scale),
         excited=(0, 1),
-        nominal=SimpleNamespace(simulation=usual, rows=rows(np.ones((1, N_ROWS), bool), scale)),
+        nominal=SimpleNamespace(
+            simulation=usual, rows=rows(np.ones((1, N_ROWS), bool), scale), present=present
+        ),
         logs=SimpleNamespace(
             joints=["turn", "lift"], is_of_one_machine=False, config=SimpleNamespace(exclude=())
         ),
@@ -124,6 +127,14 @@ def test_what_all_nominal_logs_ask_for_is_taken_off(of_nominal: float, passes: b
     (of,) = judged(machine(0, (0.1, 0.0)), [coupled(0, 0.1)], machine(1, (of_nominal, 0.0)))
     assert (of.why_not is None) is passes
     assert of.size is not None and of.size.usual == pytest.approx(of_nominal / 0.1, abs=0.02)
+
+
+def test_nominal_logs_that_were_found_to_show_it_are_no_evidence_against_it() -> None:
+    measured, nominal = machine(0, (0.1, 0.0)), machine(1, (0.1, 0.0))
+    (refused,), (passed,) = (
+        judged(measured, [coupled(0, 0.1)], nominal, present=of) for of in ((), ("flow_coupling",))
+    )
+    assert refused.why_not is not None and passed.why_not is None
 
 
 def test_of_misfit_alone_at_most_one_in_twenty_passes() -> None:

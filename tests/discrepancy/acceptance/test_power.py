@@ -40,7 +40,7 @@ ROWS = rows_in_blocks(
 @pytest.fixture(scope="module")
 def visible() -> dict[int, Any]:
     """By joint; the second one does not move enough."""
-    nominal = SimpleNamespace(simulation=logs(1), rows=ROWS, at_rest=(), null={})
+    nominal = SimpleNamespace(simulation=logs(1), rows=ROWS, at_rest=(), null={}, present=())
     diagnosis: Any = SimpleNamespace(
         logs=SimpleNamespace(config=SETTINGS, is_of_one_machine=False),
         nominal=nominal,
