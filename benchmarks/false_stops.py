@@ -23,14 +23,8 @@ from benchmarks.rule_arrays import Heard, Parts, holds, objections
 from pipeline.configuration.load import MACHINE_DIRECTORY, load_machine, load_section
 from pipeline.deployment.component import nanoseconds
 from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel
-from pipeline.deployment.components.supervision.model_floor import (
-    BLOCK_STEPS,
-    ModelFloor,
-    MovingSteps,
-    blocks_of,
-    evidence,
-    read_floor,
-)
+from pipeline.deployment.components.supervision.model_floor import ModelFloor, read_floor
+from pipeline.deployment.components.supervision.motion_window import MotionSteps, evidence
 from pipeline.deployment.components.supervision.supervisor_rules import RuleParts
 from pipeline.deployment.settings import DeploymentConfig
 from pipeline.deployment.transports.simulated_time.delays import load_delays
@@ -143,17 +137,21 @@ def residual(
         np.pad(a, ((0, LONGEST_ROWS - len(a)), (0, 0))),
     )
     expected, measured = follower.displacements(*filled)[: len(q) - 1], np.diff(q, axis=0)
-    counts = MovingSteps(follower.specification).count(q[:-1], expected, measured)
-    counts[: follower.settling_steps] = False
+    steps, n = MotionSteps(follower.specification, floor.speed), floor.window_steps
+    around = steps.around(expected)
+    judged = slice(follower.settling_steps, len(around))
+    counts = np.zeros((len(around), MACHINE.n_joint), bool)
+    counts[judged] = steps.count(q[judged], around[judged], measured[judged])
     highest, alarms = [], []
     for joint, name in enumerate(MACHINE.joint_names):
         at = np.flatnonzero(counts[:, joint])
-        blocks = blocks_of(expected[at, joint], measured[at, joint])
-        reached = evidence(floor.log_e_value(joint, *blocks)) / floor.limit[joint]
+        terms = steps.terms(around[at, joint], measured[at, joint])
+        sums = np.cumsum(np.pad(terms, ((1, 0), (0, 0), (0, 0))), axis=0)
+        reached = evidence(sums[n:] - sums[:-n]) / floor.limit[joint]
         highest.append(round(float(max(reached, default=0.0)), 3))
-        raised = np.flatnonzero(reached >= 1.0)
+        raised = at[n - 1 :][reached >= 1.0]
         if len(raised):
-            row = at[BLOCK_STEPS * (raised[0] + 1) - 1] + 1
+            row = raised[0] + 1 + steps.lead
             moving = counts[round(ONSET_S / MACHINE.dt_s) : row, joint].sum()
             alarms.append({"joint": name, "t": row * MACHINE.dt_s, "moving_s": moving * MACHINE.dt_s})
     return highest, alarms

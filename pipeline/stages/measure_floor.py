@@ -23,7 +23,7 @@ class MeasureFloorStage(PipelineConfiguration):
     tuples: list[InputPath] = MISSING
     output: OutputFile = MISSING
     speed: float = MISSING
-    within_s: float = MISSING
+    false_stop_hours: float = MISSING
 
 
 @stage(MeasureFloorStage)
@@ -34,15 +34,21 @@ def main(configuration: MeasureFloorStage, run: StageRun) -> None:
     follower = FreeRunningModel(*load_dynamics(model, machine), machine)
     trajectories = [each for folder in configuration.tuples for each in read_tuples(Path(folder), machine)]
     seen_in_fit = load_metadata(model).get("trajectories", [])
-    speed, within_s = configuration.speed, configuration.within_s
-    floor = measure_floor(follower, dynamics_fingerprint(model), trajectories, seen_in_fit, speed, within_s)
-    floor.write(Path(configuration.output))
-    sizes = ", ".join(
-        f"{name} {size:.4f} {unit}"
-        for name, size, unit in zip(machine.joint_names, floor.scale.tolist(), machine.units, strict=True)
+    hours = configuration.false_stop_hours
+    floor = measure_floor(
+        follower, dynamics_fingerprint(model), trajectories, seen_in_fit, configuration.speed, hours
     )
-    alike = ", ".join(f"{factor:.1f}" for factor in floor.dependence.tolist())
-    print(f"measure_floor: {len(floor.scores)} blocks; error per block: {sizes}; dependence {alike}")
+    floor.write(Path(configuration.output))
+    limits = ", ".join(
+        f"{name} {limit:.2f}" for name, limit in zip(machine.joint_names, floor.limit.tolist(), strict=True)
+    )
+    window_s = floor.window_steps * machine.dt_s
+    print(f"measure_floor: {window_s:g} s of motion are judged together; limits of the evidence: {limits}")
+    if floor.hours < hours:
+        print(
+            f"measure_floor: these logs carry {floor.hours:.2g} hours of motion between two false stops, not "
+            f"{hours:g}: give longer logs, or the supervisor a lower deployment.supervisor.false_stop_hours"
+        )
 
 
 if __name__ == "__main__":

@@ -1,135 +1,73 @@
-"""What a model misses on a sound machine: its floor, in blocks of motion of one joint.
+"""What a model misses on a sound machine: its floor, the evidence (`motion_window`) of sound driving.
 
-A block is `BLOCK_STEPS` steps in which the joint moves, or the model expects it to. R is the sum of measured less
-expected displacements, M the sum of the larger of their two sizes. Scores compare half the expected speed with the
-expected one, for normal errors of the floor's size σ:
-
-    s = (M / 2) (|R| - M / 4) / σ²
-
-A joint within a quarter of its expected speed scores below zero: it follows, and its p-value is one. Else the rank of
-its score among the floor's gives a conformal p-value. An e-value is κ p^(κ-1) (Vovk and Wang, E-values, Annals of
-Statistics 2021). With κ = 1 / ln(n + 1) it is largest for a block that is worse than all n of the floor. Ranks take no
-shape of errors for granted.
-
-Evidence of a joint is the logarithm of the product of successive blocks' e-values, begun anew where it falls below 0.
-Did sound blocks err independently, they would number at least b on average before one reaches ln b (Shin, Ramdas and
-Rinaldo, E-detectors, 2024). A late start spoils several: sums over runs of blocks vary D times as much, and b blocks
-reach D ln b, as a random walk does of this spread (Siegmund, Sequential Analysis, 1985). What outlasts a
-run, as a cold start of the engine, is not in D: only hours that were driven tell of it.
-
-A joint's limit is what a share of its speed reaches within so many seconds of motion, which leaves the longest time
-between false stops: `measure_floor` slows the motion of its own logs to see it.
+A joint's limit is what 99 % of windows reach in which the floor's own motion is slowed. The window is the shortest that
+leaves the hours asked for between two false stops. Those follow from the highest evidence in each run of a window's
+length, less the limit: runs err nearly independently. The upper tenth is a generalised Pareto tail, whose profile
+likelihood bounds the chance to reach the limit (Coles, An Introduction to Statistical Modeling of Extreme Values, 2001,
+ch. 4). The logs' own kind of driving is taken for granted: only hours that were driven tell of others.
 """
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel
-from pipeline.dynamics.model.shown_motion import NEAR_SHARE, STANDING_SHARE
-from pipeline.dynamics.model.specification import ModelSpecification
+from pipeline.deployment.components.supervision.motion_window import MotionSteps, evidence
 from pipeline.errors import InputError
 from pipeline.files.atomic import write_json
 from pipeline.logs.tuples import Trajectory
 
-BLOCK_STEPS = 4
-LATER_SHARE = 0.01  # of slowed motion that takes longer
-FEWEST_BLOCKS = (
-    100  # of fewer, two seconds of blocks that are all worse are no evidence of once in 3000 hours
-)
-SCHEMA_VERSION = 2
-
-
-class Blocks(NamedTuple):
-    """Blocks of one joint, (n,) each: R and M, rad (m)."""
-
-    residual: np.ndarray
-    motion: np.ndarray
-
-
-class MovingSteps:
-    """Which steps count: the joint moves or should, and is not pushed into an end of its range."""
-
-    def __init__(self, specification: ModelSpecification) -> None:
-        lower, upper = np.array(specification.position_lower), np.array(specification.position_upper)
-        margin = NEAR_SHARE * (upper - lower)
-        self._lower, self._upper = lower + margin, upper - margin
-        self._standing = STANDING_SHARE * specification.dt_s * np.array(specification.velocity_limit)
-
-    def count(self, q: np.ndarray, expected: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """Of steps from `q` with two displacements, (..., n_joint) each; bool of that shape."""
-        is_pushed = ((q < self._lower) & (expected < 0)) | ((q > self._upper) & (expected > 0))
-        return (np.maximum(np.abs(expected), np.abs(measured)) > self._standing) & ~is_pushed
+WINDOWS_S = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+LATER_SHARE = 0.01  # of slowed windows that stay below the limit
+TAIL_SHARE = 0.1
+FEWEST_RUNS = 100  # ten in the tail
+BELOW_BEST = 1.35  # of the log-likelihood: half of chi-squared's 90 %, on one side nominally 95 %
+SCHEMA_VERSION = 3
 
 
 @dataclass(frozen=True)
 class ModelFloor:
-    """Blocks of sound driving.
+    """How a joint is told that no longer follows its model.
 
     Attributes:
         model: fingerprint of the model.
-        scale: (n_joint,) root mean square of R, rad (m).
-        scores: (n,) of all joints' blocks, ascending.
-        limit: (n_joint,) evidence at which a joint no longer follows its model.
-        dependence: (n_joint,) D of sound driving, in runs as long as it takes to tell a slow joint.
+        speed: share of its speed at which a joint is told.
+        window_steps: steps of motion of one joint that are judged together.
+        hours: least mean time between false stops while all joints move, up to what was asked for.
+        limit: (n_joint,) evidence at which a joint no longer follows.
     """
 
     model: str
-    scale: np.ndarray
-    scores: np.ndarray
+    speed: float
+    window_steps: int
+    hours: float
     limit: np.ndarray
-    dependence: np.ndarray
-
-    @property
-    def n_blocks(self) -> float:
-        """Least number of sound blocks on average between two false stops."""
-        return float(np.exp((self.limit / self.dependence).min()))
-
-    def log_e_value(self, joint: int, residual: ArrayLike, motion: ArrayLike) -> np.ndarray:
-        """Logarithms of blocks' e-values, of R and M, rad (m), all of one shape."""
-        n = len(self.scores)
-        scores = score(residual, motion, self.scale[joint])
-        worse = np.where(scores < 0.0, n, n - np.searchsorted(self.scores, scores, side="left"))
-        exponent = 1.0 / np.log(n + 1)
-        return np.asarray(np.log(exponent) + (exponent - 1.0) * np.log((1 + worse) / (n + 1)))
 
     def write(self, path: Path) -> None:
         """Write a JSON file."""
-        content = {
-            "schema_version": SCHEMA_VERSION,
-            "model": self.model,
-            "scale": self.scale.tolist(),
-            "limit": self.limit.tolist(),
-            "dependence": self.dependence.tolist(),
-            "scores": np.round(self.scores, 4).tolist(),
-        }
-        write_json(path, content)
-
-
-def score(residual: ArrayLike, motion: ArrayLike, scale: float) -> np.ndarray:
-    """Log-likelihood ratio of half the expected speed to the expected one; R, M and σ, rad (m)."""
-    return np.asarray(motion) / 2 * (np.abs(residual) - np.asarray(motion) / 4) / scale**2
+        write_json(path, {"schema_version": SCHEMA_VERSION, **vars(self), "limit": self.limit.tolist()})
 
 
 def read_floor(path: Path, model: str) -> ModelFloor:
     """Read the floor of the model with this fingerprint.
 
     Raises:
-        InputError: the file is missing, damaged, or of another model.
+        InputError: the file is missing, damaged, of another version or another model.
     """
     remedy = "run measure_floor with this model"
     try:
         content = json.loads(path.read_text())
-        columns = (np.array(content[name], float) for name in ("scale", "scores", "limit", "dependence"))
-        floor = ModelFloor(str(content["model"]), *columns)
+        if (version := content.pop("schema_version")) != SCHEMA_VERSION:
+            raise InputError(
+                f"{path}: a floor of version {version}, not {SCHEMA_VERSION}; measure it again: {remedy}"
+            )
+        floor = ModelFloor(**{**content, "limit": np.array(content["limit"], float)})
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; {remedy}") from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: not a model's floor ({error}); {remedy}") from error
     if floor.model != model:
         raise InputError(f"{path}: is the floor of another model; {remedy}")
@@ -142,7 +80,7 @@ def measure_floor(
     trajectories: Sequence[Trajectory],
     seen_in_fit: Sequence[str],
     speed: float,
-    within_s: float,
+    hours: float,
 ) -> ModelFloor:
     """The floor over rows of sound driving: all rows, but only the validation rows of what the model was fitted to.
 
@@ -152,84 +90,71 @@ def measure_floor(
         trajectories: tuples of its machine.
         seen_in_fit: names of the trajectories that it was fitted to.
         speed: share of its speed at which a joint has to be told.
-        within_s: motion until then.
+        hours: asked for between two false stops. If no window leaves them, the one that leaves most is taken.
 
     Raises:
-        InputError: there are too few blocks, or a time in which not two of them end.
+        InputError: there is too little motion.
     """
-    n_blocks_within = round(within_s / follower.specification.dt_s) // BLOCK_STEPS - 1  # one begins before
-    if not (0.0 <= speed < 1.0 and n_blocks_within >= 1):
-        raise InputError(
-            f"measure_floor: speed is {speed} and within_s is {within_s}; give a share below 1, and at least "
-            f"{2 * BLOCK_STEPS * follower.specification.dt_s:g} s"
-        )
-    moving = MovingSteps(follower.specification)
-    of_joint: list[list[Blocks]] = [[] for _ in follower.specification.joints]
-    slowed: list[list[Blocks]] = [[] for _ in follower.specification.joints]
+    if not 0.0 <= speed < 1.0:
+        raise InputError(f"measure_floor: speed is {speed}; give a share below 1")
+    specification = follower.specification
+    steps, n_joint = MotionSteps(specification, speed), len(specification.joints)
+    lengths = [round(window_s / specification.dt_s) for window_s in WINDOWS_S]
+    sound, slowed = ({n: [[np.zeros(0)] for _ in range(n_joint)] for n in lengths} for _ in range(2))
     for trajectory in trajectories:
         expected, measured = follower.displacements(trajectory.q, trajectory.a), np.diff(trajectory.q, axis=0)
-        is_known = np.arange(len(expected)) < follower.settling_steps
+        around = steps.around(expected)
+        is_judged = np.arange(len(around)) >= follower.settling_steps
         if trajectory.name.partition("#")[0] in seen_in_fit:
-            is_known |= ~trajectory.is_validation[:-1]
-        for moved, found in ((measured, of_joint), (measured * speed, slowed)):
-            counts = moving.count(trajectory.q[:-1], expected, moved) & ~is_known[:, None]
-            for joint, blocks in enumerate(found):
-                rows = np.flatnonzero(counts[:, joint])
-                blocks.append(blocks_of(expected[rows, joint], moved[rows, joint]))
-    joined = [_joined(blocks) for blocks in of_joint]
-    n_blocks = sum(len(blocks.residual) for blocks in joined)
-    least = min(sum(len(blocks.residual) for blocks in of) for of in slowed)
-    is_enough = least >= n_blocks_within and all(np.any(blocks.residual) for blocks in joined)
-    if n_blocks < FEWEST_BLOCKS or not is_enough:
+            is_judged &= trajectory.is_validation[: len(around)]
+        at, around = np.flatnonzero(is_judged), around[is_judged]
+        for share, found in ((1.0, sound), (speed, slowed)):
+            moved = share * measured[at]
+            counts = steps.count(trajectory.q[at], around, moved)
+            for joint, counted in enumerate(counts.T):
+                terms = steps.terms(around[counted, joint], moved[counted, joint])
+                sums = np.cumsum(np.pad(terms, ((1, 0), (0, 0), (0, 0))), axis=0)
+                for n, of in found.items():
+                    of[joint].append(evidence(sums[n:] - sums[:-n]))
+    floors = []
+    for n in lengths:
+        reached = [np.concatenate(of) for of in slowed[n]]
+        runs = [np.concatenate([highest(each, n) for each in of]) for of in sound[n]]
+        if min(map(len, reached)) and sum(map(len, runs)) >= FEWEST_RUNS:
+            limit = np.array([np.quantile(of, LATER_SHARE) for of in reached])
+            over = np.concatenate([of - at for of, at in zip(runs, limit.tolist(), strict=True)])
+            run_hours = n * specification.dt_s / 3600.0 / n_joint
+            most = chance(over)
+            carried = run_hours / most if most * hours > run_hours else hours
+            floors.append(ModelFloor(model, speed, n, carried, limit))
+    if not floors:
         raise InputError(
-            f"{n_blocks} blocks of motion that no fit saw, of the joint that moved least {least}; {FEWEST_BLOCKS} and "
-            f"{n_blocks_within} are needed: give longer logs"
+            f"measure_floor: too little motion that no fit saw: {FEWEST_RUNS} windows of {WINDOWS_S[0]:g} s are "
+            "needed, and one of each joint; give longer logs"
         )
-    scale = np.array([np.sqrt(np.mean(blocks.residual**2)) for blocks in joined])
-    scores = [score(*blocks, of) for blocks, of in zip(joined, scale.tolist(), strict=True)]
-    floor = ModelFloor(
-        model, scale, np.sort(np.concatenate(scores)), np.zeros_like(scale), np.ones_like(scale)
-    )
-    limit = [
-        np.quantile(_reached(floor.log_e_value(joint, *_joined(blocks)), n_blocks_within), LATER_SHARE)
-        for joint, blocks in enumerate(slowed)
-    ]
-    alike = [
-        dependence(floor.log_e_value(joint, *blocks), n_blocks_within) for joint, blocks in enumerate(joined)
-    ]
-    return replace(floor, limit=np.array(limit), dependence=np.array(alike))
+    return max(floors, key=lambda floor: floor.hours)
 
 
-def blocks_of(expected: np.ndarray, measured: np.ndarray) -> Blocks:
-    """Blocks of one joint's counted steps, (T,) displacements each; an incomplete one is left out."""
-    n = len(expected) // BLOCK_STEPS * BLOCK_STEPS
-    residual = (measured - expected)[:n].reshape(-1, BLOCK_STEPS).sum(axis=1)
-    motion = np.maximum(np.abs(measured), np.abs(expected))[:n].reshape(-1, BLOCK_STEPS).sum(axis=1)
-    return Blocks(residual, motion)
+def highest(values: np.ndarray, n: int) -> np.ndarray:
+    """The highest of each n successive values, of (T,)."""
+    return np.maximum.reduceat(values, np.arange(0, len(values), n)) if len(values) else values
 
 
-def evidence(log_e_values: np.ndarray) -> np.ndarray:
-    """Evidence of one joint after each of its blocks, (n,)."""
-    reached, products = 0.0, np.empty(len(log_e_values))
-    for number, value in enumerate(log_e_values.tolist()):
-        reached = max(reached, 0.0) + value
-        products[number] = reached
-    return products
+def chance(over: np.ndarray) -> float:
+    """Upper bound of the chance that a run reaches its limit; of (n,) highest evidence less the limit.
 
-
-def dependence(log_e_values: np.ndarray, n_blocks: int) -> float:
-    """How many times as much sums of so many successive blocks, of (n,), vary as if they were independent; from 1."""
-    if not np.ptp(log_e_values):
-        return 1.0
-    sums = np.lib.stride_tricks.sliding_window_view(log_e_values, n_blocks).sum(axis=1)
-    return max(1.0, float(np.var(sums) / (n_blocks * np.var(log_e_values))))
-
-
-def _reached(log_e_values: np.ndarray, n_blocks: int) -> np.ndarray:
-    """Highest evidence within every run of so many blocks."""
-    runs = np.lib.stride_tricks.sliding_window_view(log_e_values, n_blocks)
-    return np.array([evidence(run).max() for run in runs])
-
-
-def _joined(blocks: Sequence[Blocks]) -> Blocks:
-    return Blocks(*map(np.concatenate, zip(*blocks, strict=True)))
+    Of 50 runs in the tail it holds 8 to 9 times in 10, of exponential, bounded and normal evidence.
+    """
+    start = float(np.quantile(over, 1.0 - TAIL_SHARE))
+    if start >= min(0.0, float(over.max())):  # no tail to go on from; none of n leaves 3 / n
+        return max(float(np.mean(over >= 0.0)), 3.0 / len(over))
+    excess = over[over > start] - start
+    scale = excess.mean() * np.geomspace(0.2, 5.0, 61)[:, None]
+    likelihood, reached = [], []
+    for shape in np.arange(-0.975, 1.0, 0.05).tolist():
+        with np.errstate(divide="ignore"):
+            log = np.log(np.maximum(1.0 + shape * excess / scale, 0.0))
+        likelihood.append(-len(excess) * np.log(scale[:, 0]) - (1.0 + 1.0 / shape) * log.sum(axis=1))
+        reached.append(np.maximum(1.0 - shape * start / scale[:, 0], 0.0) ** (-1.0 / shape))
+    is_likely = np.array(likelihood) >= np.max(likelihood) - BELOW_BEST
+    return TAIL_SHARE * float(np.array(reached)[is_likely].max())

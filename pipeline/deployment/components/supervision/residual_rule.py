@@ -8,17 +8,16 @@ import numpy as np
 from pipeline.deployment.component import NANOSECONDS, nanoseconds
 from pipeline.deployment.components.commands import is_command
 from pipeline.deployment.components.supervision.free_running_model import FreeRunningModel
-from pipeline.deployment.components.supervision.model_floor import BLOCK_STEPS, ModelFloor, MovingSteps
+from pipeline.deployment.components.supervision.model_floor import ModelFloor
+from pipeline.deployment.components.supervision.motion_window import MotionSteps, evidence
 from pipeline.deployment.components.supervision.rule import Rule
 from pipeline.deployment.messages import JointCommand, JointState
 from pipeline.errors import InputError
 from pipeline.machine.specification import MachineSpecification
 
-HOUR_S = 3600.0
-
 
 class FollowsModel(Rule):
-    """Joints move as the model expects of the commands, up to its floor (`model_floor`)."""
+    """Of each joint's last motion (`motion_window`), the evidence stays below its limit (`model_floor`)."""
 
     def __init__(
         self, machine: MachineSpecification, follower: FreeRunningModel, floor: ModelFloor, hours: float
@@ -32,19 +31,19 @@ class FollowsModel(Rule):
             hours: least mean time between two false stops while all joints move.
 
         Raises:
-            InputError: a slow joint cannot be told from the floor in its time so seldom wrongly.
+            InputError: the floor carries fewer hours.
         """
         self._machine, self._follower, self._floor = machine, follower, floor
-        self._moving = MovingSteps(follower.specification)
-        self._dt_ns = nanoseconds(follower.specification.dt_s)
-        n_blocks = hours * HOUR_S / follower.specification.dt_s / BLOCK_STEPS * machine.n_joint
-        if floor.n_blocks < n_blocks:
+        if floor.hours < hours:
             raise InputError(
-                f"deployment.supervisor.false_stop_hours is {hours}: this floor carries "
-                f"{hours * floor.n_blocks / n_blocks:.3g}; measure it on longer logs, or for a lower speed or a "
-                "longer time"
+                f"deployment.supervisor.false_stop_hours is {hours:g}: this floor carries {floor.hours:.3g}; "
+                "ask for fewer, or measure it for more, on longer logs"
             )
+        self._steps = MotionSteps(follower.specification, floor.speed)
+        self._dt_ns = nanoseconds(follower.specification.dt_s)
         self.evidence = np.zeros(machine.n_joint)
+        self._terms = np.zeros((machine.n_joint, floor.window_steps, 4, self._steps.n_shift))
+        self._n_terms = np.zeros(machine.n_joint, int)
         self._commands: deque[tuple[int, np.ndarray]] = deque([(0, np.zeros(machine.n_joint))])
         self._begin()
 
@@ -53,9 +52,10 @@ class FollowsModel(Rule):
         self._last: JointState | None = None
         self._grid_ns = 0
         self._q: np.ndarray | None = None
-        self._expected = np.zeros(self._machine.n_joint)
+        none = np.zeros(self._machine.n_joint)
+        self._expected = deque([none] * self._steps.n_shift, maxlen=self._steps.n_shift)
+        self._measured: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=self._steps.lead + 1)
         self._n_rows = 0
-        self._block = np.zeros((self._machine.n_joint, 3))  # steps, R, M
 
     def on_command(self, command: JointCommand, now_ns: int) -> str | None:
         """Keep a command from its arrival on."""
@@ -80,31 +80,35 @@ class FollowsModel(Rule):
             if joint is not None:
                 name, limit = self._machine.joint_names[joint], self._floor.limit[joint]
                 return (
-                    f"{name} no longer follows its model: evidence {self.evidence[joint]:.1f} of {limit:.1f}"
+                    f"{name} no longer follows its model: evidence {self.evidence[joint]:.2f} of {limit:.2f}"
                 )
         return None
 
     def _compare(self, q: np.ndarray) -> int | None:
-        """One row: what was expected of the last one against `q` (n_joint,); the joint that no longer follows."""
+        """One row, `q` (n_joint,), with which a step's shifts are complete; the joint that no longer follows."""
         told: int | None = None
         if self._q is None:
             self._history = self._follower.begin(q)
         else:
-            measured = q - self._q
-            counts = self._moving.count(self._q, self._expected, measured)
-            counts &= self._n_rows > self._follower.settling_steps
-            motion = np.maximum(np.abs(measured), np.abs(self._expected))
-            step = np.stack([np.ones_like(q), measured - self._expected, motion], axis=1)
-            self._block[counts] += step[counts]
-            for joint in np.flatnonzero(self._block[:, 0] >= BLOCK_STEPS).tolist():
-                log_e = self._floor.log_e_value(joint, *self._block[joint, 1:])
-                self.evidence[joint] = max(self.evidence[joint], 0.0) + log_e
-                self._block[joint] = 0.0
-                if self.evidence[joint] >= self._floor.limit[joint]:
-                    told = joint
+            self._measured.append((self._q, q - self._q))
+            if self._n_rows > self._follower.settling_steps + self._steps.lead:
+                told = self._judge(*self._measured[0])
         while len(self._commands) > 1 and self._commands[1][0] <= self._grid_ns:
             self._commands.popleft()
-        self._history, self._expected = self._follower.step(self._history, q, self._commands[0][1])
+        self._history, expected = self._follower.step(self._history, q, self._commands[0][1])
+        self._expected.append(expected)
         self._q = q
         self._n_rows += 1
+        return told
+
+    def _judge(self, q: np.ndarray, measured: np.ndarray) -> int | None:
+        told, around = None, np.stack(self._expected, axis=-1)
+        terms = self._steps.terms(around, measured)
+        for joint in np.flatnonzero(self._steps.count(q, around, measured)).tolist():
+            self._terms[joint, self._n_terms[joint] % self._floor.window_steps] = terms[joint]
+            self._n_terms[joint] += 1
+            if self._n_terms[joint] >= self._floor.window_steps:
+                self.evidence[joint] = evidence(self._terms[joint].sum(axis=0))
+                if self.evidence[joint] >= self._floor.limit[joint]:
+                    told = joint
         return told
