@@ -232,7 +232,7 @@ def test_delays_of_another_planner_are_not_this_one_s(tmp_path, capsys, monkeypa
     path, effort = tmp_path / "delays.json", PlannerEffort(model_steps=5984, model_parameters=14468)
     save_delays(path, no_delays() | {PLANNING: Distribution.constant(0.2)}, {"planner": effort._asdict()})
     deployment = SimpleNamespace(delays=str(path), unmeasured_planning_s=0.09)
-    settings = settings_with(variant=RewardVariant.icem, deployment=deployment)
+    settings = settings_with(variant=RewardVariant.icem, deployment=deployment, machine_directory=tmp_path)
     monkeypatch.setattr(compose, "planner_effort", lambda _: effort)
     assert controller_delays(settings)["inference"].quantiles_s[0] == 0.2
     assert not capsys.readouterr().out
