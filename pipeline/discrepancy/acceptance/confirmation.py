@@ -5,7 +5,7 @@ logs, which are without it, ask for sizes, too: these are usual where it is not.
 standard deviation, has Student's t distribution there, and becomes an e-value.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,7 +20,6 @@ from pipeline.discrepancy.acceptance.parameter_misfit import without_onsets
 from pipeline.discrepancy.acceptance.parameters import parameters_of
 from pipeline.discrepancy.acceptance.shown import Deviation, Shown, shown_on
 from pipeline.discrepancy.diagnosis.diagnose import Diagnosis
-from pipeline.discrepancy.diagnosis.scored_rows import averaged
 from pipeline.discrepancy.families.stops import Encoder
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.supply_variation import why_it_is_no_supply
@@ -84,14 +83,14 @@ def confirm(
     """
     joints = effect.joints
     measured = on_confirmation_rows(fit, effect)
-    whole, *of_joints = sizes(fit, effect, measured)
-    shares = [measured.on(column).share for column in range(len(joints))]
-    seen_at_stops = all(member.candidate.deviation is not None for member in effect.members)
-    if seen_at_stops:
+    of_joints: Sequence[Size | None]
+    if all(member.candidate.deviation is not None for member in effect.members):  # by the stops
+        of_joints = [None] * len(joints)
         p_value = min(float(ndtr(-encoders[joint].z)) for joint in joints) * len(fit.diagnosis.logs.joints)
-        e_value = e_value_of(min(p_value, 1.0))
     else:
-        e_value = e_value_of(whole.p_value)
+        whole, *of_joints = sizes(fit, effect, measured)
+        p_value = whole.p_value
+    e_value = e_value_of(p_value)
     why_not = None if e_value >= smallest_e_value else f"its e-value is below {smallest_e_value:g}"
     if effect.family == SUPPLY:
         time = parameters_of(fit, effect)["correlation_time"]
@@ -100,10 +99,10 @@ def confirm(
     for member in effect.members:
         column = joints.index(member.candidate.joint)
         size = of_joints[column]
-        has_no_part = len(joints) > 1 and not seen_at_stops and not size.is_nearer_to_the_fitted
+        has_no_part = len(joints) > 1 and size is not None and not size.is_nearer_to_the_fitted
         result[member.candidate.key] = Confirmed(
-            shares[column],
-            None if seen_at_stops else size,
+            measured.on(column).share,
+            size,
             e_value,
             why_not or ("this joint has no part in it" if has_no_part else None),
         )
@@ -151,7 +150,7 @@ def on_confirmation_rows(fit: FittedEffects, effect: MachineEffect) -> Shown:
     may_set_in = np.any(
         [np.zeros(stamps.shape, bool), *((stamps >= of[0]) & (stamps < of[1]) for of in between)], axis=0
     )
-    is_known = averaged(may_set_in.astype(float), rows.is_used)[:, None] == 0.0
+    is_known = rows.averaged(may_set_in.astype(float))[:, None] == 0.0
     return Shown(is_known * shown.change, is_known * shown.residual)
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.discrepancy.diagnosis.scored_rows import ScoredRows
-from pipeline.discrepancy.diagnosis.simulation import Simulation
+from pipeline.discrepancy.diagnosis.simulation import Hypothesis, Simulation
 from pipeline.discrepancy.families.supply_variation import FAMILY as SUPPLY
 from pipeline.discrepancy.families.supply_variation import without_common_change
 from pipeline.discrepancy.families.time_varying_gain import FAMILY as COURSE
@@ -105,7 +105,7 @@ def shown_on(
     shapes = {member.candidate.joint: member.candidate.point for member in members}
     family, active = members[0].candidate.family, hypothesis_of(simulation, found)
     if family == SUPPLY:
-        without, left = _common_change(simulation, rows, found, members[0].candidate.onset, shapes)
+        without, left = _common_change(simulation, active, rows, members[0].candidate.onset, shapes)
     elif family == COURSE:
         pairs = [beyond_constants(simulation, active, rows, beside, joint, shapes[joint]) for joint in joints]
         without, left = (np.stack(of, axis=1) for of in zip(*pairs, strict=True))
@@ -118,8 +118,8 @@ def shown_on(
 
 def _common_change(
     simulation: Simulation,
+    active: Hypothesis,
     rows: ScoredRows,
-    found: Sequence[SelectedEffect],
     onset: int | None,
     shapes: Mapping[int, Mapping[str, float]],
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -130,7 +130,7 @@ def _common_change(
     without, left = np.zeros((2, len(kept), len(shapes)))
     if kept.any():
         widths_s = {joint: shapes[joint]["width"] for joint in sorted(shapes)}
-        by_joint = without_common_change(simulation, hypothesis_of(simulation, found), since, widths_s)
+        by_joint = without_common_change(simulation, active, since, widths_s)
         for column, (before, after) in enumerate(by_joint.values()):
             without[kept, column], left[kept, column] = before, after
     return without, left
